@@ -1,0 +1,128 @@
+"""Every error that lgmpc raises on purpose, each carrying the evidence for its message.
+
+A caller that catches :class:`LgmpcError` catches all of them. The command line turns them into one screen of text and
+an exit code; a library user reads the attributes instead of parsing the message.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+__all__ = [
+    "CompileError",
+    "ConfigError",
+    "InputError",
+    "LgmpcError",
+    "MissingDependencyError",
+    "ModelError",
+    "RunFolderError",
+    "SolverError",
+    "nearest",
+]
+
+
+def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...]:
+    """Return up to ``count`` of ``choices`` that look most like ``word``, best first (case is ignored)."""
+    by_lower = {choice.lower(): choice for choice in choices}
+    hits = difflib.get_close_matches(word.lower(), by_lower, n=count, cutoff=0.5)
+    return tuple(by_lower[hit] for hit in hits)
+
+
+class LgmpcError(Exception):
+    """Base of every error that lgmpc raises on purpose.
+
+    Attributes:
+        exit_code: what the command line returns for it (2 = bad input, 1 = it ran and failed).
+    """
+
+    exit_code = 2
+
+
+class InputError(LgmpcError, ValueError):
+    """An argument that cannot be used.
+
+    Args:
+        argument: name of the argument or config key.
+        got: what came, as it should be shown.
+        expected: what would have been accepted, in words.
+        choices: the valid values, if they can be listed; the nearest to ``got`` are shown.
+    """
+
+    def __init__(self, argument: str, got: object, expected: str, choices: Sequence[str] = ()) -> None:
+        self.argument = argument
+        self.got = got
+        self.expected = expected
+        self.choices = tuple(choices)
+        self.suggestions = nearest(str(got), self.choices)
+        super().__init__(self._message())
+
+    def _message(self) -> str:
+        text = f"{self.argument}: got {self.got}; expected {self.expected}"
+        if self.suggestions:
+            return f"{text}. Did you mean {' or '.join(self.suggestions)}?"
+        if self.choices:
+            return f"{text}. Valid: {', '.join(self.choices)}"
+        return text
+
+
+class ConfigError(InputError):
+    """A config key that is unknown, missing or holds a value that cannot be used.
+
+    Args:
+        file: the YAML file (or ``--set``) the key came from.
+        key: dotted path of the key.
+        got: what came.
+        expected: what would have been accepted.
+        choices: valid keys or values.
+    """
+
+    def __init__(self, file: str, key: str, got: object, expected: str, choices: Sequence[str] = ()) -> None:
+        self.file = file
+        self.key = key
+        super().__init__(f"{file}: {key}", got, expected, choices)
+
+
+class ModelError(LgmpcError):
+    """A robot model that lacks something; ``problems`` lists everything found, not only the first."""
+
+    def __init__(self, robot: str, problems: Sequence[str]) -> None:
+        self.robot = robot
+        self.problems = tuple(problems)
+        super().__init__(f"robot '{robot}' cannot be used:\n" + "\n".join(f"  - {p}" for p in self.problems))
+
+
+class CompileError(LgmpcError):
+    """The C compiler was there but failed; ``log`` holds what it printed."""
+
+    def __init__(self, function: str, command: str, log: str) -> None:
+        self.function = function
+        self.command = command
+        self.log = log
+        super().__init__(f"compiling '{function}' failed: {command}\n{log[-2000:]}")
+
+
+class SolverError(LgmpcError):
+    """A solver stopped without a solution where the caller asked for an exception (``throw=True``)."""
+
+    exit_code = 1
+
+    def __init__(self, solver: str, status: str, remedy: str) -> None:
+        self.solver = solver
+        self.status = status
+        self.remedy = remedy
+        super().__init__(f"{solver}: {status}. {remedy}")
+
+
+class MissingDependencyError(LgmpcError):
+    """A package that an optional part needs is not installed; the message holds the line that brings it."""
+
+    def __init__(self, package: str, needed_for: str, install: str) -> None:
+        self.package = package
+        self.needed_for = needed_for
+        self.install = install
+        super().__init__(f"{needed_for} needs the package '{package}'. Install it with: {install}")
+
+
+class RunFolderError(LgmpcError):
+    """A run folder that cannot be written, or that is not one when read."""

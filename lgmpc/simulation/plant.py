@@ -1,0 +1,63 @@
+"""What every plant offers to the loop: reset, step, sense, and a wrench on a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Array", "Plant", "PlantSample"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlantSample:
+    """What a plant tells about itself after a step, all in Pinocchio's conventions.
+
+    Attributes:
+        time: seconds since reset.
+        q: (nq,) configuration.
+        v: (nv,) velocity.
+        tau: (nu,) joint torque applied during the last step, after clipping, N.m.
+        contact_forces: (nc, 3) force on each contact frame during the last step, world axes, acting on the robot, N.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    tau: Array
+    contact_forces: Array
+
+
+class Plant(Protocol):
+    """A robot in a physics engine. Its parameters (mass, friction, ...) may differ from the controller's model."""
+
+    @property
+    def dt(self) -> float:
+        """Duration of one step, s."""
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that a wrench can act on."""
+
+    def reset(self, x: Array) -> None:
+        """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero."""
+
+    def step(self, tau: Array) -> None:
+        """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits."""
+
+    def sense(self) -> PlantSample:
+        """Return the state reached by the last step."""
+
+    def set_wrench(self, body: str, wrench: Array) -> None:
+        """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
+
+        Raises:
+            InputError: if the body is unknown (names the nearest) or the wrench is not six finite numbers.
+        """
+
+    def body_point(self, body: str) -> Array:
+        """Return the (3,) world position of the centre of mass of ``body``."""

@@ -1,0 +1,33 @@
+"""Runs: recording them, their folder, their metrics, and the verdict."""
+
+from lgmpc.runs.atomic import atomic_write
+from lgmpc.runs.compare import Change, compare
+from lgmpc.runs.folder import Run, RunFolder, RunResult
+from lgmpc.runs.host import HostInfo, host_info, versions
+from lgmpc.runs.log import PushInterval, RunLog, push_intervals
+from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
+from lgmpc.runs.recorder import Recorder
+from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge
+
+__all__ = [
+    "Change",
+    "Gate",
+    "HostInfo",
+    "Metrics",
+    "Outcome",
+    "PushInterval",
+    "Recorder",
+    "Run",
+    "RunFolder",
+    "RunLog",
+    "RunResult",
+    "Timing",
+    "Verdict",
+    "atomic_write",
+    "compare",
+    "compute_metrics",
+    "host_info",
+    "judge",
+    "push_intervals",
+    "versions",
+]

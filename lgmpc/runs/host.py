@@ -1,0 +1,66 @@
+"""What a run ran on: versions and machine, for ``run.json``."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+__all__ = ["HostInfo", "host_info", "versions"]
+
+_PACKAGES = ("lgmpc", "pin", "casadi", "mujoco", "proxsuite", "osqp", "piqp", "numpy", "example-robot-data")
+
+
+@dataclass(frozen=True)
+class HostInfo:
+    """The machine.
+
+    Attributes:
+        system: operating system and its release.
+        machine: architecture.
+        cpu: processor's name, as the system tells it.
+        cores: processors that this process may use.
+        threads: the thread cap of numerical libraries (OMP_NUM_THREADS), empty if not set.
+    """
+
+    system: str
+    machine: str
+    cpu: str
+    cores: int
+    threads: str
+
+
+def versions() -> Mapping[str, str]:
+    """Return the versions of Python and of the packages that decide a run's numbers ("absent" if not installed)."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "absent"
+    return found
+
+
+def host_info() -> HostInfo:
+    """Return what is known about this machine."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return HostInfo(
+        system=f"{platform.system()} {platform.release()}",
+        machine=platform.machine(),
+        cpu=_cpu_name(),
+        cores=cores,
+        threads=os.environ.get("OMP_NUM_THREADS", ""),
+    )
+
+
+def _cpu_name() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor()

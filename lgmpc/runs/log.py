@@ -1,0 +1,231 @@
+"""What a run leaves behind as arrays: the channels, their shapes, and their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lgmpc.errors import RunFolderError
+from lgmpc.typing import Array
+
+__all__ = ["CHANNELS", "MPC_CHANNELS", "Channel", "PushInterval", "RunLog", "push_intervals"]
+
+StatusArray = NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Shape and type of one logged quantity; the first axis is the tick.
+
+    Attributes:
+        axes: names of the axes after the tick ("nq", "nc", ...) or their fixed lengths.
+        dtype: NumPy type of the entries.
+    """
+
+    axes: tuple[str | int, ...] = ()
+    dtype: type[np.generic] = np.float64
+
+
+CHANNELS: Mapping[str, Channel] = {
+    "time": Channel(),
+    "q": Channel(("nq",)),
+    "v": Channel(("nv",)),
+    "tau": Channel(("nu",)),
+    "tau_command": Channel(("nu",)),
+    "contact_forces": Channel(("nc", 3)),
+    "contact_forces_desired": Channel(("nc", 3)),
+    "contact_points": Channel(("nc", 3)),
+    "com": Channel((3,)),
+    "com_reference": Channel((3,)),
+    "momentum": Channel((6,)),
+    "base_reference": Channel((7,)),
+    "push": Channel((6,)),
+    "push_point": Channel((3,)),
+    "wbc_status": Channel((), np.int8),
+    "wbc_ms": Channel(),
+}
+"""Channels with one entry per logged control tick."""
+
+MPC_CHANNELS: Mapping[str, Channel] = {
+    "mpc_time": Channel(),
+    "mpc_horizon_com": Channel(("nodes", 3)),
+    "mpc_forces": Channel(("nc", 3)),
+    "mpc_status": Channel((), np.int8),
+    "mpc_ms": Channel(),
+}
+"""Channels with one entry per MPC update; ``nodes`` counts the horizon's states, N + 1."""
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
+
+    Attributes:
+        time: (n,) s since the start, strictly increasing.
+        q: (n, nq) configuration.
+        v: (n, nv) velocity.
+        tau: (n, nu) torque applied by the plant, after clipping, N.m.
+        tau_command: (n, nu) torque that the controller asked for, N.m.
+        contact_forces: (n, nc, 3) forces on the robot as the plant measured them, N.
+        contact_forces_desired: (n, nc, 3) forces of the whole-body QP, N.
+        contact_points: (n, nc, 3) where the contact points are, m.
+        com: (n, 3) centre of mass, m.
+        com_reference: (n, 3) its target, m.
+        momentum: (n, 6) centroidal momentum [linear; angular].
+        base_reference: (n, 7) target base pose [position, quaternion x y z w].
+        push: (n, 6) disturbance wrench applied [force; torque], N and N.m.
+        push_point: (n, 3) where it acts, m.
+        wbc_status: (n,) 0 = solved, anything else = fallback command.
+        wbc_ms: (n,) duration of the whole-body controller's tick, ms.
+        mpc_time: (m,) time of each MPC update, s.
+        mpc_horizon_com: (m, N+1, 3) predicted centre of mass, m.
+        mpc_forces: (m, nc, 3) forces of the first node, N.
+        mpc_status: (m,) 0 = solved.
+        mpc_ms: (m,) duration of each update, ms.
+        contact_frames: (nc,) names of the contact frames.
+        effort_limit: (nu,) torque limits that the plant clips at, N.m.
+        friction: friction coefficient of the plant's floor.
+        contact_radius: radius of the spherical feet, m (0 = point feet).
+        control_period_s: time between two control ticks, s.
+        mpc_period_s: time between two MPC updates, s (0 = no MPC).
+        floating_base: whether ``q`` begins with a base pose.
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    tau: Array
+    tau_command: Array
+    contact_forces: Array
+    contact_forces_desired: Array
+    contact_points: Array
+    com: Array
+    com_reference: Array
+    momentum: Array
+    base_reference: Array
+    push: Array
+    push_point: Array
+    wbc_status: StatusArray
+    wbc_ms: Array
+    mpc_time: Array
+    mpc_horizon_com: Array
+    mpc_forces: Array
+    mpc_status: StatusArray
+    mpc_ms: Array
+    contact_frames: NDArray[np.str_]
+    effort_limit: Array
+    friction: float
+    contact_radius: float
+    control_period_s: float
+    mpc_period_s: float
+    floating_base: bool = True
+
+    def __post_init__(self) -> None:
+        dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
+        for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
+            for name, channel in table.items():
+                self._check(name, getattr(self, name), channel, length, dims)
+        for array in (self.contact_frames, self.effort_limit):
+            array.setflags(write=False)
+        if len(self.time) and not (np.all(np.isfinite(self.time)) and np.all(np.diff(self.time) > 0.0)):
+            raise RunFolderError("log channel 'time' does not increase strictly")
+        if self.floating_base and dims["nq"] < 7:
+            raise RunFolderError(f"log channel 'q' has {dims['nq']} columns, too few for a floating base (7 or more)")
+
+    @staticmethod
+    def _check(name: str, array: NDArray[Any], channel: Channel, length: int, dims: dict[str, int]) -> None:
+        if array.ndim != 1 + len(channel.axes):
+            raise RunFolderError(f"log channel '{name}' has {array.ndim} axes, expected {1 + len(channel.axes)}")
+        wanted = [length]
+        for axis, size in zip(channel.axes, array.shape[1:], strict=True):
+            wanted.append(axis if isinstance(axis, int) else dims.setdefault(axis, size))
+        if array.shape != tuple(wanted):
+            raise RunFolderError(f"log channel '{name}' has shape {array.shape}, expected {tuple(wanted)}")
+        if array.dtype != channel.dtype:
+            raise RunFolderError(f"log channel '{name}' holds {array.dtype}, expected {np.dtype(channel.dtype)}")
+        array.setflags(write=False)
+
+    @property
+    def ticks(self) -> int:
+        """Number of logged control ticks n."""
+        return len(self.time)
+
+    @property
+    def base_pose(self) -> Array:
+        """(n, 7) base pose [position, quaternion x y z w]; the identity where the base is fixed."""
+        if self.floating_base:
+            return self.q[:, :7]
+        return np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.ticks, 1))
+
+    @property
+    def joint_velocity(self) -> Array:
+        """(n, nu) velocity of the actuated joints, rad/s."""
+        return self.v[:, 6:] if self.floating_base else self.v
+
+    def decimated(self, every: int) -> RunLog:
+        """Return the log with one tick kept out of ``every``.
+
+        A controller status that is not 0 survives: it moves to the kept tick of its window, so that no failure
+        disappears from the file. MPC channels stay as they are.
+        """
+        if every <= 1 or self.ticks == 0:
+            return self
+        starts = np.arange(0, self.ticks, every)
+        kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in CHANNELS}
+        worst = np.maximum.reduceat(np.abs(self.wbc_status.astype(np.int16)), starts)
+        kept["wbc_status"] = worst.astype(np.int8)
+        return replace(self, **kept)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything as named arrays, as ``log.npz`` holds it."""
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
+        """Build a log from the arrays of ``log.npz``.
+
+        Raises:
+            RunFolderError: if a channel is missing or has the wrong shape or type.
+        """
+        names = [field.name for field in fields(cls)]
+        missing = [name for name in names if name not in arrays]
+        if missing:
+            raise RunFolderError(f"log lacks {', '.join(missing)}")
+        values: dict[str, Any] = {name: arrays[name] for name in names}
+        for name in ("friction", "contact_radius", "control_period_s", "mpc_period_s", "floating_base"):
+            if values[name].shape != ():
+                raise RunFolderError(f"log entry '{name}' has shape {values[name].shape}, expected one number")
+            values[name] = values[name].item()
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class PushInterval:
+    """One push as the log shows it.
+
+    Attributes:
+        start: time of its first tick, s.
+        end: time at which it is over, s.
+        impulse: (3,) integral of its force, N.s, world axes.
+    """
+
+    start: float
+    end: float
+    impulse: Array
+
+
+def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
+    """Return the pushes of a run: the stretches in which the applied wrench is not zero."""
+    if log.ticks < 2:
+        return ()
+    active = np.any(log.push != 0.0, axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], active.astype(np.int8), [0]))))
+    period = float(np.median(np.diff(log.time)))
+    return tuple(
+        PushInterval(float(log.time[a]), float(log.time[b - 1]) + period, log.push[a:b, :3].sum(axis=0) * period)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    )

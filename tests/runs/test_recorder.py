@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError, RunFolderError
+from lgmpc.runs import RunLog, push_intervals
+from lgmpc.runs.log import CHANNELS
+
+from .conftest import new_recorder, record_standing
+
+
+def test_log_holds_what_was_recorded_with_its_axes() -> None:
+    recorder = new_recorder()
+    record_standing(recorder, 37)
+    log = recorder.log()
+    assert (recorder.ticks, recorder.mpc_updates, log.ticks) == (37, 4, 37)
+    assert log.q.shape == (37, 19)
+    assert log.contact_forces.shape == (37, 4, 3)
+    assert log.mpc_horizon_com.shape == (4, 21, 3)
+    assert log.wbc_status.dtype == np.int8
+    np.testing.assert_allclose(log.time, 0.001 * np.arange(37))
+    np.testing.assert_array_equal(log.contact_points[-1, 3], [-0.2, -0.15, 0.0])
+
+
+def test_buffers_grow_beyond_what_was_foreseen_without_losing_ticks() -> None:
+    recorder = new_recorder(ticks=3, mpc_updates=0)
+    record_standing(recorder, 50)
+    log = recorder.log()
+    assert log.ticks == 50
+    assert len(log.mpc_time) == 5
+    np.testing.assert_allclose(log.time, 0.001 * np.arange(50))
+    assert np.all(log.contact_forces[:, :, 2] == 6.0)
+
+
+def test_log_is_a_read_only_copy() -> None:
+    recorder = new_recorder()
+    record_standing(recorder, 5)
+    log = recorder.log()
+    with pytest.raises(ValueError, match="read-only"):
+        log.q[0, 0] = 1.0
+
+
+def test_an_interrupted_tick_is_not_part_of_the_log() -> None:
+    recorder = new_recorder()
+    record_standing(recorder, 5)
+    tick = {name: np.zeros(recorder.log().arrays()[name].shape[1:]) for name in CHANNELS}
+    tick["momentum"] = np.zeros(5)  # does not fit: the row is half written when the error comes
+    with pytest.raises(ValueError):
+        recorder.record(**tick)
+    assert recorder.log().ticks == 5
+
+
+def test_recording_costs_microseconds() -> None:
+    recorder = new_recorder(ticks=20000)
+    record_standing(recorder, 10)
+    tick = {name: np.zeros(recorder.log().arrays()[name].shape[1:]) for name in CHANNELS}
+    tick["wbc_status"], tick["wbc_ms"], tick["time"] = 0, 0.1, 0.0
+    best = min(_duration(recorder, tick) for _ in range(10))
+    assert best < 20e-6  # measured 2.5 us; the limit leaves room for a loaded machine
+
+
+def _duration(recorder, tick) -> float:
+    start = time.perf_counter()
+    for _ in range(500):
+        recorder.record(**tick)
+    return (time.perf_counter() - start) / 500
+
+
+@pytest.mark.parametrize(
+    ("changes", "argument"),
+    [({"ticks": -1}, "ticks"), ({"control_period_s": 0.0}, "control_period_s"), ({"mpc_nodes": -2}, "mpc_nodes")],
+)
+def test_impossible_sizes_are_refused(changes, argument) -> None:
+    with pytest.raises(InputError, match=argument):
+        new_recorder(**changes)
+
+
+def test_decimation_keeps_failures(changed) -> None:
+    def fail_once(arrays):
+        arrays["wbc_status"][503] = -2
+
+    log = changed(fail_once).decimated(10)
+    assert log.ticks == 100
+    np.testing.assert_allclose(log.time[1] - log.time[0], 0.01)
+    assert np.flatnonzero(log.wbc_status).tolist() == [50]
+    assert log.mpc_horizon_com.shape == (100, 21, 3)
+
+
+def test_pushes_are_found_with_their_impulse(changed) -> None:
+    def push(arrays):
+        arrays["push"][100:300, 1] = 10.0
+        arrays["push"][900:, 0] = -5.0
+
+    first, second = push_intervals(changed(push))
+    assert (first.start, first.end) == pytest.approx((0.1, 0.3))
+    np.testing.assert_allclose(first.impulse, [0.0, 2.0, 0.0])
+    np.testing.assert_allclose(second.impulse, [-0.5, 0.0, 0.0])
+
+
+def test_no_push_no_interval(standing) -> None:
+    assert push_intervals(standing) == ()
+
+
+def test_a_log_of_no_tick_is_a_log() -> None:
+    log = new_recorder().log()
+    assert log.ticks == 0
+    assert log.decimated(2).ticks == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("tau", np.zeros((1000, 11)), r"'tau' has shape \(1000, 11\), expected \(1000, 12\)"),
+        ("com", np.zeros(1000), "'com' has 1 axes, expected 2"),
+        ("wbc_status", np.zeros(1000), "'wbc_status' holds float64, expected int8"),
+        ("time", np.zeros(1000), "'time' does not increase"),
+        ("friction", np.zeros(2), "'friction' has shape"),
+    ],
+)
+def test_wrong_channels_are_named(standing, name, value, message) -> None:
+    with pytest.raises(RunFolderError, match=message):
+        RunLog.from_arrays(standing.arrays() | {name: value})
+
+
+def test_missing_channels_are_all_named(standing) -> None:
+    arrays = standing.arrays()
+    del arrays["com"], arrays["friction"]
+    with pytest.raises(RunFolderError, match="com, friction"):
+        RunLog.from_arrays(arrays)

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 __all__ = [
     "CompileError",
     "ConfigError",
+    "ConfigErrors",
     "InputError",
     "LgmpcError",
     "MissingDependencyError",
@@ -46,15 +47,18 @@ class InputError(LgmpcError, ValueError):
         argument: name of the argument or config key.
         got: what came, as it should be shown.
         expected: what would have been accepted, in words.
-        choices: the valid values, if they can be listed; the nearest to ``got`` are shown.
+        choices: the valid values, if they can be listed; the nearest are shown.
+        word: what the choices are compared with to find the nearest; ``got`` unless given.
     """
 
-    def __init__(self, argument: str, got: object, expected: str, choices: Sequence[str] = ()) -> None:
+    def __init__(
+        self, argument: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
+    ) -> None:
         self.argument = argument
         self.got = got
         self.expected = expected
         self.choices = tuple(choices)
-        self.suggestions = nearest(str(got), self.choices)
+        self.suggestions = nearest(str(got) if word is None else word, self.choices)
         super().__init__(self._message())
 
     def _message(self) -> str:
@@ -75,12 +79,37 @@ class ConfigError(InputError):
         got: what came.
         expected: what would have been accepted.
         choices: valid keys or values.
+        word: what the choices are compared with to find the nearest; ``got`` unless given.
+
+    Attributes:
+        problems: this error alone; all of them in a :class:`ConfigErrors`.
     """
 
-    def __init__(self, file: str, key: str, got: object, expected: str, choices: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        file: str,
+        key: str,
+        got: object,
+        expected: str,
+        choices: Sequence[str] = (),
+        *,
+        word: str | None = None,
+    ) -> None:
         self.file = file
         self.key = key
-        super().__init__(f"{file}: {key}", got, expected, choices)
+        self.problems: tuple[ConfigError, ...] = (self,)
+        super().__init__(f"{file}: {key}" if key else file, got, expected, choices, word=word)
+
+
+class ConfigErrors(ConfigError):
+    """Several problems of one config, found at once; its other attributes are those of the first problem."""
+
+    def __init__(self, problems: Sequence[ConfigError]) -> None:
+        first = problems[0]
+        super().__init__(first.file, first.key, first.got, first.expected, first.choices)
+        self.suggestions = first.suggestions
+        self.problems = tuple(problems)
+        self.args = (f"{len(problems)} problems:\n" + "\n".join(f"  - {p}" for p in self.problems),)
 
 
 class ModelError(LgmpcError):

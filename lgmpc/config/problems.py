@@ -1,0 +1,225 @@
+"""From pydantic's findings to messages with a file, a line, a key, what came, and what was expected."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from lgmpc.config.schema.base import PROBLEM, Problem, Section
+from lgmpc.config.source import ConfigSource
+from lgmpc.errors import ConfigError, ConfigErrors
+
+__all__ = ["as_config_error", "show_value"]
+
+_EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a table {key: value}",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "greater_than": "a number greater than {gt:g}",
+    "greater_than_equal": "a number not below {ge:g}",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "less_than": "a number less than {lt:g}",
+    "less_than_equal": "a number not above {le:g}",
+    "literal_error": "{expected}",
+    "model_type": "a table of keys",
+    "model_attributes_type": "a table of keys",
+    "path_type": "a path",
+    "string_pattern_mismatch": "letters, digits, '.', '_' and '-' only",
+    "string_too_long": "at most {max_length} characters",
+    "string_too_short": "some text",
+    "string_type": "text",
+    "tuple_type": "a list",
+}
+
+
+def as_config_error(error: ValidationError, root: type[Section], data: Any, source: ConfigSource) -> ConfigError:
+    """Translate what pydantic found.
+
+    Args:
+        error: what pydantic raised.
+        root: the model that was validated.
+        data: the parsed YAML that was validated.
+        source: where each key came from.
+    """
+    found = [each for detail in error.errors(include_url=False) for each in _translate(detail, root, data, source)]
+    return found[0] if len(found) == 1 else ConfigErrors(found)
+
+
+def show_value(value: Any) -> str:
+    """Return ``value`` as a person would write it, shortened."""
+    if value is None:
+        return "nothing (null)"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return "NaN (.nan)" if math.isnan(value) else f"{value:g}"
+    if isinstance(value, str):
+        return f"the text '{_shorten(value)}'"
+    if isinstance(value, Mapping):
+        return "the table {" + _shorten(", ".join(map(str, value))) + "}"
+    if isinstance(value, (list, tuple)):
+        return "the list [" + _shorten(", ".join(map(str, value))) + "]"
+    return _shorten(str(value))
+
+
+def _shorten(text: str, length: int = 60) -> str:
+    return text if len(text) <= length else text[: length - 3] + "..."
+
+
+def _translate(detail: ErrorDetails, root: type[Section], data: Any, source: ConfigSource) -> Iterator[ConfigError]:
+    path = _path_in_data(detail["loc"], data)
+    key = ".".join(path)
+    kind = detail["type"]
+    context = detail.get("ctx", {})
+    if kind == PROBLEM:
+        each: Problem
+        for each in context["problems"]:
+            inner = ".".join(part for part in (key, each.key) if part)
+            got = each.got if each.key else detail["input"]
+            yield ConfigError(source.where(inner), inner, show_value(got), each.expected)
+        return
+    if kind == "extra_forbidden":
+        yield _unknown_key(path, detail["input"], root, data, source)
+        return
+    if kind == "missing":
+        about = _description(root, path, data)
+        yield ConfigError(source.where(key), key, "nothing", f"a value{about}")
+        return
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        field = _field(root, path, data)
+        tags = [tag for branch in _sections_of(field.annotation) for tag in _kinds(branch)] if field else []
+        key = f"{key}.kind"
+        got = context.get("tag")
+        yield ConfigError(
+            source.where(key), key, show_value(got), f"one of {', '.join(tags)}", tags if got else (), word=str(got)
+        )
+        return
+    choices = _literals(root, path, data) if kind == "literal_error" else []
+    words = f"one of {', '.join(choices)}" if choices else _words(kind, context, detail["msg"])
+    got = detail["input"]
+    yield ConfigError(
+        source.where(key), key, show_value(got), words + _description(root, path, data), choices, word=str(got)
+    )
+
+
+def _words(kind: str, context: Mapping[str, Any], message: str) -> str:
+    pattern = _EXPECTED.get(kind)
+    if pattern is None:
+        return message[:1].lower() + message[1:]
+    return pattern.format(**context)
+
+
+def _path_in_data(loc: Sequence[int | str], data: Any) -> list[str]:
+    """Drop from ``loc`` what pydantic adds for the branches of unions: it is no key of the data."""
+    path: list[str] = []
+    here = data
+    for depth, part in enumerate(loc):
+        last = depth == len(loc) - 1
+        if isinstance(here, Mapping):
+            if part in here:
+                here = here[part]
+            elif not last:
+                continue
+        elif isinstance(here, (list, tuple)) and isinstance(part, int):
+            here = here[part] if part < len(here) else None
+        else:
+            continue
+        path.append(str(part))
+    return path
+
+
+def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, source: ConfigSource) -> ConfigError:
+    """Name the nearest key of the same section or, if none resembles it much, the same key of other sections."""
+    *outer, word = path
+    section = _section(root, outer, data)
+    known = list(section.model_fields) if section else []
+    near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
+    elsewhere = [each for each in _all_keys(root) if each.rpartition(".")[2] == word]
+    if elsewhere and not difflib.get_close_matches(word, known, cutoff=0.75):
+        choices = elsewhere
+    else:
+        choices = [".".join([*outer, each]) for each in near or known]
+    key = ".".join(path)
+    where = f"a key of {'.'.join(outer)}" if outer else "a key of a config"
+    return ConfigError(source.where(key), key, f"an unknown key (value {show_value(got)})", where, choices, word=key)
+
+
+def _all_keys(section: type[Section], prefix: str = "") -> Iterator[str]:
+    for name, info in section.model_fields.items():
+        yield prefix + name
+        for inner in _sections_of(info.annotation):
+            yield from _all_keys(inner, f"{prefix}{name}.")
+
+
+def _literals(root: type[Section], path: list[str], data: Any) -> list[str]:
+    info = _field(root, path, data)
+    return [str(value) for value in get_args(info.annotation)] if info else []
+
+
+def _description(root: type[Section], path: list[str], data: Any) -> str:
+    info = _field(root, path, data)
+    return f" ({info.description.rstrip('.')})" if info and info.description else ""
+
+
+def _field(root: type[Section], path: list[str], data: Any) -> FieldInfo | None:
+    """Return the field at ``path``, or the nearest field around it (for a number in a list or table)."""
+    for end in range(len(path), 0, -1):
+        section = _section(root, path[: end - 1], data)
+        if section is not None and path[end - 1] in section.model_fields:
+            return section.model_fields[path[end - 1]]
+    return None
+
+
+def _section(root: type[Section], path: Sequence[str], data: Any) -> type[Section] | None:
+    """Return the model that validates the table at ``path``."""
+    section: type[Section] = root
+    here = data
+    inside: list[type[Section]] = [root]
+    for part in path:
+        if isinstance(here, (list, tuple)) and part.isdecimal():
+            here = here[int(part)] if int(part) < len(here) else None
+        else:
+            if part not in section.model_fields:
+                return None
+            inside = list(_sections_of(section.model_fields[part].annotation))
+            here = here.get(part) if isinstance(here, Mapping) else None
+        if not inside:
+            return None
+        section = _branch(inside, here)
+    return section
+
+
+def _branch(sections: Sequence[type[Section]], data: Any) -> type[Section]:
+    """Choose among the sections of a union by the key ``kind``."""
+    if len(sections) > 1 and isinstance(data, Mapping):
+        for section in sections:
+            if data.get("kind") in _kinds(section):
+                return section
+    return sections[0]
+
+
+def _kinds(section: type[Section]) -> tuple[str, ...]:
+    """Return the values of the key ``kind`` that choose this section in a union."""
+    field = section.model_fields.get("kind")
+    return get_args(field.annotation) if field else ()
+
+
+def _sections_of(annotation: Any) -> Iterator[type[Section]]:
+    """Find the sections in an annotation such as ``Section | None`` or ``tuple[Section, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    elif get_origin(annotation) in (Union, UnionType, tuple, list):
+        for inner in get_args(annotation):
+            yield from _sections_of(inner)
+    elif get_origin(annotation) is Annotated:
+        yield from _sections_of(get_args(annotation)[0])

@@ -1,0 +1,30 @@
+"""The shape of a config file, one module per section. Units are in the keys' names and in their descriptions."""
+
+from lgmpc.config.schema.base import Section
+from lgmpc.config.schema.gate import GateSection
+from lgmpc.config.schema.log import LogSection
+from lgmpc.config.schema.mpc import MpcSection, MpcWeights
+from lgmpc.config.schema.plant import PlantSection
+from lgmpc.config.schema.pushes import PushSection
+from lgmpc.config.schema.reference import ComCircleReference, ReferenceSection, StandReference
+from lgmpc.config.schema.robot import RobotSection
+from lgmpc.config.schema.root import Config
+from lgmpc.config.schema.wbc import WbcGains, WbcSection, WbcWeights
+
+__all__ = [
+    "ComCircleReference",
+    "Config",
+    "GateSection",
+    "LogSection",
+    "MpcSection",
+    "MpcWeights",
+    "PlantSection",
+    "PushSection",
+    "ReferenceSection",
+    "RobotSection",
+    "Section",
+    "StandReference",
+    "WbcGains",
+    "WbcSection",
+    "WbcWeights",
+]

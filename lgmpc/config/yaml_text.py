@@ -1,0 +1,155 @@
+"""YAML in and out: YAML 1.2's plain values, duplicate keys refused, and the line of every key.
+
+PyYAML follows YAML 1.1, where ``1e-3`` is a string, ``12:30`` is 750 and ``no`` is false. Here plain values mean what
+YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema) says.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+from lgmpc.errors import ConfigError
+
+__all__ = ["parse_scalar", "parse_yaml", "write_yaml"]
+
+_TYPES = (
+    ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("tag:yaml.org,2002:bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("tag:yaml.org,2002:int", r"[-+]?[0-9]+", list("-+0123456789")),
+    (
+        "tag:yaml.org,2002:float",
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+    ("tag:yaml.org,2002:merge", r"<<", ["<"]),
+)
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader with the plain values of YAML 1.2."""
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}
+
+    def construct_decimal(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number; a leading zero does not make it octal as in YAML 1.1."""
+        return int(self.construct_scalar(node))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes lists of plain values on one line, and quotes text that YAML 1.1 or 1.2 would take for something else."""
+
+    yaml_implicit_resolvers = {first: list(rules) for first, rules in yaml.SafeDumper.yaml_implicit_resolvers.items()}
+
+    def represent_short_list(self, data: list[Any]) -> yaml.SequenceNode:
+        """Represent a list, on one line if it holds no other list or table."""
+        node = self.represent_list(data)
+        node.flow_style = not any(isinstance(item, (list, dict)) for item in data)
+        return node
+
+
+for _tag, _pattern, _first in _TYPES:
+    _Loader.add_implicit_resolver(_tag, re.compile(rf"^(?:{_pattern})$"), _first)
+    _Dumper.add_implicit_resolver(_tag, re.compile(rf"^(?:{_pattern})$"), _first)
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_decimal)
+_Dumper.add_representer(list, _Dumper.represent_short_list)
+
+
+def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
+    """Parse one YAML document.
+
+    Args:
+        text: the document.
+        name: what to call it in messages.
+
+    Returns:
+        The plain Python value, and for every dotted key its place as ``"name:line"``.
+
+    Raises:
+        ConfigError: at the line of a syntax error, a duplicate key, or a key that is not a name.
+    """
+    places: dict[str, str] = {}
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return None, places
+        _collect_places(node, name, "", places, ())
+        return loader.construct_document(node), places
+    except ConfigError:
+        raise
+    except yaml.MarkedYAMLError as error:
+        raise _syntax_error(error, name) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise ConfigError(f"{name}:{line}", "", f"the character U+{error.character:04X}", "printable text") from error
+    except ValueError as error:  # an explicit tag on text that is not of its type, such as `!!int abc`
+        raise ConfigError(name, "", f"a value that its tag does not allow ({error})", "valid YAML") from error
+    except RecursionError as error:
+        raise ConfigError(name, "", "lists or tables nested hundreds deep", "a config") from error
+
+
+def parse_scalar(text: str, key: str, name: str) -> Any:
+    """Parse the value of ``key`` as one line of YAML: a number, true, text, ``[0, 1]``, ``{a: 1}``.
+
+    Raises:
+        ConfigError: if it is not YAML.
+    """
+    try:
+        return parse_yaml(text, name)[0]
+    except ConfigError as error:
+        raise ConfigError(
+            name, key, text, "a YAML value, such as 0.5, true, [0, 3, 0] (in quotes if your shell needs them)"
+        ) from error
+
+
+def write_yaml(data: Any) -> str:
+    """Return ``data`` (tables, lists, numbers, text) as YAML that :func:`parse_yaml` reads back unchanged."""
+    text: str = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    return text
+
+
+def _collect_places(
+    node: yaml.Node, name: str, path: str, places: dict[str, str], around: tuple[yaml.Node, ...]
+) -> None:
+    """Fill ``places`` below ``node``, and refuse what a config must not contain."""
+    line = node.start_mark.line + 1
+    if any(node is outer for outer in around):
+        raise ConfigError(f"{name}:{line}", path, "an alias of something around it", "no loops")
+    around = (*around, node)
+    if isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            key = f"{path}.{i}" if path else str(i)
+            places[key] = f"{name}:{item.start_mark.line + 1}"
+            _collect_places(item, name, key, places, around)
+    elif isinstance(node, yaml.MappingNode):
+        first_lines: dict[str, int] = {}
+        for key_node, value_node in node.value:
+            line = key_node.start_mark.line + 1
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            if key_node.tag != "tag:yaml.org,2002:str":
+                got = f"the key {key_node.value}" if isinstance(key_node, yaml.ScalarNode) else "a list or table as key"
+                raise ConfigError(f"{name}:{line}", path, got, "a name as a key (in quotes if it looks like a number)")
+            word = key_node.value
+            key = f"{path}.{word}" if path else word
+            if word in first_lines:
+                raise ConfigError(
+                    f"{name}:{line}", key, "the key a second time", f"each key once (first in line {first_lines[word]})"
+                )
+            first_lines[word] = line
+            places[key] = f"{name}:{line}"
+            _collect_places(value_node, name, key, places, around)
+
+
+def _syntax_error(error: yaml.MarkedYAMLError, name: str) -> ConfigError:
+    mark = error.problem_mark or error.context_mark
+    detail = ", ".join(part for part in (error.problem, error.context) if part)
+    if "'\\t'" in detail:
+        detail = "a tab, where YAML is indented by spaces"
+    if mark is None:
+        return ConfigError(name, "", f"broken YAML ({detail})", "valid YAML")
+    place = f"{name}:{mark.line + 1}"
+    return ConfigError(place, "", f"broken YAML ({detail})", f"valid YAML\n{mark.get_snippet(indent=4, max_length=90)}")

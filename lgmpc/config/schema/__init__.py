@@ -9,7 +9,7 @@ from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ComCircleReference, ReferenceSection, StandReference
 from lgmpc.config.schema.robot import RobotSection
 from lgmpc.config.schema.root import Config
-from lgmpc.config.schema.wbc import WbcGains, WbcSection, WbcWeights
+from lgmpc.config.schema.wbc import WbcGain, WbcGains, WbcSection, WbcWeights
 
 __all__ = [
     "ComCircleReference",
@@ -24,6 +24,7 @@ __all__ = [
     "RobotSection",
     "Section",
     "StandReference",
+    "WbcGain",
     "WbcGains",
     "WbcSection",
     "WbcWeights",

@@ -6,33 +6,47 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Range, Section
+from lgmpc.config.schema.base import Count, NonNegative, Positive, Range, Section, Vector3
 
-__all__ = ["WbcGains", "WbcSection", "WbcWeights"]
+__all__ = ["WbcGain", "WbcGains", "WbcSection", "WbcWeights"]
+
+
+class WbcGain(Section):
+    """Feedback of a task: acceleration = kp (target - position) + kd (target rate - rate)."""
+
+    kp: NonNegative = Field(description="Stiffness, 1/s2.")
+    kd: NonNegative | None = Field(default=None, description="Damping, 1/s. null: critical, 2 sqrt(kp).")
+
+    @property
+    def damping(self) -> float:
+        """The damping kd, 1/s, critical unless given."""
+        return 2.0 * self.kp**0.5 if self.kd is None else self.kd
 
 
 class WbcWeights(Section):
-    """Weights of the tasks in the quadratic programme."""
+    """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out."""
 
-    com: NonNegative = Field(default=10.0, description="Acceleration of the centre of mass.")
-    base_orientation: NonNegative = Field(default=10.0, description="Angular acceleration of the base.")
-    angular_momentum: NonNegative = Field(default=1.0, description="Rate of the centroidal angular momentum.")
-    posture: NonNegative = Field(default=0.1, description="Joint accelerations towards the reference posture.")
-    feet: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact (they should not move).")
-    force_tracking: NonNegative = Field(default=1e-2, description="Contact forces, towards those of the MPC.")
-    regularisation: NonNegative = Field(default=1e-5, description="All accelerations and forces.")
+    com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = Field(default=1.0, description="Angular acceleration of the base.")
+    base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
+    angular_momentum: NonNegative = Field(default=0.0, description="Rate of the centroidal angular momentum.")
+    posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
+    stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
+    swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
+    force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC.")
+    acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
 
 
 class WbcGains(Section):
-    """Proportional gains of the tasks; their damping is critical (2 sqrt(kp)) unless given."""
+    """Feedback gains of the tasks."""
 
-    com: NonNegative = Field(default=100.0, description="Centre of mass, 1/s2.")
-    base_orientation: NonNegative = Field(default=200.0, description="Orientation of the base, 1/s2.")
+    com: WbcGain = Field(default=WbcGain(kp=100.0), description="Centre of mass.")
+    base_orientation: WbcGain = Field(default=WbcGain(kp=400.0), description="Orientation of the base.")
+    base_position: WbcGain = Field(default=WbcGain(kp=100.0), description="Position of the base.")
     angular_momentum: NonNegative = Field(default=10.0, description="Centroidal angular momentum, 1/s.")
-    posture: NonNegative = Field(default=50.0, description="Joint positions, 1/s2.")
-    feet: NonNegative = Field(default=0.0, description="Drift of the feet in contact, 1/s2.")
-    joint_kp_nm: NonNegative = Field(default=0.0, description="Joint stiffness around the commanded torque, N.m/rad.")
-    joint_kd_nms: NonNegative = Field(default=0.0, description="Joint damping around the commanded torque, N.m.s/rad.")
+    posture: WbcGain = Field(default=WbcGain(kp=100.0), description="Joint positions.")
+    stance_damping: NonNegative = Field(default=20.0, description="Velocity of the feet in contact, 1/s.")
+    swing: WbcGain = Field(default=WbcGain(kp=400.0), description="Feet in the air.")
 
 
 class WbcSection(Section):
@@ -41,13 +55,23 @@ class WbcSection(Section):
     rate_hz: Positive = Field(default=1000.0, description="Ticks per second, Hz.")
     friction: Positive = Field(default=0.6, description="Friction coefficient that the controller relies on.")
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=8, description="Sides of the pyramid inscribed in the friction cone."
+        default=8, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     normal_force_n: Range = Field(
-        default=(0.1, 40.0), description="[lowest, highest] normal force of a foot in contact, N."
+        default=(0.1, 25.0), description="[lowest, highest] normal force of a foot in contact, N."
     )
-    fallback_damping_nms: NonNegative = Field(
-        default=0.05, description="Joint damping added to the last command when the programme is not solved, N.m.s/rad."
+    joint_horizon_s: Positive = Field(
+        default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
+    )
+    joint_acceleration_max_rad_s2: Positive = Field(
+        default=2000.0, description="Largest acceleration that the joint limits may ask for, rad/s2."
     )
     weights: WbcWeights = Field(default=WbcWeights(), description="Weights of the tasks.")
     gains: WbcGains = Field(default=WbcGains(), description="Gains of the tasks.")
+    joint_kp_nm: NonNegative = Field(default=0.0, description="Joint stiffness around the commanded torque, N.m/rad.")
+    joint_kd_nms: NonNegative = Field(default=0.0, description="Joint damping around the commanded torque, N.m.s/rad.")
+    tolerance: Positive = Field(default=1e-6, description="Residual at which the solver stops.")
+    max_iterations: Count = Field(default=200, description="Most iterations of the solver per tick.")
+    fallback_damping_nms: NonNegative = Field(
+        default=0.1, description="Joint damping added to the last command when the solver failed, N.m.s/rad."
+    )

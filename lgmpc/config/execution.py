@@ -1,0 +1,97 @@
+"""Run a config from start to end, into its folder."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from lgmpc.config.build import prepare
+from lgmpc.config.loading import dump_config
+from lgmpc.config.schema import Config
+from lgmpc.config.session import Notify, Progress, ProgressReport, SessionResult
+from lgmpc.runs import RunFolder, RunResult
+
+__all__ = ["FinishedRun", "run_config"]
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run that is over and saved.
+
+    Attributes:
+        folder: where it was saved.
+        session: its log, metrics and verdict.
+        result: what ``run.json`` holds.
+    """
+
+    folder: RunFolder
+    session: SessionResult
+    result: RunResult
+
+
+def run_config(
+    config: Config,
+    out: str | Path = "runs",
+    *,
+    notify: Notify = lambda message: None,
+    progress: ProgressReport = lambda progress: None,
+) -> FinishedRun:
+    """Run ``config`` and save it as ``out/<time>-<name>/``.
+
+    The folder is made first, so that a run never ends with nowhere to go, and removed again if the run cannot start or
+    breaks. Ctrl-C during the simulation ends it between two ticks: what was recorded is saved, marked as interrupted.
+    A second Ctrl-C raises KeyboardInterrupt at once, and nothing is saved.
+
+    Args:
+        config: what to run.
+        out: folder of run folders.
+        notify: told what is being prepared.
+        progress: told where the simulation is.
+
+    Raises:
+        LgmpcError: if the config cannot be built or the folder cannot be written.
+    """
+    folder = RunFolder.create(out, config.name)
+    try:
+        folder.write_config(dump_config(config))
+        session = prepare(config, notify=notify)
+        with _stop_between_ticks(progress) as stoppable:
+            result = session.run(stoppable)
+    except BaseException:
+        shutil.rmtree(folder.path, ignore_errors=True)
+        raise
+    folder.write_log(result.log)
+    saved = RunResult(name=config.name, verdict=result.verdict, metrics=result.metrics, seed=config.seed)
+    folder.write_result(saved)
+    return FinishedRun(folder, result, saved)
+
+
+@contextmanager
+def _stop_between_ticks(progress: ProgressReport) -> Iterator[ProgressReport]:
+    """Turn the first Ctrl-C into a KeyboardInterrupt out of the next progress report; the second one acts at once."""
+    pressed = False
+
+    def on_interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def report(now: Progress) -> None:
+        progress(now)
+        if pressed:
+            raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGINT, on_interrupt)
+    except ValueError:  # not in the main thread: Ctrl-C does not arrive here
+        yield progress
+        return
+    try:
+        yield report
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -33,7 +33,8 @@ class Change:
 def compare(first: Metrics, second: Metrics) -> tuple[Change, ...]:
     """Return every metric of two runs, in the order of :class:`~lgmpc.runs.metrics.Metrics`."""
     a, b = dict(_flat(first)), dict(_flat(second))
-    names = [*a, *(name for name in b if name not in a)]
+    # A computation that ran in one run only has percentiles there and a plain None in the other.
+    names = [name for name in dict.fromkeys([*a, *b]) if not any(other.startswith(f"{name}.") for other in (a | b))]
     return tuple(Change(name, a.get(name), b.get(name)) for name in names)
 
 
@@ -42,5 +43,5 @@ def _flat(metrics: Metrics) -> Iterator[tuple[str, float | None]]:
         value = getattr(metrics, field.name)
         if isinstance(value, Timing):
             yield from ((f"{field.name}.{part.name}", getattr(value, part.name)) for part in fields(value))
-        elif value is not None:
-            yield field.name, float(value)
+        else:
+            yield field.name, None if value is None else float(value)

@@ -219,7 +219,8 @@ class RunFolder:
 
 def _read_log(path: Path) -> RunLog:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, because np.load leaves a damaged file open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
         raise RunFolderError(f"{path} is damaged: {error}") from error

@@ -95,7 +95,7 @@ _WORDS = {
     "final_tilt_deg": _Words("the base ended tilted by", "deg"),
     "final_rotation_deg": _Words("the base ended rotated from its start by", "deg"),
     "slip_m": _Words("a foot slipped by", "mm", 1e3),
-    "foot_displacement_m": _Words("a foot ended up to", "mm away from its start", 1e3),
+    "foot_displacement_m": _Words("a foot moved from its start by", "mm", 1e3),
     "abs_torque_nm": _Words("a joint's torque reached", "N.m"),
     "torque_saturation_fraction": _Words("a joint was at its torque limit during", "% of the ticks", 1e2),
     "friction_margin_n": _Words("the friction margin fell to", "N"),
@@ -152,4 +152,4 @@ def _sentence(words: _Words, value: float, limit: float, kind: str, field: str) 
     if shown == allowed:  # so close that three digits would read as a contradiction
         shown, allowed = f"{words.scale * value:.7g}", f"{words.scale * limit:.7g}"
     unit = f" {words.unit}" if words.unit else ""
-    return f"{words.phrase} {shown}{unit}, allowed {bound} {allowed} ({field})"
+    return f"{words.phrase} {shown}{unit}, allowed {bound} {allowed}{unit} ({field})"

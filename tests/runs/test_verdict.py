@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.runs import Gate, Outcome, compute_metrics, judge
+from lgmpc.runs.verdict import _WORDS
+
+BALANCE = Gate(
+    max_tilt_deg=5.0,
+    max_slip_m=0.005,
+    max_displacement_m=0.035,
+    max_final_position_error_m=0.005,
+    max_final_tilt_deg=0.5,
+    max_solver_failures=0,
+    max_abs_torque_nm=1.8,
+)
+
+
+def test_a_good_run_passes(standing) -> None:
+    verdict = judge(compute_metrics(standing), BALANCE)
+    assert verdict.passed
+    assert verdict.reasons == ()
+    assert verdict.exit_code == 0
+
+
+def test_every_broken_limit_is_told_in_words_and_numbers(changed) -> None:
+    def bad(arrays):
+        arrays["q"][500, 0] += 0.0412
+        arrays["contact_points"][400:, 1, 0] += 0.0061
+        arrays["wbc_status"][3] = 1
+
+    verdict = judge(compute_metrics(changed(bad)), BALANCE)
+    assert verdict.outcome is Outcome.FAIL
+    assert verdict.exit_code == 1
+    assert verdict.reasons == (
+        "the base moved by 41.2 mm, allowed at most 35 mm (max_displacement_m)",
+        "a foot slipped by 6.1 mm, allowed at most 5 mm (max_slip_m)",
+        "solver failures: 1, allowed at most 0 (max_solver_failures)",
+    )
+
+
+def test_a_value_on_the_limit_passes_and_a_hair_beyond_is_told_apart(standing) -> None:
+    metrics = compute_metrics(standing)
+    assert judge(replace(metrics, max_tilt_deg=5.0), BALANCE).passed
+    (reason,) = judge(replace(metrics, max_tilt_deg=5.0001), BALANCE).reasons
+    assert reason == "the base tilted by 5.0001 deg, allowed at most 5 deg (max_tilt_deg)"
+
+
+def test_a_fall_fails_an_empty_gate(changed) -> None:
+    verdict = judge(compute_metrics(changed(lambda arrays: arrays["q"][620:, 2].fill(0.05))), Gate())
+    assert verdict.reasons == ("the robot fell after 0.62 s",)
+
+
+def test_lower_limits(standing) -> None:
+    metrics = compute_metrics(standing, elapsed_s=1.0)
+    verdict = judge(metrics, Gate(min_friction_margin_n=4.0, min_real_time_factor=3.0, min_base_height_m=0.1))
+    assert verdict.reasons == (
+        "the friction margin fell to 3.6 N, allowed at least 4 N (min_friction_margin_n)",
+        "the real-time factor was 1, allowed at least 3 (min_real_time_factor)",
+    )
+
+
+def test_what_was_not_measured_does_not_pass(standing) -> None:
+    (reason,) = judge(compute_metrics(standing), Gate(min_real_time_factor=3.0)).reasons
+    assert reason == "min_real_time_factor was not measured, but the gate limits it to 3"
+    unmeasured = replace(compute_metrics(standing), com_rms_error_m=np.nan)
+    assert not judge(unmeasured, Gate(max_com_rms_error_m=1.0)).passed
+
+
+def test_interrupted_runs_neither_pass_nor_fail(standing) -> None:
+    verdict = judge(compute_metrics(standing), BALANCE, interrupted=True)
+    assert verdict.outcome is Outcome.INTERRUPTED
+    assert verdict.exit_code == 130
+    assert verdict.reasons == ("interrupted after 1 s",)
+
+
+@pytest.mark.parametrize("field", [f.name for f in fields(Gate) if f.name != "steady_from_s"])
+def test_every_limit_of_the_gate_is_held_against_the_run(standing, field) -> None:
+    """No limit is decoration: each one can fail a run, with its own name in the reason."""
+    metrics = compute_metrics(standing, elapsed_s=0.5)
+    worst = 0.0 if field.startswith("min") else 1e9
+    metric = field if hasattr(metrics, field) else field[4:]
+    if field in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
+        metric = f"{field[4:7]}_ms"
+        metrics = replace(metrics, **{metric: replace(getattr(metrics, metric), p50=worst)})
+    else:
+        metrics = replace(metrics, **{metric: worst})
+    limit = 1 if "failures" in field or "misses" in field else 0.5
+    (reason,) = judge(metrics, Gate(**{field: limit})).reasons
+    assert field in reason
+    assert field[4:] in _WORDS
+
+
+@pytest.mark.parametrize(("field", "value"), [("max_tilt_deg", -1.0), ("max_slip_m", np.nan), ("steady_from_s", -0.1)])
+def test_impossible_limits_are_refused(field, value) -> None:
+    with pytest.raises(InputError, match=f"gate.{field}"):
+        Gate(**{field: value})

@@ -1,0 +1,86 @@
+"""ProxQP for the whole-body QP: dense, warm-started, with a status instead of an exception."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+import proxsuite
+
+from lgmpc.typing import Array
+from lgmpc.wbc.assembly import QpAssembly
+
+__all__ = ["QpStatus", "WholeBodySolver"]
+
+_PROXQP = proxsuite.proxqp
+
+
+class QpStatus(Enum):
+    """How a tick's QP ended; the value says what to do about it."""
+
+    SOLVED = "nothing to do"
+    MAX_ITERATIONS = "raise wbc.max_iterations or loosen wbc.tolerance"
+    INFEASIBLE = "the limits contradict each other: check torque, friction and normal-force limits"
+    NOT_FINITE = "the state or the reference holds NaN or infinity"
+
+
+class WholeBodySolver:
+    """One ProxQP instance that keeps its factorisation and multipliers from tick to tick.
+
+    Args:
+        assembly: the QP whose buffers are solved.
+        tolerance: absolute residual at which ProxQP stops.
+        max_iterations: outer iterations.
+    """
+
+    def __init__(self, assembly: QpAssembly, tolerance: float = 1e-6, max_iterations: int = 200) -> None:
+        self._assembly = assembly
+        n, ne, ni = assembly.gradient.size, assembly.equality_rhs.size, assembly.lower.size
+        self._qp = _PROXQP.dense.QP(n, ne, ni, True)
+        settings = self._qp.settings
+        settings.eps_abs = tolerance
+        settings.eps_rel = 0.0
+        settings.max_iter = max_iterations
+        self._fresh = True
+
+    def reset(self) -> None:
+        """Forget the warm start: the next solve begins as the first one did."""
+        self._fresh = True
+
+    def solve(self) -> QpStatus:
+        """Solve the assembly's current QP; the result is in :attr:`solution`."""
+        qp, a = self._qp, self._assembly
+        # The gradient and the torque bounds depend on every input: NaN or infinity anywhere shows in these sums.
+        if not math.isfinite(a.gradient @ a.gradient + a.lower @ a.lower):
+            self._fresh = True
+            return QpStatus.NOT_FINITE
+        data = (a.hessian, a.gradient, a.equality, a.equality_rhs, a.inequality, a.lower, a.upper, a.box_lower, a.box_upper)
+        if self._fresh:
+            qp.settings.initial_guess = _PROXQP.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+            qp.init(*data, True)
+        else:
+            qp.settings.initial_guess = _PROXQP.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            qp.update(*data, False)
+        qp.solve()
+        status = self._read_status()
+        self._fresh = status is not QpStatus.SOLVED
+        return status
+
+    @property
+    def solution(self) -> Array:
+        """(n,) variables of the last solve."""
+        x: Array = self._qp.results.x
+        return x
+
+    @property
+    def iterations(self) -> int:
+        """ProxQP's inner iterations of the last solve."""
+        return int(self._qp.results.info.iter)
+
+    def _read_status(self) -> QpStatus:
+        code = self._qp.results.info.status
+        if code == _PROXQP.QPSolverOutput.PROXQP_SOLVED:
+            return QpStatus.SOLVED
+        if code == _PROXQP.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
+            return QpStatus.MAX_ITERATIONS
+        return QpStatus.INFEASIBLE

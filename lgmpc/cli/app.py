@@ -1,0 +1,222 @@
+"""The commands: what they are called, what they take, what their help says."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lgmpc import __version__
+from lgmpc.cli.failures import guarded
+
+__all__ = ["app"]
+
+_OVERVIEW = """Lie-group model-predictive control of floating-base robots.
+
+A config (YAML) describes a robot, a simulated world, controllers, disturbances, and what counts as success.
+`lgmpc run` plays it through and saves a run folder; `lgmpc play` and `lgmpc plot` show what happened.
+
+[bold]Start here[/bold]
+
+  lgmpc doctor                               is everything installed?
+  lgmpc run configs/solo12_balance.yaml      push Solo12, see it recover
+  lgmpc play latest                          watch that run in the browser
+
+[bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 mistake in lgmpc
+"""
+
+_RUN_EXAMPLES = """[bold]Examples[/bold]
+
+  lgmpc run configs/solo12_balance.yaml
+
+  lgmpc run configs/solo12_balance.yaml --set mpc.enabled=false --set plant.friction=0.4
+
+  lgmpc run configs/solo12_balance.yaml --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs
+
+  lgmpc run runs/<time>-<name>/config.yaml      repeat a run
+"""
+
+_PLAY_EXAMPLES = """[bold]Examples[/bold]
+
+  lgmpc play latest                          in the browser, with a time slider
+
+  lgmpc play latest --html balance.html      one page that needs nothing else
+"""
+
+_CHECK_EXAMPLES = """[bold]Examples[/bold]
+
+  lgmpc check configs/solo12_balance.yaml
+
+  lgmpc check my.yaml --set robot.model=anymal_c
+"""
+
+_SCHEMA_EXAMPLES = """[bold]Example[/bold]
+
+  lgmpc schema --out configs/schema.json
+
+and as first line of a config: # yaml-language-server: $schema=schema.json
+"""
+
+app = typer.Typer(
+    name="lgmpc",
+    help=_OVERVIEW,
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class PlantKind(str, Enum):
+    """Physics engines that ``--plant`` takes."""
+
+    MUJOCO = "mujoco"
+    PINOCCHIO = "pinocchio"
+
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The YAML file.", show_default=False)]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value, such as mpc.rate_hz=50. Values are YAML; list items are numbered from 0. More changes "
+        "may follow, or the option again.",
+        show_default=False,
+    ),
+]
+MoreOverrides = Annotated[
+    list[str], typer.Argument(metavar="[KEY=VALUE]...", help="More changes.", hidden=True, show_default=False)
+]
+RunName = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False)]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"lgmpc {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options before any command."""
+
+
+@app.command(epilog=_RUN_EXAMPLES)
+@guarded
+def run(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006 (typer copies it)
+    overrides: Overrides = [],  # noqa: B006
+    out: Annotated[Path, typer.Option(help="Folder that the run's folder is made in.")] = Path("runs"),
+    plant: Annotated[
+        PlantKind | None, typer.Option(help="Physics engine; the config's if not given.", show_default=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Simulate a config, save the run and judge it.
+
+    Shows progress while it runs. Ctrl-C saves what was recorded until then and marks it as interrupted.
+    """
+    from lgmpc.config import load_config
+
+    changes = [*overrides, *more, *([f"plant.kind={plant.value}"] if plant else [])]
+    loaded = load_config(config, changes)
+    from lgmpc.cli.running import run_shown
+
+    raise typer.Exit(run_shown(loaded, out, as_json=as_json))
+
+
+@app.command(epilog=_PLAY_EXAMPLES)
+@guarded
+def play(
+    run: RunName,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write one self-contained page to this file instead of opening a viewer.", show_default=False
+        ),
+    ] = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Replay a run in the browser: robot, forces, friction cones, pushes, horizon."""
+    from lgmpc.cli.runs import find_run
+
+    folder = find_run(run, runs)
+    from lgmpc.cli.showing import play_run
+
+    play_run(folder, html)
+
+
+@app.command()
+@guarded
+def plot(
+    run: RunName,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the figures; the run's own if not given.", show_default=False),
+    ] = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Draw the figures of a run: motion, forces, torques, timings."""
+    from lgmpc.cli.runs import find_run
+
+    folder = find_run(run, runs)
+    from lgmpc.cli.showing import plot_run
+
+    plot_run(folder, out)
+
+
+@app.command(epilog=_CHECK_EXAMPLES)
+@guarded
+def check(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Check a config without running it: keys, values, robot, frames, bodies of pushes."""
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.screen import show_checked
+    from lgmpc.config.build import build_robot
+    from lgmpc.config.notes import notes_on
+
+    show_checked(loaded, build_robot(loaded), notes_on(loaded))
+
+
+@app.command()
+@guarded
+def doctor() -> None:
+    """Show what is installed, which compiler and cache are used, and test them."""
+    from lgmpc.cli.showing import show_diagnosis
+
+    raise typer.Exit(show_diagnosis())
+
+
+@app.command(epilog=_SCHEMA_EXAMPLES)
+@guarded
+def schema(
+    out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
+) -> None:
+    """Print the JSON schema of configs, from which editors complete and explain keys."""
+    from lgmpc.config.json_schema import json_schema_text
+
+    text = json_schema_text()
+    if out is None:
+        print(text, end="")
+        return
+    from lgmpc.errors import InputError
+
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError("--out", out, f"a file that can be written ({error.strerror})") from error

@@ -1,0 +1,77 @@
+"""From exceptions to one screen of text and an exit code."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import ParamSpec
+
+import typer
+
+from lgmpc import __version__
+from lgmpc.cli.screen import show_crash, show_error, show_interrupted
+from lgmpc.errors import LgmpcError
+
+__all__ = ["EXIT_CRASH", "EXIT_INTERRUPTED", "guarded"]
+
+EXIT_CRASH = 70
+"""Exit code after an error of lgmpc itself (EX_SOFTWARE of sysexits.h)."""
+EXIT_INTERRUPTED = 130
+"""Exit code after Ctrl-C (128 + SIGINT)."""
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, None]) -> Callable[P, None]:
+    """Let no exception of ``command`` reach the user as a traceback.
+
+    An :class:`LgmpcError` is shown as it is and gives its exit code; Ctrl-C gives 130; anything else is a mistake of
+    lgmpc: its traceback is saved to a file, which the message names, and the exit code is 70.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except LgmpcError as error:
+            show_error(error)
+            raise typer.Exit(error.exit_code) from error
+        except KeyboardInterrupt as error:
+            show_interrupted()
+            raise typer.Exit(EXIT_INTERRUPTED) from error
+        except BrokenPipeError:  # the reader, such as `head`, has enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except typer.Exit:
+            raise
+        except Exception as error:
+            show_crash(error, _save_traceback())
+            raise typer.Exit(EXIT_CRASH) from error
+
+    return run
+
+
+def _save_traceback() -> Path | None:
+    """Write the traceback of the current exception where a user finds it; ``None`` if no folder can be written."""
+    stamp = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    text = f"lgmpc {__version__}, Python {sys.version}\n{sys.argv}\n\n{traceback.format_exc()}"
+    for folder in _log_folders():
+        path = folder / f"crash-{stamp}-{os.getpid()}.txt"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError:
+            continue
+        return path
+    return None
+
+
+def _log_folders() -> tuple[Path, ...]:
+    from platformdirs import user_log_path
+
+    return user_log_path("lgmpc", appauthor=False), Path(tempfile.gettempdir())

@@ -1,0 +1,179 @@
+"""What the command line prints. Results go to stdout; progress, notes and errors to stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.errors import ConfigError, LgmpcError, RunFolderError
+
+if TYPE_CHECKING:
+    from lgmpc.config import Config
+    from lgmpc.config.execution import FinishedRun
+    from lgmpc.robot import Robot
+    from lgmpc.runs import Gate, Metrics
+
+__all__ = [
+    "err",
+    "out",
+    "show_checked",
+    "show_crash",
+    "show_error",
+    "show_finished",
+    "show_interrupted",
+]
+
+MOST_PROBLEMS = 12
+"""How many problems of one config are shown: a screen's worth."""
+
+ISSUES_URL = "the project's issue tracker"
+
+
+def out() -> Console:
+    """Return the console for results (made anew, so that tests and pipes see the current stdout)."""
+    return Console(highlight=False, soft_wrap=True)
+
+
+def err() -> Console:
+    """Return the console for progress, notes and errors."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def show_error(error: LgmpcError) -> None:
+    """Print what the user did wrong and, where it helps, what to do next."""
+    console = err()
+    problems = error.problems if isinstance(error, ConfigError) else ()
+    if len(problems) > 1:
+        console.print(Text.assemble(("error: ", "bold red"), f"{len(problems)} problems in the config"))
+        for problem in problems[:MOST_PROBLEMS]:
+            console.print(Text(f"  - {problem}"))
+        if len(problems) > MOST_PROBLEMS:
+            console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
+    else:
+        console.print(Text.assemble(("error: ", "bold red"), str(error)))
+    if isinstance(error, RunFolderError) and "does not exist" in str(error):
+        console.print("hint: `latest` means the newest run in runs/", style="dim")
+
+
+def show_interrupted() -> None:
+    """Say that nothing was saved."""
+    err().print("\nstopped; nothing was saved")
+
+
+def show_crash(error: Exception, report: Path | None) -> None:
+    """Say that lgmpc itself made a mistake, and where its details are."""
+    console = err()
+    summary = " ".join(str(error).split())
+    console.print(Text.assemble(("internal error: ", "bold red"), f"{type(error).__name__}: {summary[:300]}"))
+    if report is not None:
+        console.print(Text(f"This is a mistake in lgmpc, not yours. The details are in {report}"))
+        console.print(f"Please send that file to {ISSUES_URL}; `lgmpc doctor` shows whether the installation is sound.")
+
+
+def show_finished(run: FinishedRun, gate: Gate) -> None:
+    """Print the verdict, the figures behind it, and what can be done with the run."""
+    console = out()
+    metrics = run.session.metrics
+    if metrics is not None:
+        console.print(_figures(metrics, gate))
+    verdict = run.session.verdict
+    style = {"pass": "bold green", "fail": "bold red", "interrupted": "bold yellow"}[verdict.outcome.value]
+    console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {run.result.name}"))
+    for reason in verdict.reasons:
+        console.print(Text(f"  - {reason}"))
+    path = run.folder.path
+    console.print(Text(f"saved in {path}"))
+    console.print(Text(f"next: lgmpc play {path}    (replay in the browser)"), style="dim")
+    console.print(Text(f"      lgmpc plot {path}    (figures)"), style="dim")
+
+
+def show_checked(config: Config, robot: Robot, notes: Sequence[str]) -> None:
+    """Print what a config describes."""
+    console = out()
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_row("robot", f"{robot.name}, {robot.mass:.3f} kg, {robot.nu} joints")
+    table.add_row("contacts", ", ".join(robot.contact_frames) or "none")
+    plant = config.plant
+    table.add_row("plant", f"{plant.kind} at {plant.rate_hz:g} Hz, friction {plant.friction:g}")
+    mpc = config.mpc
+    horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {mpc.qp_solver}"
+    table.add_row("mpc", horizon if mpc.enabled else "off")
+    table.add_row("wbc", f"{config.wbc.rate_hz:g} Hz, friction {config.wbc.friction:g}")
+    table.add_row("reference", config.reference.kind)
+    for push in config.pushes:
+        size = sum(each**2 for each in push.impulse_ns) ** 0.5
+        table.add_row(
+            "push",
+            f"{push.body} at {push.time_s:g} s: {size:g} N.s in {push.duration_s:g} s ({size / push.duration_s:g} N)",
+        )
+    limits = [name for name, value in config.gate if value is not None and name != "steady_from_s"]
+    table.add_row("gate", f"{len(limits)} limits" if limits else "none: every run that does not fall passes")
+    table.add_row("duration", f"{config.duration_s:g} s simulated")
+    console.print(table)
+    for note in notes:
+        console.print(Text.assemble(("note: ", "yellow"), note))
+    console.print(Text.assemble(("OK", "bold green"), f"  {config.source.file}"))
+
+
+def _figures(metrics: Metrics, gate: Gate) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("figure")
+    table.add_column("measured", justify="right")
+    table.add_column("allowed", justify="right")
+    table.add_column("")
+    limited = [name for name in vars(gate) if name != "steady_from_s" and getattr(gate, name) is not None]
+    for limit_name in limited:
+        limit = getattr(gate, limit_name)
+        value = _measured(metrics, limit_name)
+        highest = limit_name.startswith("max_")
+        kept = value is not None and (value <= limit if highest else value >= limit)
+        mark = Text("ok", "green") if kept else Text("broken", "bold red")
+        table.add_row(_name(limit_name), _number(value), f"{'<=' if highest else '>='} {_number(limit)}", mark)
+    for name, value in _always_shown(metrics):
+        table.add_row(name, _number(value), "", "")
+    return table
+
+
+def _measured(metrics: Metrics, limit: str) -> float | None:
+    """Return the figure that a limit of the gate is about: named like it, or like it without "max_" or "min_"."""
+    if limit.endswith("_p50_ms"):
+        timing = metrics.mpc_ms if "mpc" in limit else metrics.wbc_ms
+        return None if timing is None else timing.p50
+    value: float | None = getattr(metrics, limit) if hasattr(metrics, limit) else getattr(metrics, limit[4:])
+    return value
+
+
+def _always_shown(metrics: Metrics) -> list[tuple[str, float | None]]:
+    return [
+        ("survived s", metrics.survived_s),
+        ("MPC update p50 / ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
+        ("whole-body tick p50 / ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
+        ("real-time factor", metrics.real_time_factor),
+    ]
+
+
+_UNITS = {
+    "n": "N",
+    "nm": "N.m",
+    "ms": "ms",
+    "m": "m",
+    "deg": "deg",
+    "s": "s",
+}
+
+
+def _name(limit: str) -> str:
+    """Return ``max_final_tilt_deg`` as "max final tilt / deg"."""
+    if limit.endswith("_rad_s"):
+        return f"{limit[:-6].replace('_', ' ')} / rad/s"
+    words, _, unit = limit.rpartition("_")
+    return f"{words.replace('_', ' ')} / {_UNITS[unit]}" if unit in _UNITS else limit.replace("_", " ")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

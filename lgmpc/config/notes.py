@@ -1,0 +1,25 @@
+"""What is worth saying about a config that is not wrong."""
+
+from __future__ import annotations
+
+from lgmpc.config.schema import Config
+
+__all__ = ["notes_on"]
+
+
+def notes_on(config: Config) -> tuple[str, ...]:
+    """Return one sentence for each thing in ``config`` that probably was not meant."""
+    notes = []
+    for i, push in enumerate(config.pushes):
+        if push.time_s >= config.duration_s:
+            notes.append(f"pushes.{i} begins at {push.time_s:g} s, after the end of the run ({config.duration_s:g} s)")
+        elif push.time_s + push.duration_s > config.duration_s:
+            notes.append(f"pushes.{i} is cut short by the end of the run ({config.duration_s:g} s)")
+    if config.gate.steady_from_s >= config.duration_s:
+        notes.append("gate.steady_from_s is after the end of the run: errors that count from then on are not measured")
+    for section, friction in (("wbc", config.wbc.friction), ("mpc", config.mpc.friction)):
+        if friction > config.plant.friction and (section == "wbc" or config.mpc.enabled):
+            notes.append(
+                f"{section}.friction ({friction:g}) is above the floor's ({config.plant.friction:g}): feet may slip"
+            )
+    return tuple(notes)

@@ -1,0 +1,1 @@
+"""Simulated worlds: the plants, their parameters, disturbances, and the loop that drives them."""

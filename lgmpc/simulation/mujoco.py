@@ -1,0 +1,308 @@
+"""The robot in MuJoCo, built from its Pinocchio model; the only file that knows MuJoCo's conventions.
+
+MuJoCo has quaternions as w x y z, and the free joint's linear velocity in world axes (at the body's origin, as
+Pinocchio); everything else that is exchanged here is the same on both sides. The tree is made joint by joint from the
+``pin.Model``, so links joined by fixed joints are one body, and no difference between two URDF readers can arise.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import ModelError
+from lgmpc.simulation.boundary import body_index, check_state, check_torque, check_wrench, diverged, pushable_bodies
+from lgmpc.simulation.parameters import PlantParameters, body_geometry, simulated_model
+from lgmpc.simulation.plant import PlantSample
+from lgmpc.typing import Array, IntArray
+
+if TYPE_CHECKING:
+    from lgmpc.robot import Robot
+
+__all__ = ["MujocoPlant"]
+
+_CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
+_FLOOR, _ROBOT = 1, 2  # contact type bits: the robot meets the floor, never itself
+_POINT = 1e-6  # m; radius that stands for a point foot
+
+
+class MujocoPlant:
+    """A robot on a flat floor in MuJoCo (elliptic friction cones, implicit-fast integration).
+
+    Feet are spheres of ``robot.contact_radius`` at the contact frames. Joint position limits are not modelled.
+
+    Args:
+        robot: the robot; its ``effort_limit`` clips the torques.
+        params: the simulated world.
+
+    Attributes:
+        model: MuJoCo's model.
+        data: MuJoCo's state.
+
+    Raises:
+        ModelError: if the model holds a joint that MuJoCo has no twin of, or inertias that MuJoCo refuses.
+    """
+
+    def __init__(self, robot: Robot, params: PlantParameters | None = None) -> None:
+        params = PlantParameters() if params is None else params
+        self._robot = robot
+        source = simulated_model(robot, params)
+        self.model = _compile(robot, source, params)
+        self.data = mujoco.MjData(self.model)
+        self._dt = params.timestep
+        self._nq, self._nv, self._nu = robot.nq, robot.nv, robot.nu
+        self._floating = robot.floating_base
+        self._effort = np.asarray(robot.effort_limit)
+        self._bodies = pushable_bodies(source)  # MuJoCo's body i is the one that Pinocchio's joint i moves
+        self._layout = _Layout.of(source)
+        # Contacts of other geometries than feet are collected in a last row that is cut off.
+        nc = len(robot.contact_frames)
+        self._foot_of_geom = np.full(self.model.ngeom, nc)
+        for i, name in enumerate(robot.contact_frames):
+            self._foot_of_geom[self.model.geom(f"foot {name}").id] = i
+        self._nc = nc
+        # Views into the engine's memory, which stays where it is; looking them up costs more than using them.
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._joint_force = self.data.qfrc_applied[self._nv - self._nu :]
+        self._wrench = self.data.xfrc_applied
+        self._tau = np.zeros(self._nu)
+        self._steps = 0
+        self._inverse = np.zeros(4)
+        self.reset(robot.x_reference)
+
+    @property
+    def dt(self) -> float:
+        """Duration of one step, s."""
+        return self._dt
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that a wrench can act on."""
+        return tuple(self._bodies)
+
+    def reset(self, x: Array) -> None:
+        """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero.
+
+        Raises:
+            InputError: if ``x`` is not a finite state with a unit quaternion.
+        """
+        q, v = check_state(self._robot.model, x)
+        mujoco.mj_resetData(self.model, self.data)
+        self._layout.write(q, self._qpos)
+        self._qvel[:] = v
+        if self._floating:
+            mujoco.mju_rotVecQuat(self._qvel[:3], v[:3], self._qpos[3:7])
+        self._tau = np.zeros(self._nu)
+        self._steps = 0
+
+    def step(self, tau: Array) -> None:
+        """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.
+
+        Raises:
+            InputError: if ``tau`` does not have nu finite elements.
+            SolverError: if the simulation diverged.
+        """
+        check_torque(tau, self._nu)
+        self._tau = np.minimum(np.maximum(tau, -self._effort), self._effort)
+        self._joint_force[:] = self._tau
+        mujoco.mj_step(self.model, self.data)
+        self._steps += 1
+        if not math.isfinite(self._qvel.dot(self._qvel)):
+            raise diverged("MuJoCo plant", self._steps * self._dt)
+
+    def sense(self) -> PlantSample:
+        """Return the state reached by the last step."""
+        q, v = self._layout.read(self._qpos), self._qvel.copy()
+        if self._floating:
+            mujoco.mju_negQuat(self._inverse, self._qpos[3:7])
+            mujoco.mju_rotVecQuat(v[:3], self._qvel[:3], self._inverse)
+        return PlantSample(self._steps * self._dt, q, v, self._tau, self._contact_forces())
+
+    def set_wrench(self, body: str, wrench: Array) -> None:
+        """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
+
+        Links joined by fixed joints are one body: its centre of mass is that of all of them together, payload included.
+
+        Raises:
+            InputError: if the body is unknown (names the nearest) or the wrench is not six finite numbers.
+        """
+        index = body_index(self._bodies, body)
+        self._wrench[index] = check_wrench(wrench)
+
+    def body_point(self, body: str) -> Array:
+        """Return the (3,) world position of the centre of mass of ``body``."""
+        index = body_index(self._bodies, body)
+        mujoco.mj_kinematics(self.model, self.data)
+        point: Array = self.data.xipos[index].copy()
+        return point
+
+    def _contact_forces(self) -> Array:
+        """Return the (nc, 3) world-frame forces on the feet during the last step."""
+        forces = np.zeros((self._nc + 1, 3))
+        count = self.data.ncon
+        if count:
+            contact = self.data.contact
+            first = contact.efc_address[0]
+            # Rows of an elliptic contact: normal, two tangents; the frame's rows are those axes, from floor to robot.
+            local = self.data.efc_force[first : first + 3 * count].reshape(count, 1, 3)
+            # A sphere touches a plane once, so no foot occurs twice and assigning is summing.
+            forces[self._foot_of_geom[contact.geom[:, 1]]] = (local @ contact.frame.reshape(count, 3, 3))[:, 0]
+        return forces[: self._nc]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the elements of Pinocchio's q are in MuJoCo's qpos.
+
+    Attributes:
+        nq: size of Pinocchio's q.
+        ours: (n,) places in q of the elements that MuJoCo also has.
+        theirs: (n,) their places in qpos.
+        cosines: (k,) places in q of the cosine of each unbounded joint, whose sine follows.
+        angles: (k,) places in qpos of their angles.
+    """
+
+    nq: int
+    ours: IntArray
+    theirs: IntArray
+    cosines: IntArray
+    angles: IntArray
+
+    @classmethod
+    def of(cls, model: pin.Model) -> _Layout:
+        pairs: list[tuple[int, int]] = []
+        unbounded: list[tuple[int, int]] = []
+        end = 0
+        for joint in list(model.joints)[1:]:
+            start, i = end, joint.idx_q
+            if (joint.nq, joint.nv) == (2, 1):
+                unbounded.append((i, start))
+                end += 1
+                continue
+            end += joint.nq
+            order = list(range(joint.nq))
+            if joint.nq != joint.nv:
+                order = [*order[:-4], *(order[k] for k in (-3, -2, -1, -4))]  # x y z w of what is stored as w x y z
+            pairs += [(i + k, start + order[k]) for k in range(joint.nq)]
+        columns = [np.array(column, dtype=int) for side in (pairs, unbounded) for column in _transpose(side)]
+        return cls(model.nq, *columns)
+
+    def read(self, qpos: Array) -> Array:
+        if not self.cosines.size:
+            direct: Array = qpos[self.theirs]
+            return direct
+        q = np.empty(self.nq)
+        q[self.ours] = qpos[self.theirs]
+        q[self.cosines] = np.cos(qpos[self.angles])
+        q[self.cosines + 1] = np.sin(qpos[self.angles])
+        return q
+
+    def write(self, q: Array, qpos: Array) -> None:
+        qpos[self.theirs] = q[self.ours]
+        qpos[self.angles] = np.arctan2(q[self.cosines + 1], q[self.cosines])
+
+
+def _transpose(pairs: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
+    return [a for a, _ in pairs], [b for _, b in pairs]
+
+
+def _compile(robot: Robot, model: pin.Model, params: PlantParameters) -> mujoco.MjModel:
+    """Make MuJoCo's model of the robot on its floor."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = params.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10
+    # A diverged state must be seen, not silently replaced by the initial one.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    bodies = _add_tree(spec, robot.name, model, params)
+    _add_geometry(spec, bodies, robot, model, params)
+    try:
+        compiled = spec.compile()
+    except ValueError as error:
+        raise ModelError(robot.name, [f"MuJoCo refuses it: {' '.join(str(error).split())}"]) from error
+    compiled.dof_damping[compiled.nv - robot.nu :] = params.joint_damping
+    return compiled
+
+
+def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantParameters) -> list[Any]:
+    """Add one MuJoCo body for each Pinocchio joint; return them with the world first."""
+    bodies = [spec.worldbody]
+    problems = []
+    data, neutral = model.createData(), pin.neutral(model)
+    for index in range(1, model.njoints):
+        joint, placement, inertia = model.joints[index], model.jointPlacements[index], model.inertias[index]
+        body = bodies[model.parents[index]].add_body(
+            name=model.names[index], pos=placement.translation, quat=_wxyz(placement.rotation)
+        )
+        moment = inertia.inertia
+        body.explicitinertial = True
+        body.mass, body.ipos = inertia.mass, inertia.lever
+        body.fullinertia = moment[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        bodies.append(body)
+        subspace = pin.computeJointJacobian(model, data, neutral, index)[:, joint.idx_v : joint.idx_v + joint.nv]
+        kind = _joint_type(joint, subspace)
+        if kind is None or (kind == mujoco.mjtJoint.mjJNT_FREE and not placement.isIdentity()):
+            problems.append(f"joint '{model.names[index]}' ({joint.shortname()}) has no twin in MuJoCo")
+        elif kind == mujoco.mjtJoint.mjJNT_FREE:
+            body.add_freejoint(name=model.names[index])
+        else:
+            twin = body.add_joint(name=model.names[index], type=kind)
+            twin.armature, twin.frictionloss = model.armature[joint.idx_v], params.joint_friction
+            if joint.nv == 1:
+                twin.axis = subspace[:3, 0] + subspace[3:, 0]
+    if problems:
+        raise ModelError(name, problems)
+    return bodies
+
+
+def _joint_type(joint: pin.JointModel, subspace: Array) -> mujoco.mjtJoint | None:
+    """Return MuJoCo's type of a joint from the size of its configuration and its motion subspace (6, nv)."""
+    turns, slides = bool(subspace[3:].any()), bool(subspace[:3].any())
+    return {
+        (7, 6, True, True): mujoco.mjtJoint.mjJNT_FREE,
+        (4, 3, True, False): mujoco.mjtJoint.mjJNT_BALL,
+        (1, 1, True, False): mujoco.mjtJoint.mjJNT_HINGE,
+        (2, 1, True, False): mujoco.mjtJoint.mjJNT_HINGE,
+        (1, 1, False, True): mujoco.mjtJoint.mjJNT_SLIDE,
+    }.get((joint.nq, joint.nv, turns, slides))
+
+
+def _add_geometry(
+    spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model, params: PlantParameters
+) -> None:
+    """Add the floor, the feet, and what else of the robot can touch the floor."""
+    sphere, box = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
+    surface = {**_CONTACT, "friction": (params.friction, 0.005, 0.0001)}
+    shape = {**surface, "contype": _ROBOT, "conaffinity": _FLOOR, "mass": 0.0}
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(0, 0, 1),
+        contype=_FLOOR,
+        conaffinity=_ROBOT,
+        **surface,
+    )
+    for name, index in zip(robot.contact_frames, robot.contact_ids, strict=True):
+        frame, radius = model.frames[index], max(robot.contact_radius, _POINT)
+        pos = frame.placement.translation
+        bodies[frame.parentJoint].add_geom(name=f"foot {name}", type=sphere, size=(radius, 0, 0), pos=pos, **shape)
+    geometry = body_geometry(robot, params)
+    for frame in model.frames:
+        if fnmatch.fnmatchcase(frame.name, geometry.sphere_frames) and frame.type == pin.FrameType.BODY:
+            size, pos = (geometry.sphere_radius, 0, 0), frame.placement.translation
+            bodies[frame.parentJoint].add_geom(name=frame.name, type=sphere, size=size, pos=pos, **shape)
+    if geometry.box_half_sizes is not None:
+        bodies[1].add_geom(name="trunk", type=box, size=geometry.box_half_sizes, **shape)
+
+
+def _wxyz(rotation: Array) -> tuple[float, float, float, float]:
+    x, y, z, w = pin.Quaternion(rotation).coeffs()
+    return w, x, y, z

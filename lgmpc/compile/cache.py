@@ -1,0 +1,195 @@
+"""The cache of shared libraries: a private folder of files that prove their own content.
+
+An entry is one file, ``<function>-<key>-<digest>.so``. The key names what it was made from, the digest its bytes: a
+truncated or altered file is seen before it is loaded. It appears by one rename: a reader finds a whole library or none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import logging
+import os
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+from lgmpc.errors import InputError
+
+__all__ = ["CacheReport", "cache_folder", "discard", "find_entry", "inspect_cache", "make_entry", "request_key"]
+
+_log = logging.getLogger("lgmpc.compile")
+_DIGEST = 16
+_STALE_S = 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class CacheReport:
+    """What the cache holds.
+
+    Attributes:
+        folder: where it is.
+        entries: number of libraries.
+        size_bytes: of all files in it.
+        damaged: names of the libraries whose content does not match their name.
+    """
+
+    folder: Path
+    entries: int
+    size_bytes: int
+    damaged: tuple[str, ...]
+
+
+def request_key(*parts: str) -> str:
+    """Name what an entry is made from: 32 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode()
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return digest.hexdigest()[:32]
+
+
+def cache_folder() -> Path:
+    """The folder of compiled libraries, created if need be and checked to be writable by this user alone.
+
+    Code is loaded from it, so whoever can write there can run anything as this user.
+
+    Raises:
+        InputError: the folder cannot be used, or others may write to it or replace it; the message says what to do.
+    """
+    chosen = os.environ.get("LGMPC_CACHE_DIR", "").strip()
+    path = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("lgmpc"))
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder = path.resolve(strict=True)
+        info = folder.stat()
+    except (OSError, RuntimeError) as error:
+        raise _refuse(path, f"which cannot be created or read ({error})", "a folder that you can write to") from error
+    if not folder.is_dir():
+        raise _refuse(path, "which is not a folder", "a folder")
+    if info.st_uid != os.geteuid():
+        raise _refuse(folder, f"which belongs to another user (uid {info.st_uid})", "a folder that you own")
+    if info.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise _refuse(
+            folder,
+            f"which others may write to (mode {stat.S_IMODE(info.st_mode):04o})",
+            f"a folder that only you may write to: chmod 700 '{folder}' if nobody else has written to it",
+        )
+    for parent in folder.parents:
+        mode = parent.stat().st_mode
+        if mode & (stat.S_IWGRP | stat.S_IWOTH) and not mode & stat.S_ISVTX:
+            raise _refuse(
+                folder,
+                f"which others may replace, since they may write to {parent} (mode {stat.S_IMODE(mode):04o})",
+                "a folder in a place that only you may write to",
+            )
+    return folder
+
+
+def _refuse(folder: Path, what: str, expected: str) -> InputError:
+    hint = f"{expected}; or choose another with LGMPC_CACHE_DIR, or run interpreted with LGMPC_JIT=0"
+    return InputError("cache of compiled functions", f"'{folder}', {what}", hint)
+
+
+def find_entry(folder: Path, name: str, key: str) -> Path | None:
+    """The library that was made for this request, or None; a damaged one is removed and reported to the log."""
+    for path in sorted(folder.glob(f"{name}-{key}-*.so")):
+        if _is_whole(path):
+            return path
+        _log.warning("cache entry %s is damaged: it is built again", path.name)
+        discard(path)
+    return None
+
+
+def make_entry(
+    folder: Path, name: str, key: str, source: str, build: Callable[[Path, Path], None], waiting: Callable[[], None]
+) -> Path:
+    """Build a library and put it into the cache, unless another process does so first.
+
+    Args:
+        folder: the cache.
+        name: of the function.
+        key: of the request.
+        source: C code.
+        build: called with the C file and the library to write.
+        waiting: called once if another process is at it already.
+
+    Returns:
+        The file of the finished entry.
+
+    Raises:
+        InputError: the folder cannot be written.
+        CompileError: from ``build``.
+    """
+    try:
+        with _locked(folder / f".{name}-{key}.lock", waiting):
+            entry = find_entry(folder, name, key)
+            if entry is not None:
+                return entry
+            _remove_stale(folder)
+            with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as scratch:
+                code, library = Path(scratch, f"{name}.c"), Path(scratch, f"{name}.so")
+                code.write_text(source)
+                build(code, library)
+                entry = folder / f"{name}-{key}-{_digest(library)}.so"
+                library.replace(entry)
+            return entry
+    except OSError as error:
+        raise _refuse(folder, f"which cannot be written ({error})", "a folder that you can write to") from error
+
+
+def discard(path: Path) -> None:
+    """Remove a file that may be gone already."""
+    with contextlib.suppress(FileNotFoundError):
+        path.unlink()
+
+
+def inspect_cache(folder: Path) -> CacheReport:
+    """Count, weigh and verify the libraries of a cache."""
+    libraries = sorted(folder.glob("*.so"))
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not _is_whole(path)))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGEST]
+
+
+def _is_whole(path: Path) -> bool:
+    return _digest(path) == path.stem[-_DIGEST:]
+
+
+def _remove_stale(folder: Path) -> None:
+    """Remove what a killed compilation left behind."""
+    for path in folder.glob(".build-*"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > _STALE_S:
+                shutil.rmtree(path, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _locked(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
+    """Hold an advisory lock so that two processes do not compile the same thing.
+
+    It only saves work: entries appear by an atomic rename, so two that build at once (where the file system has no
+    locks, or one took the lock just as its file was removed) end with the same whole entry.
+    """
+    with path.open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            waiting()
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError:
+            _log.debug("no file locks in %s", path.parent)
+        try:
+            yield
+        finally:
+            discard(path)

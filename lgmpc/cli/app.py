@@ -89,7 +89,7 @@ Overrides = Annotated[
     ),
 ]
 MoreOverrides = Annotated[
-    list[str], typer.Argument(metavar="[KEY=VALUE]...", help="More changes.", hidden=True, show_default=False)
+    list[str], typer.Argument(metavar="KEY=VALUE", help="More changes.", hidden=True, show_default=False)
 ]
 RunName = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False)]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]

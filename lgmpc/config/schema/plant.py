@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Section
+from lgmpc.config.schema.base import NonNegative, Positive, Section, Vector3
 
 __all__ = ["PlantSection"]
 
@@ -20,3 +20,10 @@ class PlantSection(Section):
     joint_friction_nm: NonNegative = Field(default=0.0, description="Coulomb friction of every joint, N.m.")
     joint_damping_nms: NonNegative = Field(default=0.0, description="Viscous friction of every joint, N.m.s/rad.")
     mass_scale: Positive = Field(default=1.0, description="Factor on every mass and inertia of the simulated robot.")
+    base_added_mass_kg: NonNegative = Field(
+        default=0.0, description="Payload at the base's centre of mass that the controllers do not know of, kg."
+    )
+    base_com_offset_m: Vector3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Shift of the base's centre of mass unknown to the controllers, base axes, m.",
+    )

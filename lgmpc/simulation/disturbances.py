@@ -1,0 +1,121 @@
+"""Pushes: impulses given to named bodies, spread over the steps of a plant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.typing import Array
+
+__all__ = ["Push", "PushSchedule"]
+
+_SNAP = 1e-6  # steps; a boundary this close to a step's is meant to be on it
+
+
+@dataclass(frozen=True)
+class Push:
+    """A constant force at a body's centre of mass, for a while.
+
+    Attributes:
+        body: name of the pushed body.
+        time: when it begins, s since reset.
+        duration: how long it lasts, s.
+        impulse: (3,) force times duration, world axes, N.s.
+
+    Raises:
+        InputError: if the time is negative, the duration not above zero, or anything not finite.
+    """
+
+    body: str
+    time: float
+    duration: float
+    impulse: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.time) and self.time >= 0):
+            raise InputError("time", self.time, "a finite number of seconds, not negative")
+        if not (math.isfinite(self.duration) and self.duration > 0):
+            raise InputError("duration", self.duration, "a finite number of seconds above zero")
+        impulse = tuple(float(component) for component in self.impulse)
+        if len(impulse) != 3 or not all(math.isfinite(component) for component in impulse):
+            raise InputError("impulse", self.impulse, "three finite numbers (N.s)")
+        object.__setattr__(self, "impulse", impulse)
+
+    @property
+    def force(self) -> Array:
+        """The (3,) force while it lasts, world axes, N."""
+        return np.array(self.impulse) / self.duration
+
+
+class PushSchedule:
+    """The pushes of one run, sampled at a plant's steps so that each gives exactly the impulse that was asked for.
+
+    A step that a push covers in part gets that part of its force, so the applied forces times ``dt`` add up to the
+    impulse (to rounding) however the push lies between the steps.
+
+    Args:
+        pushes: in any order; they may overlap.
+        dt: duration of the plant's steps, s.
+        bodies: the bodies that the plant can push.
+
+    Attributes:
+        pushes: as given.
+        bodies: names of the bodies that are pushed at some time, each once.
+
+    Raises:
+        InputError: if a push names a body that is not in ``bodies`` (names the nearest), or ``dt`` is not positive.
+    """
+
+    def __init__(self, pushes: Sequence[Push], dt: float, bodies: Sequence[str]) -> None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise InputError("dt", dt, "a finite number of seconds above zero")
+        for index, push in enumerate(pushes):
+            if push.body not in bodies:
+                name = f"pushes.{index}.body"
+                raise InputError(name, repr(push.body), "a body of the robot", tuple(bodies), word=push.body)
+        self.pushes = tuple(pushes)
+        self.bodies = tuple(dict.fromkeys(push.body for push in pushes))
+        self._dt = dt
+        self._spans = [_span(push, dt) for push in pushes]
+        self._at_rest = self._freeze({body: np.zeros(6) for body in self.bodies})
+
+    def wrenches(self, time: float) -> Mapping[str, Array]:
+        """Return what to apply during the step that begins at ``time`` (a whole number of steps).
+
+        Returns:
+            For every pushed body, now or at another time, its (6,) wrench [force; torque] in world axes at its centre
+            of mass; zero while nothing pushes it. The arrays are read-only.
+        """
+        step = round(time / self._dt)
+        active = [i for i, (begin, end) in enumerate(self._spans) if begin < step + 1 and step < end]
+        if not active:
+            return self._at_rest
+        wrenches = {body: np.zeros(6) for body in self.bodies}
+        for i in active:
+            begin, end = self._spans[i]
+            share = (min(step + 1.0, end) - max(float(step), begin)) / (end - begin)
+            wrenches[self.pushes[i].body][:3] += np.array(self.pushes[i].impulse) * (share / self._dt)
+        return self._freeze(wrenches)
+
+    def is_active(self, time: float) -> bool:
+        """Whether anything is pushed during the step that begins at ``time``."""
+        return self.wrenches(time) is not self._at_rest
+
+    @staticmethod
+    def _freeze(wrenches: dict[str, Array]) -> Mapping[str, Array]:
+        for wrench in wrenches.values():
+            wrench.flags.writeable = False
+        return MappingProxyType(wrenches)
+
+
+def _span(push: Push, dt: float) -> tuple[float, float]:
+    """Return begin and end of a push in steps, on a step's boundary where that is meant."""
+    begin, end = push.time / dt, (push.time + push.duration) / dt
+    begin, end = (float(round(edge)) if abs(edge - round(edge)) < _SNAP else edge for edge in (begin, end))
+    # A push that vanishes in snapping is given within one step, where it still has its whole impulse.
+    return (begin, end) if end > begin else (begin, begin + _SNAP)

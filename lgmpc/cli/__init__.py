@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from lgmpc.cli.app import app
@@ -12,6 +13,9 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    # Every matrix here is small: a BLAS that wakes all cores for each of them is slower and jitters.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     try:
         app()
     except KeyboardInterrupt:

@@ -16,6 +16,7 @@ __all__ = [
     "Fraction",
     "NonNegative",
     "PerJoint",
+    "PerJointPositive",
     "PerJointRange",
     "Positive",
     "Problem",
@@ -106,7 +107,12 @@ PerJoint = Annotated[
     Union[Annotated[NonNegative, Tag("number")], Annotated[dict[str, NonNegative], Tag("table")]],  # noqa: UP007
     Discriminator(_number_or_table),
 ]
-"""One number for all joints, or ``{joint name or pattern: number}``."""
+"""One number, zero or above, for all joints, or ``{joint name or pattern: number}``."""
+PerJointPositive = Annotated[
+    Union[Annotated[Positive, Tag("number")], Annotated[dict[str, Positive], Tag("table")]],  # noqa: UP007
+    Discriminator(_number_or_table),
+]
+"""One number above zero for all joints, or ``{joint name or pattern: number}``."""
 PerJointRange = Annotated[
     Union[Annotated[Range, Tag("range")], Annotated[dict[str, Range], Tag("table")]],  # noqa: UP007
     Discriminator(_range_or_table),

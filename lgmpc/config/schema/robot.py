@@ -8,7 +8,7 @@ from typing import Annotated, Any, Union
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from lgmpc.config.schema.base import Finite, NonNegative, PerJoint, PerJointRange, Section, problem
+from lgmpc.config.schema.base import Finite, NonNegative, PerJoint, PerJointPositive, PerJointRange, Section, problem
 
 __all__ = ["RobotSection"]
 
@@ -37,7 +37,11 @@ class RobotSection(Section):
         default=(),
         description="Folders in which package:// addresses of the URDF are looked up, relative to the config file.",
     )
-    floating_base: bool = Field(default=True, strict=True, description="Whether the base moves freely.")
+    floating_base: bool | None = Field(
+        default=None,
+        strict=True,
+        description="Whether the base moves freely. null: as the named model has it; true for a URDF.",
+    )
     contact_frames: tuple[str, ...] = Field(
         default=(), description="Frames that touch the ground, in the order of the logs."
     )
@@ -47,13 +51,14 @@ class RobotSection(Section):
     )
     posture: Posture | None = Field(
         default=None,
-        description="Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}.",
+        description="Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}. "
+        "null: the named model's own.",
     )
-    effort_limit_nm: PerJoint | None = Field(
+    effort_limit_nm: PerJointPositive | None = Field(
         default=None,
         description="Largest torque in N.m: a number, or {joint name or pattern: number}. null: the URDF's.",
     )
-    velocity_limit_rad_s: PerJoint | None = Field(
+    velocity_limit_rad_s: PerJointPositive | None = Field(
         default=None,
         description="Largest joint speed in rad/s: a number, or {joint name or pattern: number}. null: the URDF's.",
     )
@@ -61,8 +66,10 @@ class RobotSection(Section):
         default=None,
         description="[lowest, highest] joint position in rad, or {pattern: [lowest, highest]}. null: the URDF's.",
     )
-    armature_kg_m2: PerJoint = Field(
-        default=0.0, description="Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}."
+    armature_kg_m2: PerJoint | None = Field(
+        default=None,
+        description="Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}. null: the SRDF's, "
+        "or 0.",
     )
 
     @model_validator(mode="after")

@@ -19,9 +19,9 @@ from lgmpc.compile.function import (
     CompiledFunction,
     compile_function,
     compile_functions,
+    compile_map,
     densify_function,
     map_function,
-    stage_view,
 )
 
 __all__ = [
@@ -31,10 +31,10 @@ __all__ = [
     "cache_folder",
     "compile_function",
     "compile_functions",
+    "compile_map",
     "densify_function",
     "find_compiler",
     "inspect_cache",
     "jit_enabled",
     "map_function",
-    "stage_view",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import logging
+import math
 import time
 import warnings
 import weakref
@@ -25,9 +26,9 @@ __all__ = [
     "CompiledFunction",
     "compile_function",
     "compile_functions",
+    "compile_map",
     "densify_function",
     "map_function",
-    "stage_view",
 ]
 
 Progress = Callable[[str], None]
@@ -36,40 +37,82 @@ _log = logging.getLogger("lgmpc.compile")
 _CODEGEN_VERSION = "1"  # part of every cache key: raise it when the code around CasADi's changes
 _warned = False
 
-# One pointer as the only argument costs half of what CasADi's five do to pass from Python.
+# One pointer as the only argument costs half of what CasADi's five do to pass from Python, and the loop over stages is
+# here rather than in casadi.Function.map: that copies every output twice and every shared input once per stage.
 _ENTRY = """
 CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
-  return {name}((const double**) frame[0], (double**) frame[1], (long long int*) frame[2], (double*) frame[3],
-    *(const int*) frame[4]);
+  double** base = (double**) frame[0];
+  const long long int* plan = (const long long int*) frame[1];
+  const double** arg = (const double**) frame[2];
+  double** res = (double**) frame[3];
+  long long int k;
+  int i, status;
+  for (k = 0; k < plan[0]; ++k) {{
+    for (i = 0; i < {n_in}; ++i) arg[i] = base[i] + k * plan[2 + i];
+    for (i = 0; i < {n_out}; ++i) res[i] = base[{n_in} + i] + k * plan[2 + {n_in} + i];
+    status = {name}(arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]);
+    if (status) return status;
+  }}
+  return 0;
 }}
 """
 
 
 @dataclass(frozen=True)
-class _Signature:
+class _Argument:
+    """Name, shape and batch of one input or output; ``stages`` is None where there is one value for all stages."""
+
     name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    input_shapes: tuple[tuple[int, ...], ...]
-    output_shapes: tuple[tuple[int, ...], ...]
+    shape: tuple[int, ...]
+    stages: int | None
+
+    @property
+    def size(self) -> int:
+        """Number of entries of one stage."""
+        return math.prod(self.shape)
+
+    def allocate(self) -> tuple[Array, Array]:
+        """Memory in the order of CasADi (stage after stage, column after column), and the view of it for people."""
+        memory = np.zeros(self.size * (self.stages or 1))
+        if self.stages is None:
+            return memory, memory.reshape(self.shape, order="F")
+        view = memory.reshape((self.stages, *reversed(self.shape)))
+        return memory, view.transpose(0, *range(len(self.shape), 0, -1))
+
+
+@dataclass(frozen=True)
+class _Signature:
+    """What a compiled function takes and gives, for a whole horizon if ``stages`` is above 1."""
+
+    name: str
+    stages: int
+    inputs: tuple[_Argument, ...]
+    outputs: tuple[_Argument, ...]
 
     @classmethod
-    def of(cls, function: casadi.Function) -> _Signature:
+    def of(cls, function: casadi.Function, stages: int | None = None, shared: Sequence[str] = ()) -> _Signature:
+        def describe(name: str, size: tuple[int, int]) -> _Argument:
+            shape = (size[0],) if size[1] == 1 else size
+            return _Argument(name, shape, None if name in shared else stages)
+
         return cls(
             function.name(),
-            tuple(function.name_in()),
-            tuple(function.name_out()),
-            tuple(_shape(function.size_in(i)) for i in range(function.n_in())),
-            tuple(_shape(function.size_out(i)) for i in range(function.n_out())),
+            stages or 1,
+            tuple(describe(name, function.size_in(i)) for i, name in enumerate(function.name_in())),
+            tuple(describe(name, function.size_out(i)) for i, name in enumerate(function.name_out())),
         )
 
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(argument.name for argument in self.inputs)
 
-def _shape(size: tuple[int, int]) -> tuple[int, ...]:
-    return (size[0],) if size[1] == 1 else size
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(argument.name for argument in self.outputs)
 
 
-# Given the buffers, an evaluator returns a call without arguments that returns CasADi's code (0 = done).
-_Bind = Callable[[Sequence[Array], Sequence[Array]], Callable[[], int]]
+# Given the memory of all inputs and outputs, returns a call without arguments that returns CasADi's code (0 = done).
+_Bind = Callable[[_Signature, Sequence[Array]], Callable[[], int]]
 
 
 class CompiledFunction:
@@ -82,8 +125,9 @@ class CompiledFunction:
     Attributes:
         name: of the CasADi function.
         compiled: whether it is machine code; otherwise CasADi interprets it.
-        inputs: one dense, Fortran-ordered float64 array per input, zero at first; column vectors have shape ``(n,)``,
-            everything else ``(rows, columns)``. Write into them, never replace them.
+        inputs: one dense float64 array per input, zero at first: ``(n,)`` for a column, else ``(rows, columns)`` in
+            Fortran order; for a horizon (:func:`compile_map`) with the stage as additional first index. Write into
+            them, never replace them.
         outputs: results of the last :meth:`run`, laid out in the same way; the next run overwrites them.
     """
 
@@ -92,11 +136,13 @@ class CompiledFunction:
     def __init__(self, signature: _Signature, bind: _Bind, compiled: bool) -> None:
         self.name = signature.name
         self.compiled = compiled
-        self.inputs: tuple[Array, ...] = tuple(np.zeros(shape, order="F") for shape in signature.input_shapes)
-        self.outputs: tuple[Array, ...] = tuple(np.zeros(shape, order="F") for shape in signature.output_shapes)
+        inputs = [argument.allocate() for argument in signature.inputs]
+        outputs = [argument.allocate() for argument in signature.outputs]
+        self.inputs: tuple[Array, ...] = tuple(view for _, view in inputs)
+        self.outputs: tuple[Array, ...] = tuple(view for _, view in outputs)
         self._signature = signature
         self._bind = bind
-        self._evaluate = bind(self.inputs, self.outputs)
+        self._evaluate = bind(signature, [memory for memory, _ in inputs + outputs])
 
     def run(self) -> None:
         """Evaluate inputs to outputs, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
@@ -119,17 +165,17 @@ class CompiledFunction:
             InputError: wrong number of arguments or wrong shape.
         """
         if len(args) != len(self.inputs):
-            expected = f"{len(self.inputs)}: {', '.join(self._signature.inputs)}"
+            expected = f"{len(self.inputs)}: {', '.join(self.input_names)}"
             raise InputError(f"arguments of '{self.name}'", len(args), expected)
-        for name, buffer, arg in zip(self._signature.inputs, self.inputs, args, strict=True):
+        for name, buffer, arg in zip(self.input_names, self.inputs, args, strict=True):
             value = np.asarray(arg, dtype=np.float64)
-            if value.shape != buffer.shape and value.ndim > 0:
-                if buffer.ndim != 1 or value.shape != (buffer.size, 1):
-                    raise InputError(f"{self.name}: {name}", f"shape {value.shape}", f"shape {buffer.shape}")
-                value = value[:, 0]
+            if value.shape == (*buffer.shape, 1):
+                value = value[..., 0]
+            if value.ndim > 0 and value.shape != buffer.shape:
+                raise InputError(f"{self.name}: {name}", f"shape {value.shape}", f"shape {buffer.shape}")
             buffer[...] = value
         self.run()
-        return tuple(output.copy(order="F") for output in self.outputs)
+        return tuple(output.copy(order="K") for output in self.outputs)
 
     def input(self, name: str) -> Array:
         """The buffer of the input with this name.
@@ -137,7 +183,7 @@ class CompiledFunction:
         Raises:
             InputError: no such input.
         """
-        return self.inputs[_index(f"input of '{self.name}'", name, self._signature.inputs)]
+        return self.inputs[_index(f"input of '{self.name}'", name, self.input_names)]
 
     def output(self, name: str) -> Array:
         """The buffer of the output with this name.
@@ -145,17 +191,17 @@ class CompiledFunction:
         Raises:
             InputError: no such output.
         """
-        return self.outputs[_index(f"output of '{self.name}'", name, self._signature.outputs)]
+        return self.outputs[_index(f"output of '{self.name}'", name, self.output_names)]
 
     @property
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs, in order."""
-        return self._signature.inputs
+        return self._signature.input_names
 
     @property
     def output_names(self) -> tuple[str, ...]:
         """Names of the outputs, in order."""
-        return self._signature.outputs
+        return self._signature.output_names
 
     def clone(self) -> CompiledFunction:
         """Return one on the same machine code with buffers of its own, the inputs' values copied."""
@@ -165,11 +211,9 @@ class CompiledFunction:
         return twin
 
     def __repr__(self) -> str:
-        arguments = ", ".join(
-            f"{n}{list(s)}" for n, s in zip(self._signature.inputs, self._signature.input_shapes, strict=True)
-        )
-        how = "compiled" if self.compiled else "interpreted"
-        return f"CompiledFunction({self.name}({arguments}) -> ({', '.join(self._signature.outputs)}), {how})"
+        given = ", ".join(f"{n}{list(b.shape)}" for n, b in zip(self.input_names, self.inputs, strict=True))
+        made = ", ".join(f"{n}{list(b.shape)}" for n, b in zip(self.output_names, self.outputs, strict=True))
+        return f"CompiledFunction({self.name}: ({given}) -> ({made}), {'compiled' if self.compiled else 'interpreted'})"
 
 
 def _index(what: str, name: str, names: tuple[str, ...]) -> int:
@@ -196,15 +240,29 @@ def compile_function(function: casadi.Function, *, progress: Progress | None = N
         CompileError: the function has no C code, or the compiler failed on it.
         InputError: the cache folder, ``CC``, ``LGMPC_CFLAGS`` or ``LGMPC_JIT`` cannot be used.
     """
-    dense = densify_function(function)
-    signature = _Signature.of(dense)
-    compiler = find_compiler() if jit_enabled() else None
-    if compiler is None:
-        if jit_enabled():
-            _warn_once()
-        return CompiledFunction(signature, functools.partial(_bind_interpreter, dense), compiled=False)
-    library = _load(dense, compiler, progress)
-    return CompiledFunction(signature, functools.partial(_bind_library, signature.name, library), compiled=True)
+    return _compile(function, None, (), progress)
+
+
+def compile_map(
+    function: casadi.Function, stages: int, *, shared: Sequence[str] = (), progress: Progress | None = None
+) -> CompiledFunction:
+    """Like :func:`compile_function`, for all stages of a horizon in one call: the loop runs in C.
+
+    Every buffer gets the stage as its first index: ``(stages, n)`` or ``(stages, rows, columns)``. The machine code
+    does not depend on the number of stages: another horizon compiles nothing.
+
+    Args:
+        function: of one stage.
+        stages: their number, at least 1.
+        shared: names of the inputs that all stages share; their buffers have no stage index.
+        progress: as for :func:`compile_function`.
+
+    Raises:
+        CompileError: the function has no C code, or the compiler failed on it.
+        InputError: ``stages`` is not positive, a name in ``shared`` is no input, or the environment is unusable.
+    """
+    _check_map(function, stages, shared)
+    return _compile(function, stages, tuple(shared), progress)
 
 
 def compile_functions(
@@ -230,55 +288,48 @@ def densify_function(function: casadi.Function) -> casadi.Function:
     return casadi.Function(function.name(), arguments, [casadi.densify(r) for r in results], names, function.name_out())
 
 
-def map_function(function: casadi.Function, n: int, shared: Sequence[str] = ()) -> casadi.Function:
-    """A function that evaluates all ``n`` stages of a horizon in one call, by a loop in C.
+def map_function(function: casadi.Function, stages: int, shared: Sequence[str] = ()) -> casadi.Function:
+    """The CasADi function of a whole horizon, its stages side by side in columns.
 
-    Stage ``k`` reads and writes the ``k``-th block of columns of every argument, so an input ``(rows, columns)``
-    becomes ``(rows, n * columns)``: :func:`stage_view` shows such a buffer with the stage as first index. The generated
-    code does not grow with ``n``.
+    It is for use within other CasADi expressions (a nonlinear programme, say). To evaluate a horizon from Python,
+    :func:`compile_map` copies less, and its machine code serves every horizon.
 
     Args:
         function: of one stage.
-        n: number of stages, at least 1.
-        shared: names of the inputs that are the same for all stages; they keep their size.
+        stages: their number, at least 1.
+        shared: names of the inputs that all stages share; they keep their size.
 
     Returns:
-        The mapped function, named ``<function>_map<n>``.
+        A function ``<name>_map<stages>``; an argument ``(rows, columns)`` becomes ``(rows, stages * columns)``.
 
     Raises:
-        InputError: ``n`` is not positive, or a name in ``shared`` is no input.
+        InputError: ``stages`` is not positive, or a name in ``shared`` is no input.
     """
-    if n < 1:
-        raise InputError("n", n, "at least one stage")
-    names = tuple(function.name_in())
-    indices = [_index(f"shared input of '{function.name()}'", name, names) for name in shared]
-    stage = densify_function(function)
-    mapped = stage.map(f"{stage.name()}_map{n}", "serial", n, indices, [])
-    # map() leaves the names out when inputs are shared: put them back.
-    arguments = [casadi.MX.sym(name, *mapped.size_in(i)) for i, name in enumerate(names)]
-    return casadi.Function(mapped.name(), arguments, mapped.call(arguments), list(names), stage.name_out())
+    _check_map(function, stages, shared)
+    indices = [function.index_in(name) for name in shared]
+    return densify_function(function).map(f"{function.name()}_map{stages}", "serial", stages, indices, [])
 
 
-def stage_view(buffer: Array, n: int) -> Array:
-    """Show a buffer of a mapped function with the stage as first index, without copying.
+def _check_map(function: casadi.Function, stages: int, shared: Sequence[str]) -> None:
+    if stages < 1:
+        raise InputError("stages", stages, "at least one")
+    for name in shared:
+        _index(f"shared input of '{function.name()}'", name, tuple(function.name_in()))
 
-    Args:
-        buffer: ``(rows, n * columns)`` Fortran-ordered (``(rows,)`` if ``n`` and ``columns`` are 1), as
-            :attr:`CompiledFunction.inputs` and :attr:`CompiledFunction.outputs` hold.
-        n: number of stages.
 
-    Returns:
-        ``(n, rows)`` if every stage is one column, else ``(n, rows, columns)``; writing into it writes into the buffer.
-
-    Raises:
-        InputError: the columns do not divide into ``n`` blocks, or the buffer is not Fortran-ordered.
-    """
-    rows, total = buffer.shape[0], 1 if buffer.ndim == 1 else buffer.shape[1]
-    if n < 1 or total % n or not buffer.flags.f_contiguous:
-        raise InputError("buffer", f"shape {buffer.shape}", f"a Fortran-ordered array of {n} equal blocks of columns")
-    columns = total // n
-    flat = buffer.reshape(-1, order="F")
-    return flat.reshape(n, rows) if columns == 1 else flat.reshape(n, columns, rows).transpose(0, 2, 1)
+def _compile(
+    function: casadi.Function, stages: int | None, shared: tuple[str, ...], progress: Progress | None
+) -> CompiledFunction:
+    dense = densify_function(function)
+    signature = _Signature.of(dense, stages, shared)
+    compiler = find_compiler() if jit_enabled() else None
+    if compiler is not None:
+        library = _load(dense, compiler, progress)
+        return CompiledFunction(signature, functools.partial(_bind_library, library), compiled=True)
+    if jit_enabled():
+        _warn_once()
+    horizon = dense if stages is None else map_function(dense, stages, shared)
+    return CompiledFunction(signature, functools.partial(_bind_interpreter, horizon), compiled=False)
 
 
 def _warn_once() -> None:
@@ -293,15 +344,14 @@ def _warn_once() -> None:
         )
 
 
-def _bind_interpreter(
-    function: casadi.Function, inputs: Sequence[Array], outputs: Sequence[Array]
-) -> Callable[[], int]:
+def _bind_interpreter(function: casadi.Function, signature: _Signature, memory: Sequence[Array]) -> Callable[[], int]:
     buffer: Any
     buffer, evaluate = function.buffer()
-    for i, array in enumerate(inputs):
-        buffer.set_arg(i, array.reshape(-1, order="F").data)
-    for i, array in enumerate(outputs):
-        buffer.set_res(i, array.reshape(-1, order="F").data)
+    n_in = len(signature.inputs)
+    for i, array in enumerate(memory[:n_in]):
+        buffer.set_arg(i, array.data)
+    for i, array in enumerate(memory[n_in:]):
+        buffer.set_res(i, array.data)
 
     def call() -> int:
         evaluate()
@@ -310,23 +360,23 @@ def _bind_interpreter(
     return call
 
 
-def _bind_library(
-    name: str, library: ctypes.CDLL, inputs: Sequence[Array], outputs: Sequence[Array]
-) -> Callable[[], int]:
+def _bind_library(library: ctypes.CDLL, signature: _Signature, memory: Sequence[Array]) -> Callable[[], int]:
+    name = signature.name
     sizes = [ctypes.c_longlong() for _ in range(4)]
     library[f"{name}_work"](*(ctypes.byref(size) for size in sizes))
     n_arg, n_res, n_iw, n_w = (size.value for size in sizes)
-    arg = (ctypes.c_void_p * max(n_arg, 1))(*(array.ctypes.data for array in inputs))
-    res = (ctypes.c_void_p * max(n_res, 1))(*(array.ctypes.data for array in outputs))
+    base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
+    steps = [0 if argument.stages is None else argument.size for argument in (*signature.inputs, *signature.outputs)]
+    slot = library[f"{name}_checkout"]()
+    plan = np.array([signature.stages, slot, *steps], dtype=np.int64)
+    arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
     iw, w = np.zeros(n_iw, dtype=np.int64), np.zeros(n_w)
-    memory = ctypes.c_int(library[f"{name}_checkout"]())
-    addresses = (ctypes.addressof(arg), ctypes.addressof(res), iw.ctypes.data, w.ctypes.data, ctypes.addressof(memory))
-    frame = (ctypes.c_void_p * 5)(*addresses)
-    call = functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
-    # The frame holds addresses only: whatever it points at has to live as long as the call.
-    frame.keep = (arg, res, iw, w, memory, tuple(inputs), tuple(outputs))  # type: ignore[attr-defined]
-    weakref.finalize(frame, library[f"{name}_release"], memory.value)
-    return call
+    parts = (base, plan, arg, res, iw, w)
+    frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
+    # The frame holds addresses only: whatever they point at has to live as long as the frame.
+    frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
+    weakref.finalize(frame, library[f"{name}_release"], slot)
+    return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 
 def _generate(function: casadi.Function) -> str:
@@ -336,7 +386,7 @@ def _generate(function: casadi.Function) -> str:
         code = str(generator.dump())
     except RuntimeError as error:
         raise CompileError(function.name(), "CasADi code generation", str(error)) from error
-    return code + _ENTRY.format(name=function.name())
+    return code + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
 
 
 def _load(function: casadi.Function, compiler: Compiler, progress: Progress | None) -> ctypes.CDLL:

@@ -34,45 +34,39 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
         parts = key.split(".")
         if not equals or not all(parts):
             raise ConfigError(COMMAND_LINE, "", text or "nothing", "key=value, such as mpc.enabled=false")
-        _write(data, parts, parse_scalar(value_text, key, COMMAND_LINE))
+        made = _write(data, parts, parse_scalar(value_text, key, COMMAND_LINE))
         for stale in [place for place in places if place.startswith(f"{key}.")]:
             del places[stale]
-        places[key] = COMMAND_LINE
+        places.update(dict.fromkeys([*made, key], COMMAND_LINE))
     return places
 
 
-def _write(data: dict[str, Any], parts: list[str], value: Any) -> None:
-    """Put ``value`` at the end of the path ``parts``, making tables that are not there yet."""
+def _write(data: dict[str, Any], parts: list[str], value: Any) -> list[str]:
+    """Put ``value`` at the end of the path ``parts``; return the dotted keys of the tables made on the way."""
+    made = []
     here: Any = data
     for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
         path = ".".join(parts[: depth + 1])
-        if isinstance(here, dict):
-            if last:
-                here[part] = value
-            else:
-                if here.get(part) is None:
-                    here[part] = {}
-                here = here[part]
-        elif isinstance(here, list):
-            position = int(part) if part.isdecimal() else -1
-            if not 0 <= position <= len(here):
+        key: Any = part
+        if isinstance(here, list):
+            key = int(part) if part.isdecimal() else -1
+            if not 0 <= key <= len(here):
                 raise ConfigError(
                     COMMAND_LINE,
                     path,
                     f"position {part}",
                     f"a position from 0 to {len(here)} (the list has {len(here)})",
                 )
-            if position == len(here):
+            if key == len(here):
                 here.append(None)
-            if last:
-                here[position] = value
-            else:
-                if here[position] is None:
-                    here[position] = {}
-                here = here[position]
-        else:
+        elif not isinstance(here, dict):
             outer = ".".join(parts[:depth])
-            raise ConfigError(
-                COMMAND_LINE, path, f"a key below {outer} = {here}", f"no key below it: {outer} is a plain value"
-            )
+            raise ConfigError(COMMAND_LINE, path, f"a key below {outer} = {here}", f"none: {outer} is a plain value")
+        if depth == len(parts) - 1:
+            here[key] = value
+        else:
+            if (here.get(key) if isinstance(here, dict) else here[key]) is None:
+                here[key] = {}
+                made.append(path)
+            here = here[key]
+    return made

@@ -1,0 +1,29 @@
+"""What is said about configs that are not wrong."""
+
+import pytest
+
+from lgmpc.config import parse_config
+from lgmpc.config.notes import notes_on
+
+
+def test_nothing_to_say_about_a_plain_config(small: str) -> None:
+    assert notes_on(parse_config(small)) == ()
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("duration_s=1", "pushes.0 begins at 2 s, after the end of the run (1 s)"),
+        ("duration_s=2.1", "pushes.0 is cut short"),
+        ("gate.steady_from_s=20", "gate.steady_from_s is after the end"),
+        ("wbc.friction=0.7", "wbc.friction (0.7) is above the floor's (0.6)"),
+        ("mpc.friction=0.7", "mpc.friction (0.7) is above the floor's (0.6)"),
+    ],
+)
+def test_what_was_probably_not_meant_is_said(small: str, override: str, words: str) -> None:
+    (note,) = notes_on(parse_config(small, overrides=[override]))
+    assert words in note
+
+
+def test_an_mpc_that_is_off_needs_no_note(small: str) -> None:
+    assert notes_on(parse_config(small, overrides=["mpc.friction=0.7", "mpc.enabled=false"])) == ()

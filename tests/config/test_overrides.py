@@ -1,0 +1,67 @@
+"""Changes from the command line."""
+
+from typing import Any
+
+import pytest
+
+from lgmpc.config.overrides import apply_overrides
+from lgmpc.errors import ConfigError
+
+
+def changed(*overrides: str) -> dict[str, Any]:
+    data: dict[str, Any] = {"a": {"b": 1, "empty": None}, "list": [{"x": 1}, {"x": 2}], "plain": 3}
+    apply_overrides(data, overrides)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("override", "path", "value"),
+    [
+        ("a.b=2.5", ("a", "b"), 2.5),
+        ("a.b=[0, 3, 0]", ("a", "b"), [0, 3, 0]),
+        ("a.b=true", ("a", "b"), True),
+        ("a.b=", ("a", "b"), None),
+        ("a.b=x=y", ("a", "b"), "x=y"),
+        ("a.new.deep=1", ("a", "new", "deep"), 1),
+        ("a.empty.deep=1", ("a", "empty", "deep"), 1),
+        ("list.1.x=5", ("list", 1, "x"), 5),
+        ("list.2={x: 3}", ("list", 2, "x"), 3),
+        ("list.2.x=3", ("list", 2, "x"), 3),
+        ("list=[]", ("list",), []),
+        (" a.b =7", ("a", "b"), 7),
+    ],
+)
+def test_a_change_arrives(override: str, path: tuple[Any, ...], value: object) -> None:
+    here: Any = changed(override)
+    for part in path:
+        here = here[part]
+    assert here == value
+
+
+def test_later_changes_see_earlier_ones() -> None:
+    assert changed("list=[]", "list.0={x: 9}", "list.0.x=8")["list"] == [{"x": 8}]
+
+
+def test_places_are_those_of_the_last_change() -> None:
+    data: dict[str, Any] = {}
+    assert apply_overrides(data, ["a.b=1", "a={b: 2}"]) == {"a": "--set"}
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("a.b", "--set: got a.b; expected key=value"),
+        ("", "--set: got nothing; expected key=value"),
+        ("=3", "--set: got =3; expected key=value"),
+        ("a..b=3", "--set: got a..b=3; expected key=value"),
+        ("list.5.x=3", "--set: list.5: got position 5; expected a position from 0 to 2"),
+        ("list.x=3", "--set: list.x: got position x"),
+        ("list.-1=3", "--set: list.-1: got position -1"),
+        ("plain.x=3", "--set: plain.x: got a key below plain = 3"),
+        ("a.b=[1", "--set: a.b: got [1; expected a YAML value"),
+    ],
+)
+def test_a_change_that_cannot_be_made_says_why(override: str, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        changed(override)
+    assert str(caught.value).startswith(message)

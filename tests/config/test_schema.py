@@ -1,0 +1,76 @@
+"""The shape of configs: documented, and in step with what it describes and with the file that editors read."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from lgmpc.config.json_schema import json_schema_text
+from lgmpc.config.schema import Config, GateSection, MpcSection, PlantSection, RobotSection, WbcSection
+from lgmpc.runs import Gate
+
+SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
+
+
+def sections(annotation: Any) -> list[type[Any]]:
+    if isinstance(annotation, type):
+        return [annotation] if hasattr(annotation, "model_fields") else []
+    return [found for inner in get_args(annotation) for found in sections(inner)]
+
+
+def all_sections(root: type[Any]) -> list[type[Any]]:
+    found = [root]
+    for field in root.model_fields.values():
+        for inner in sections(field.annotation):
+            found += all_sections(inner)
+    return found
+
+
+@pytest.mark.parametrize("section", all_sections(Config), ids=lambda section: section.__name__)
+def test_every_key_is_described_and_the_unit_of_its_name_is_explained(section: type[Any]) -> None:
+    words = {
+        "_hz": "Hz",
+        "_s": " s",
+        "_m": " m",
+        "_deg": "degrees",
+        "_rad": "rad",
+        "_n": "N",
+        "_nm": "N.m",
+        "_kg": "kg",
+    }
+    for name, field in section.model_fields.items():
+        assert field.description, f"{section.__name__}.{name}"
+        unit = name[name.rfind("_") :] if "_" in name else ""
+        if unit in words:
+            assert words[unit].strip() in field.description, f"{section.__name__}.{name} does not say {words[unit]}"
+
+
+def test_the_gate_section_has_exactly_the_limits_that_runs_are_judged_by() -> None:
+    assert set(GateSection.model_fields) == {field.name for field in dataclasses.fields(Gate)}
+
+
+def keys(schema: Any) -> Any:
+    """Keep what pydantic's versions agree on: the keys, their descriptions and defaults."""
+    definitions = {"Config": schema, **schema["$defs"]}
+    return {
+        (name, key): (value.get("description"), value.get("default"))
+        for name, definition in definitions.items()
+        for key, value in definition["properties"].items()
+    }
+
+
+def test_the_schema_for_editors_is_up_to_date() -> None:
+    written, now = json.loads(SCHEMA_FILE.read_text(encoding="utf-8")), json.loads(json_schema_text())
+    assert keys(written) == keys(now), "write it anew: lgmpc schema --out configs/schema.json"
+
+
+def test_shipped_configs_name_the_schema(shipped: Path) -> None:
+    assert shipped.read_text(encoding="utf-8").startswith(f"# yaml-language-server: $schema={SCHEMA_FILE.name}\n")
+
+
+def test_sections_have_defaults_that_can_run() -> None:
+    for section in (PlantSection, MpcSection, WbcSection):
+        assert section() == section.model_validate({})
+    assert RobotSection(model="solo12").contact_radius_m == 0.0

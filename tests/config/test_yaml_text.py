@@ -1,0 +1,117 @@
+"""YAML in and out: YAML 1.2's plain values, places, and every way in which a text can be broken."""
+
+import math
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
+from lgmpc.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 1e-3),
+        ("1E3", 1000.0),
+        ("3.6e-4", 3.6e-4),
+        ("1.", 1.0),
+        (".5", 0.5),
+        ("-.inf", -math.inf),
+        ("012", 12),
+        ("12:30", "12:30"),
+        ("no", "no"),
+        ("on", "on"),
+        ("True", True),
+        ("~", None),
+        ("", None),
+        ("1_000", "1_000"),
+        ("2026-01-01", "2026-01-01"),
+        ("[0, 3, 0]", [0, 3, 0]),
+        ("{a: 1}", {"a": 1}),
+    ],
+)
+def test_plain_values_mean_what_yaml_1_2_says(text: str, value: object) -> None:
+    got = parse_yaml(f"x: {text}", "f.yaml")[0]["x"]
+    assert got == value and type(got) is type(value)
+
+
+def test_nan_is_read_as_a_number() -> None:
+    assert math.isnan(parse_yaml("x: .nan", "f.yaml")[0]["x"])
+
+
+def test_every_key_has_its_line() -> None:
+    _, places = parse_yaml("a: 1\nb:\n  c: 2\n  d: [5, {e: 6}]\n", "f.yaml")
+    assert places == {
+        "a": "f.yaml:1",
+        "b": "f.yaml:2",
+        "b.c": "f.yaml:3",
+        "b.d": "f.yaml:4",
+        "b.d.0": "f.yaml:4",
+        "b.d.1": "f.yaml:4",
+        "b.d.1.e": "f.yaml:4",
+    }
+
+
+def test_merge_keys_and_anchors_work() -> None:
+    data, _ = parse_yaml("a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}\n", "f.yaml")
+    assert data["b"] == {"x": 1, "y": 3}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("a: [1,\nb: 2", 2, "broken YAML"),
+        ("a: 1\n\tb: 2", 2, "a tab"),
+        ("a: b: c", 1, "mapping values are not allowed"),
+        ("a: 'x\nb: 1\n", 3, "end of stream"),
+        ("a: *x", 1, "undefined alias 'x'"),
+        ("a: 1\nb: 2\na: 3", 3, "first in line 1"),
+        ("a:\n  b: 1\n  b: 2", 3, "a.b: got the key a second time"),
+        ("1: 2", 1, "the key 1"),
+        ("? [1]\n: 2", 1, "a list or table as key"),
+        ("- &x [*x]", 1, "an alias of something around it"),
+        ("a: !!python/object/apply:os.system [ls]", 1, "tag"),
+        ("ok: 1\nbad: \x00", 2, "U+0000"),
+        ("--- 1\n--- 2", 2, "another document"),
+    ],
+)
+def test_broken_text_names_its_line(text: str, line: int, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_yaml(text, "f.yaml")
+    assert str(caught.value).startswith(f"f.yaml:{line}:")
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["a: !!int abc", "[" * 3000])
+def test_text_that_breaks_the_parser_is_a_config_error(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"^f\.yaml"):
+        parse_yaml(text, "f.yaml")
+
+
+def test_a_broken_value_on_the_command_line_names_its_key() -> None:
+    with pytest.raises(ConfigError, match=r"--set: mpc\.rate_hz: got \[1; expected a YAML value"):
+        parse_scalar("[1", "mpc.rate_hz", "--set")
+
+
+names = st.from_regex(r"[A-Za-z_*?][A-Za-z0-9_*?.-]{0,8}", fullmatch=True)
+scalars = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**12), 10**12)
+    | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=12)
+    | st.sampled_from(["1e-3", "12:30", "no", "null", "~", "1.0", "0x1", "<<", "2026-01-01", "-", "1_0"])
+)
+data = st.dictionaries(
+    names, st.recursive(scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=3))
+)
+
+
+@given(data)
+def test_what_is_written_is_read_back(value: dict[str, object]) -> None:
+    text = write_yaml(value)
+    assert parse_yaml(text, "f.yaml")[0] == value
+    assert yaml.safe_load(text) == value, "readers of YAML 1.1 see the same"

@@ -1,0 +1,218 @@
+"""What a robot model lacks: checks that name the joint, link or frame, the number found, and what to give instead."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import nearest
+from lgmpc.robot.actuators import ActuatedJoint
+from lgmpc.robot.model import is_floating
+from lgmpc.typing import Array, BoolArray
+
+__all__ = [
+    "ModelReport",
+    "check_contact_frames",
+    "check_inertias",
+    "check_limits",
+    "check_mass_matrix",
+    "check_mimic",
+    "check_posture",
+]
+
+_FASTEST = 200.0
+"""rad/s or m/s: no joint of a robot with a gearbox reaches it, so a limit above it is a placeholder."""
+
+_LIFTS = 10.0
+"""An actuator that holds this many of the whole robot, a joint at arm's length, is a placeholder."""
+
+
+@dataclass(frozen=True)
+class ModelReport:
+    """Everything found in a model.
+
+    Attributes:
+        robot: its name.
+        problems: what forbids its use.
+        notes: what is worth knowing, but not wrong.
+    """
+
+    robot: str
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the model can be used."""
+        return not self.problems
+
+
+def check_contact_frames(model: pin.Model, frames: Sequence[str]) -> list[str]:
+    """Return a problem for each contact frame that is missing, and one if the base cannot move."""
+    names = tuple(dict.fromkeys(frame.name for frame in model.frames[1:]))
+    problems = []
+    for frame in frames:
+        if frame not in names:
+            close = nearest(frame, names)
+            hint = f"did you mean {' or '.join(close)}?" if close else f"there are {_some(names, 8)}"
+            problems.append(f"contact frame '{frame}' is not in the model; {hint}")
+    if frames and not is_floating(model):
+        problems.append(
+            f"contact_frames are given ({_some(frames)}) but the base is fixed: a robot on feet needs a free-flyer"
+            " (floating_base: true)"
+        )
+    if is_floating(model):
+        for parent, name, joint in zip(model.parents[2:], model.names[2:], model.joints[2:], strict=True):
+            if parent == 1 and joint.shortname() == "JointModelFreeFlyer":
+                problems.append(
+                    f"the URDF's root has a floating joint of its own, '{name}': a second free-flyer above it makes the"
+                    " dynamics singular (floating_base: false)"
+                )
+    return problems
+
+
+def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
+    """Return problems and notes about the inertia of each rigid body.
+
+    A body's inertia about its centre of mass must be positive semi-definite, and no principal moment may exceed the sum
+    of the other two. Bodies without mass are noted: whether they matter shows in the mass matrix.
+    """
+    problems: list[str] = []
+    massless: list[str] = []
+    for index in range(1, model.njoints):
+        body, inertia = _body_name(model, index), model.inertias[index]
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        tolerance = 1e-12 + 1e-6 * float(np.abs(moments).max())
+        if not np.isfinite(inertia.toDynamicParameters()).all():
+            problems.append(f"{body}: its inertia is not finite")
+        elif inertia.mass < 0:
+            problems.append(f"{body}: its mass is negative, {inertia.mass:g} kg")
+        elif moments[0] < -tolerance:
+            problems.append(f"{body}: its inertia is not positive definite; moments {_moments(moments)} kg.m2")
+        elif moments[2] > moments[0] + moments[1] + tolerance:
+            problems.append(
+                f"{body}: its inertia violates the triangle inequality, as no body's can; moments"
+                f" {_moments(moments)} kg.m2"
+            )
+        elif inertia.mass == 0:
+            massless.append(body)
+    if is_floating(model) and model.inertias[1].mass == 0:
+        problems.append(f"{_body_name(model, 1)}: the floating base has no mass (missing <inertial>?)")
+        massless.remove(_body_name(model, 1))
+    notes = [f"no mass: {_some(massless)}"] if massless else []
+    return problems, notes
+
+
+def check_mass_matrix(model: pin.Model, q: Array, joints: Iterable[ActuatedJoint]) -> list[str]:
+    """Return a problem naming the joints that move no inertia, or that the mass matrix is singular otherwise."""
+    mass_matrix = pin.crba(model, model.createData(), q)
+    mass_matrix = np.triu(mass_matrix) + np.triu(mass_matrix, 1).T
+    diagonal = np.diag(mass_matrix)
+    idle = [joint.name for joint in joints if (diagonal[joint.v] < 1e-12).any()]
+    if idle:
+        return [
+            f"joints that move no inertia: {_some(idle)}; give the links after them an <inertial>, or the joints an"
+            " armature"
+        ]
+    if model.nv and float(np.linalg.eigvalsh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))[0]) < 1e-12:
+        return ["its mass matrix is singular in the reference posture: some links lack inertia"]
+    return []
+
+
+def check_limits(
+    joints: Sequence[ActuatedJoint],
+    effort: Array,
+    velocity: Array,
+    lower: Array,
+    upper: Array,
+    weight: float,
+    reach: float,
+) -> tuple[list[str], list[str]]:
+    """Return problems and notes about limits that never bind, or that forbid all motion.
+
+    Args:
+        joints: the actuated joints.
+        effort: (nv,) as the URDF has them; entries given by the user are NaN and not judged.
+        velocity: (nv,) likewise.
+        lower: (nq,) lowest positions.
+        upper: (nq,) highest positions.
+        weight: of the robot, N.
+        reach: length of its longest chain, m.
+    """
+    problems: list[str] = []
+    strongest = {False: _LIFTS * weight * reach, True: _LIFTS * weight}
+    efforts = np.array([strongest[joint.prismatic] for joint in joints])
+    speeds = np.full(len(joints), _FASTEST)
+    kinds = (("effort", effort, efforts, "N.m"), ("velocity", velocity, speeds, "rad/s"))
+    for kind, values, bounds, unit in kinds:
+        endless = [j for j, bound in zip(joints, bounds, strict=True) if bool((values[j.v] > bound).any())]
+        zero = [j for j in joints if bool((values[j.v] <= 0).any())]
+        for group, verdict in ((endless, "never binds"), (zero, "forbids all motion")):
+            if group:
+                found = sorted({float(values[j.v].max()) for j in group})
+                shown = " to ".join(_number(x, unit) for x in dict.fromkeys((found[0], found[-1])))
+                names = _some([j.name for j in group])
+                problems.append(f"the URDF's {kind} limit of {names} {verdict} ({shown}): give {kind}_limit")
+    scalar = [j for j in joints if j.scalar]
+    endless = [j for j in scalar if not _bounded(lower[j.q], upper[j.q]).all()]
+    if endless:
+        problems.append(f"no finite position limits: {_some([j.name for j in endless])}: give position_limit")
+    wide = [
+        j
+        for j in scalar
+        if j not in endless and not j.prismatic and float((upper[j.q] - lower[j.q]).max()) > 2 * math.pi
+    ]
+    notes = [f"position limits wider than a full turn: {_some([j.name for j in wide])}"] if wide else []
+    return problems, notes
+
+
+def check_posture(joints: Iterable[ActuatedJoint], q: Array, lower: Array, upper: Array) -> list[str]:
+    """Return a problem for each joint that the reference posture puts outside its limits."""
+    problems = []
+    for joint in joints:
+        if joint.scalar:
+            position, lowest, highest = (float(values[joint.q][0]) for values in (q, lower, upper))
+            if not lowest - 1e-9 <= position <= highest + 1e-9:
+                problems.append(
+                    f"the reference posture has {joint.name} at {position:.4g}, outside its limits"
+                    f" [{lowest:.4g}, {highest:.4g}]"
+                )
+    return problems
+
+
+def check_mimic(model: pin.Model, urdf: Path) -> list[str]:
+    """Return a note if joints of the URDF mimic others, which they do not do here."""
+    tagged = (joint for joint in ElementTree.parse(urdf).iterfind("joint") if joint.find("mimic") is not None)
+    mimics = [name for name in (str(joint.get("name")) for joint in tagged) if model.existJointName(name)]
+    return [f"joints that mimic another in the URDF move on their own here: {_some(mimics)}"] if mimics else []
+
+
+def _bounded(lower: Array, upper: Array) -> BoolArray:
+    return np.asarray((np.abs(lower) < 1e300) & (np.abs(upper) < 1e300))
+
+
+def _body_name(model: pin.Model, joint: int) -> str:
+    for frame in model.frames:
+        if frame.type == pin.BODY and frame.parentJoint == joint:
+            return f"link '{frame.name}'"
+    return f"the body of joint '{model.names[joint]}'"
+
+
+def _moments(moments: Array) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:g} {unit}" if value < 1e300 else "infinite"
+
+
+def _some(names: Sequence[str], most: int = 4) -> str:
+    """Return up to ``most`` names, and how many more there are."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -1,0 +1,158 @@
+"""Load a robot: find the files, build the model, give it limits and a posture, and check it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import ModelError
+from lgmpc.robot import checks
+from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values
+from lgmpc.robot.model import Robot, frame_index, is_floating
+from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground, reference_posture
+from lgmpc.robot.sources import ResolvedSource, build_model, resolve
+from lgmpc.robot.spec import RobotSpec
+from lgmpc.typing import Array
+
+__all__ = ["check_model", "load_robot"]
+
+
+def load_robot(spec: RobotSpec) -> Robot:
+    """Load the robot that ``spec`` describes. No mesh is read.
+
+    Raises:
+        InputError: the robot's name is unknown (the nearest are named), or a file does not exist.
+        ModelError: the URDF cannot be read, or the model lacks something; all problems are listed.
+    """
+    robot, report = _load(spec)
+    if report.problems:
+        raise ModelError(report.robot, report.problems)
+    return robot
+
+
+def check_model(spec: RobotSpec) -> checks.ModelReport:
+    """Return everything that ``load_robot`` would complain about, and notes on what is unusual but not wrong.
+
+    Raises:
+        InputError: the robot's name is unknown, or a file does not exist.
+        ModelError: the URDF cannot be read at all.
+    """
+    return _load(spec)[1]
+
+
+@dataclass(frozen=True)
+class _Actuators:
+    effort: Array
+    velocity: Array
+    armature: Array
+    problems: list[str]
+    notes: list[str]
+
+
+def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
+    source = resolve(spec)
+    model, notes = build_model(source)
+    name = spec.model or model.name
+    _read_srdf(model, source)
+    joints = actuated_joints(model)
+    actuators = _set_actuators(model, joints, spec)
+    q, posture_problems, posture_notes = reference_posture(model, joints, spec.posture, source.posture)
+
+    inertia_problems, inertia_notes = checks.check_inertias(model)
+    frame_problems = checks.check_contact_frames(model, spec.contact_frames)
+    problems = [*actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
+    problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
+    if not inertia_problems:
+        problems += checks.check_mass_matrix(model, q, joints)
+
+    ids = () if frame_problems else tuple(frame_index(model, frame) for frame in spec.contact_frames)
+    q = put_on_ground(model, q, ids, spec.contact_radius)
+    heights = contact_heights(model, q, ids, spec.contact_radius) if ids else np.zeros(1)
+    uneven = (
+        [f"in the reference posture the contact points differ by {1e3 * np.ptp(heights):.1f} mm in height"]
+        if np.ptp(heights) > LEVEL_TOLERANCE
+        else []
+    )
+    mimics = checks.check_mimic(model, source.files.urdf)
+    notes = (*notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
+    lower, upper = _degree_limits(model, joints)
+    start = 6 if is_floating(model) else 0
+    robot = Robot(
+        name=name,
+        model=model,
+        contact_frames=tuple(spec.contact_frames),
+        contact_ids=ids,
+        contact_radius=float(spec.contact_radius),
+        q_reference=q,
+        effort_limit=actuators.effort[start:],
+        velocity_limit=actuators.velocity[start:],
+        joint_lower=lower[start:],
+        joint_upper=upper[start:],
+        armature=actuators.armature[start:],
+        source=source.files,
+        notes=notes,
+    )
+    return robot, checks.ModelReport(name, tuple(problems), notes)
+
+
+def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
+    if source.files.srdf is not None:
+        path = str(source.files.srdf)
+        if "<rotor_params" in source.files.srdf.read_text(encoding="utf-8", errors="replace"):
+            pin.loadRotorParameters(model, path, False)
+            model.armature = np.asarray(model.rotorInertia) * np.asarray(model.rotorGearRatio) ** 2
+        pin.loadReferenceConfigurations(model, path, False)
+
+
+def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:
+    """Write limits and armature into the model, and say what is wrong with those that the files gave."""
+    unknown = np.full(model.nv, np.nan)
+    given_effort, effort_problems = joint_values(spec.effort_limit, joints, unknown, "effort_limit")
+    given_velocity, velocity_problems = joint_values(spec.velocity_limit, joints, unknown, "velocity_limit")
+    armature, armature_problems = joint_values(spec.armature, joints, np.asarray(model.armature), "armature")
+
+    def own_range(joint: ActuatedJoint) -> tuple[float, float]:
+        return float(model.lowerPositionLimit[joint.q][0]), float(model.upperPositionLimit[joint.q][0])
+
+    ranges, range_problems = joint_ranges(spec.position_limit, joints, own_range)
+    lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+    for joint in joints:
+        if joint.name in ranges:
+            lower[joint.q], upper[joint.q] = ranges[joint.name]
+
+    own_effort = np.where(np.isnan(given_effort), model.effortLimit, np.nan)
+    own_velocity = np.where(np.isnan(given_velocity), model.velocityLimit, np.nan)
+    weight = float(pin.computeTotalMass(model)) * 9.81
+    urdf_limits = (own_effort, own_velocity, lower, upper)
+    limit_problems, notes = checks.check_limits(joints, *urdf_limits, weight=weight, reach=_reach(model))
+
+    effort = np.where(np.isnan(given_effort), model.effortLimit, given_effort)
+    velocity = np.where(np.isnan(given_velocity), model.velocityLimit, given_velocity)
+    model.effortLimit, model.velocityLimit, model.armature = effort, velocity, armature
+    if hasattr(model, "lowerEffortLimit"):  # Pinocchio keeps both signs; its setters above write only the upper one.
+        model.lowerEffortLimit, model.lowerVelocityLimit = -effort, -velocity
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    problems = [*effort_problems, *velocity_problems, *armature_problems, *range_problems, *limit_problems]
+    return _Actuators(effort, velocity, armature, problems, notes)
+
+
+def _degree_limits(model: pin.Model, joints: tuple[ActuatedJoint, ...]) -> tuple[Array, Array]:
+    """Return (nv,) position limits of each degree of freedom, infinite where a joint's position is not one number."""
+    lower, upper = np.full(model.nv, -math.inf), np.full(model.nv, math.inf)
+    for joint in joints:
+        if joint.scalar:
+            lower[joint.v] = model.lowerPositionLimit[joint.q]
+            upper[joint.v] = model.upperPositionLimit[joint.q]
+    return lower, upper
+
+
+def _reach(model: pin.Model) -> float:
+    """Return the length of the longest chain of joints, m: no centre of mass is further from a joint's axis."""
+    reach = [0.0] * int(model.njoints)
+    for index in range(1, model.njoints):
+        reach[index] = reach[model.parents[index]] + float(np.linalg.norm(model.jointPlacements[index].translation))
+    levers = (float(np.linalg.norm(inertia.lever)) for inertia in model.inertias)
+    return max(length + lever for length, lever in zip(reach, levers, strict=True))

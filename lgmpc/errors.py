@@ -23,6 +23,10 @@ __all__ = [
 ]
 
 
+MOST_CHOICES = 12
+"""How many valid choices a message lists; the attribute ``choices`` has all."""
+
+
 def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...]:
     """Return up to ``count`` of ``choices`` that look most like ``word``, best first (case is ignored)."""
     by_lower = {choice.lower(): choice for choice in choices}
@@ -66,7 +70,9 @@ class InputError(LgmpcError, ValueError):
         if self.suggestions:
             return f"{text}. Did you mean {' or '.join(self.suggestions)}?"
         if self.choices:
-            return f"{text}. Valid: {', '.join(self.choices)}"
+            more = len(self.choices) - MOST_CHOICES
+            rest = f" and {more} more" if more > 0 else ""
+            return f"{text}. Valid: {', '.join(self.choices[:MOST_CHOICES])}{rest}"
         return text
 
 

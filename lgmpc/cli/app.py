@@ -145,6 +145,7 @@ def play(
             help="Write one self-contained page to this file instead of opening a viewer.", show_default=False
         ),
     ] = None,
+    port: Annotated[int, typer.Option(help="Port of the viewer on this machine; 0 takes any free one.")] = 0,
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Replay a run in the browser: robot, forces, friction cones, pushes, horizon."""
@@ -153,7 +154,7 @@ def play(
     folder = find_run(run, runs)
     from lgmpc.cli.showing import play_run
 
-    play_run(folder, html)
+    play_run(folder, html, port)
 
 
 @app.command()
@@ -190,7 +191,8 @@ def check(
     from lgmpc.config.build import build_robot
     from lgmpc.config.notes import notes_on
 
-    show_checked(loaded, build_robot(loaded), notes_on(loaded))
+    robot = build_robot(loaded)
+    show_checked(loaded, robot, (*notes_on(loaded), *robot.notes))
 
 
 @app.command()

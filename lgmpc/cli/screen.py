@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.errors import ConfigError, LgmpcError, RunFolderError
+from lgmpc.errors import ConfigError, LgmpcError, ModelError, RunFolderError
 
 if TYPE_CHECKING:
     from lgmpc.config import Config
@@ -31,6 +31,9 @@ __all__ = [
 MOST_PROBLEMS = 12
 """How many problems of one config are shown: a screen's worth."""
 
+LONGEST_PROBLEM = 400
+"""How many characters of one of several problems are shown."""
+
 ISSUES_URL = "the project's issue tracker"
 
 
@@ -47,17 +50,27 @@ def err() -> Console:
 def show_error(error: LgmpcError) -> None:
     """Print what the user did wrong and, where it helps, what to do next."""
     console = err()
-    problems = error.problems if isinstance(error, ConfigError) else ()
-    if len(problems) > 1:
-        console.print(Text.assemble(("error: ", "bold red"), f"{len(problems)} problems in the config"))
-        for problem in problems[:MOST_PROBLEMS]:
-            console.print(Text(f"  - {problem}"))
-        if len(problems) > MOST_PROBLEMS:
-            console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
-    else:
-        console.print(Text.assemble(("error: ", "bold red"), str(error)))
+    head, problems = _parts(error)
+    console.print(Text.assemble(("error: ", "bold red"), head))
+    for problem in problems[:MOST_PROBLEMS]:
+        console.print(Text(f"  - {_shorten(problem)}"))
+    if len(problems) > MOST_PROBLEMS:
+        console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
     if isinstance(error, RunFolderError) and "does not exist" in str(error):
         console.print("hint: `latest` means the newest run in runs/", style="dim")
+
+
+def _parts(error: LgmpcError) -> tuple[str, list[str]]:
+    """Return a headline and, if there are several problems, all of them."""
+    if isinstance(error, ModelError):
+        return f"robot '{error.robot}' cannot be used", list(error.problems)
+    if isinstance(error, ConfigError) and len(error.problems) > 1:
+        return f"{len(error.problems)} problems in the config", [str(problem) for problem in error.problems]
+    return str(error), []
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= LONGEST_PROBLEM else text[: LONGEST_PROBLEM - 4] + " ..."
 
 
 def show_interrupted() -> None:

@@ -24,7 +24,7 @@ class ComCircleReference(Section):
     radius_m: Positive = Field(default=0.03, description="Radius of the circle, m.")
     frequency_hz: Positive = Field(default=0.5, description="Turns per second, Hz.")
     start_s: NonNegative = Field(default=1.0, description="When the movement begins, s.")
-    ramp_s: NonNegative = Field(default=1.0, description="Time over which the radius grows from 0, s.")
+    ramp_s: Positive = Field(default=1.0, description="Time over which the radius grows from 0, s.")
 
 
 ReferenceSection = Annotated[

@@ -1,0 +1,40 @@
+"""``lgmpc play`` and ``lgmpc plot``: from a run folder to a replay or figures."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from rich.text import Text
+
+from lgmpc.cli.screen import out
+from lgmpc.config import parse_config
+from lgmpc.config.build import build_robot
+from lgmpc.robot import Robot
+from lgmpc.runs import Run, RunFolder
+
+__all__ = ["play_run", "plot_run"]
+
+
+def play_run(folder: Path, html: Path | None, port: int) -> None:
+    """Serve the replay of a run until Ctrl-C, or write it to ``html``."""
+    from lgmpc.viz.replay import export_html, play
+
+    run = RunFolder.load(folder)
+    robot = _robot_of(run)
+    if html is None:
+        play(robot, run, port=port, open_browser=_has_desktop())
+        return
+    page = export_html(robot, run, html)
+    out().print(Text(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB): open it in any browser"))
+
+
+def _robot_of(run: Run) -> Robot:
+    """Load the robot that a run was made with."""
+    return build_robot(parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path))
+
+
+def _has_desktop() -> bool:
+    """Return whether a browser window can be expected to open here."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

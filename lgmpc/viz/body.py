@@ -1,0 +1,170 @@
+"""The robot's looks: its visual meshes, or a stick figure where it has none, moved by its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, IntArray
+from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, sphere
+from lgmpc.viz.scene import Material, Scene
+
+__all__ = ["Body", "Part", "load_body"]
+
+# From the trunk outwards; a model without colours of its own is painted in these.
+_PALETTE = (0x34414F, 0xC9D1D9, 0x8794A3, 0x5D6B7A)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One rigid mesh.
+
+    Attributes:
+        joint: index of the joint that moves it.
+        name: its name, unique.
+        mesh: triangles in its own frame.
+        placement: its frame in the joint's.
+        material: how it looks.
+    """
+
+    joint: int
+    name: str
+    mesh: Mesh
+    placement: pin.SE3
+    material: Material
+
+
+@dataclass(frozen=True)
+class Body:
+    """A robot as it is drawn.
+
+    Attributes:
+        robot: the robot.
+        parts: its meshes.
+    """
+
+    robot: Robot
+    parts: tuple[Part, ...]
+
+    def add_to(self, scene: Scene) -> None:
+        """Put every part into the scene, below ``/robot/<joint>``."""
+        for part in self.parts:
+            path = f"{self._path(part.joint)}/{part.name}"
+            scene.add_mesh(path, part.mesh, part.material)
+            scene.place(path, part.placement.translation, pin.Quaternion(part.placement.rotation).coeffs())
+
+    def animate(self, scene: Scene, times: Array, q: Array) -> None:
+        """Move the parts through the (n, nq) configurations ``q``, reached at ``times`` (n,)."""
+        model, data = self.robot.model, self.robot.create_data()
+        joints = sorted({part.joint for part in self.parts})
+        poses = np.empty((len(q), len(joints), 7))
+        for row, configuration in zip(poses, q, strict=True):
+            pin.forwardKinematics(model, data, configuration)
+            for column, joint in enumerate(joints):
+                row[column] = pin.SE3ToXYZQUAT(data.oMi[joint])
+        # q and -q are the same rotation, but interpolating from one to the other is not.
+        flips = np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=2) < 0.0
+        signs = np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)
+        poses[1:, :, 3:] *= signs[:, :, None]
+        for column, joint in enumerate(joints):
+            pose = poses[:, column]
+            scene.animate(self._path(joint), times, position=pose[:, :3], quaternion=pose[:, 3:])
+
+    def bounds(self, q: Array) -> tuple[Array, Array]:
+        """Return the lowest and highest corner (3,) of all parts at configuration ``q``, world axes."""
+        data = self.robot.create_data()
+        pin.forwardKinematics(self.robot.model, data, q)
+        clouds = []
+        for part in self.parts:
+            placement = data.oMi[part.joint] * part.placement
+            clouds.append(part.mesh.positions @ placement.rotation.T + placement.translation)
+        cloud = np.concatenate(clouds)
+        return cloud.min(axis=0), cloud.max(axis=0)
+
+    def trunk_half_sides(self) -> Array:
+        """Return half the extents (3,) of what moves with the first joint, in its axes; zero if nothing does."""
+        points = [
+            p.mesh.positions @ p.placement.rotation.T + p.placement.translation for p in self.parts if p.joint == 1
+        ]
+        half: Array = 0.5 * np.ptp(np.concatenate(points), axis=0).astype(np.float64) if points else np.zeros(3)
+        return half
+
+    def _path(self, joint: int) -> str:
+        return f"/robot/{self.robot.model.names[joint]}"
+
+
+def load_body(robot: Robot) -> Body:
+    """Read the visual meshes that the robot's URDF names; a robot without any gets a stick figure."""
+    parts = _visual_parts(robot)
+    return Body(robot, tuple(parts) if parts else tuple(_stick_figure(robot)))
+
+
+def _visual_parts(robot: Robot) -> list[Part]:
+    source = robot.source
+    try:
+        visuals = pin.buildGeomFromUrdf(
+            robot.model,
+            str(source.urdf),
+            pin.GeometryType.VISUAL,
+            package_dirs=[str(folder) for folder in source.package_dirs],
+        )
+    except (ValueError, RuntimeError):  # a mesh that is not there: the run is worth seeing without it
+        return []
+    depth = _depths(robot.model)
+    plain = len({tuple(np.round(g.meshColor, 3)) for g in visuals.geometryObjects}) == 1
+    meshes: dict[tuple[object, ...], Mesh | None] = {}
+    parts = []
+    for geometry in visuals.geometryObjects:
+        key = (geometry.meshPath or geometry.name, tuple(geometry.meshScale))
+        if key not in meshes:
+            meshes[key] = mesh_of(geometry.geometry)
+        mesh = meshes[key]
+        if mesh is None:
+            continue
+        joint = int(geometry.parentJoint)
+        color = _PALETTE[min(depth[joint], len(_PALETTE) - 1)] if plain else _rgb(geometry.meshColor)
+        opacity = 1.0 if plain else float(geometry.meshColor[3])
+        parts.append(Part(joint, geometry.name, mesh, geometry.placement, Material(color, opacity, shininess=40.0)))
+    return parts
+
+
+def _depths(model: Any) -> IntArray:
+    """Return how many joints lie between each joint and the trunk (the first joint, or the fixed base)."""
+    depth = np.zeros(model.njoints, dtype=np.int64)
+    for joint in range(2, model.njoints):
+        depth[joint] = depth[model.parents[joint]] + 1
+    return depth
+
+
+def _rgb(color: Sequence[float]) -> int:
+    red, green, blue = (round(255.0 * min(max(channel, 0.0), 1.0)) for channel in list(color)[:3])
+    return red << 16 | green << 8 | blue
+
+
+def _stick_figure(robot: Robot) -> list[Part]:
+    """Balls at the joints, bars to their children and to the contact frames."""
+    model = robot.model
+    ends = [(model.parents[j], model.names[j], model.jointPlacements[j].translation) for j in range(2, model.njoints)]
+    for frame_id in robot.contact_ids:
+        frame = model.frames[frame_id]
+        ends.append((frame.parentJoint, frame.name, frame.placement.translation))
+    size = max([float(np.linalg.norm(end)) for _, _, end in ends], default=0.1)
+    depth = _depths(model)
+    ball = sphere(0.06 * size)
+    parts = []
+    for joint in range(1, model.njoints):
+        material = Material(_PALETTE[min(depth[joint], len(_PALETTE) - 1)])
+        parts.append(Part(joint, f"ball_{model.names[joint]}", ball, pin.SE3.Identity(), material))
+    for joint, name, end in ends:
+        length = float(np.linalg.norm(end))
+        if length > 1e-9:
+            turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
+            material = Material(_PALETTE[min(depth[joint], len(_PALETTE) - 1)])
+            bar = cylinder(0.035 * size, 0.0, length)
+            parts.append(Part(int(joint), f"bar_{name}", bar, pin.SE3(turn, np.zeros(3)), material))
+    return parts

@@ -1,0 +1,150 @@
+"""Triangle meshes: made from profiles, taken from collision-library geometries, shaded with sharp creases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from lgmpc.typing import Array, IntArray
+
+__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "lathe", "mesh_of", "shade", "sphere"]
+
+CREASE_DEG = 35.0
+"""Faces that meet at a larger angle share an edge that is drawn sharp."""
+
+_SEGMENTS = 24
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with a normal per vertex.
+
+    Attributes:
+        positions: (n, 3) vertices, m.
+        normals: (n, 3) unit normals.
+        faces: (m, 3) vertex indices, counter-clockwise seen from outside.
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+def shade(vertices: Array, triangles: IntArray) -> Mesh:
+    """Give every corner the area-weighted mean normal of the faces around it that meet its own without a crease.
+
+    Args:
+        vertices: (n, 3) m.
+        triangles: (m, 3) indices.
+    """
+    corners = vertices[triangles]
+    area_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(area_normal, axis=1)
+    solid = length > 0.0
+    triangles, area_normal, length = triangles[solid], area_normal[solid], length[solid]
+    unit = area_normal / length[:, None]
+
+    # Every pair (i, j) of corners that share a vertex, ordered by i.
+    vertex = triangles.ravel()
+    face = np.repeat(np.arange(len(triangles)), 3)
+    order = np.argsort(vertex, kind="stable")
+    counts = np.bincount(vertex, minlength=len(vertices))
+    starts = np.concatenate(([0], np.cumsum(counts)))[:-1]
+    repeats = counts[vertex]
+    first = np.concatenate(([0], np.cumsum(repeats)))[:-1]
+    i = np.repeat(np.arange(len(vertex)), repeats)
+    j = order[starts[vertex[i]] + np.arange(len(i)) - first[i]]
+    smooth = np.einsum("ij,ij->i", unit[face[i]], unit[face[j]]) > np.cos(np.radians(CREASE_DEG))
+    normals = np.add.reduceat(np.where(smooth[:, None], area_normal[face[j]], 0.0), first, axis=0)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+
+    # Corners with the same vertex and the same normal become one again.
+    key = np.column_stack((vertex, np.round(normals * 256.0).astype(np.int64)))
+    _, kept, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return Mesh(
+        vertices[vertex[kept]].astype(np.float32),
+        normals[kept].astype(np.float32),
+        inverse.reshape(-1, 3).astype(np.uint32),
+    )
+
+
+def lathe(profile: Sequence[tuple[float, float]], segments: int = _SEGMENTS) -> Mesh:
+    """Turn a profile of (radius, height) points, listed from the bottom up, about the z axis.
+
+    Points on the axis close the body; without them it is an open surface.
+    """
+    angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    circle = np.column_stack((np.cos(angles), np.sin(angles)))
+    vertices: list[Array] = []
+    rings: list[IntArray] = []
+    for radius, height in profile:
+        count = 1 if radius == 0.0 else segments
+        start = sum(len(part) for part in vertices)
+        vertices.append(np.column_stack((radius * circle[:count], np.full(count, height))))
+        rings.append(np.resize(np.arange(start, start + count), segments))
+    faces = []
+    for lower, upper in zip(rings[:-1], rings[1:], strict=True):
+        following_lower, following_upper = np.roll(lower, -1), np.roll(upper, -1)
+        faces.append(np.column_stack((lower, following_lower, following_upper)))
+        faces.append(np.column_stack((lower, following_upper, upper)))
+    triangles = np.concatenate(faces)
+    distinct = (
+        (triangles[:, 0] != triangles[:, 1])
+        & (triangles[:, 1] != triangles[:, 2])
+        & (triangles[:, 2] != triangles[:, 0])
+    )
+    return shade(np.concatenate(vertices), triangles[distinct])
+
+
+def cylinder(radius: float, bottom: float, top: float) -> Mesh:
+    """Return a closed cylinder about z."""
+    return lathe([(0.0, bottom), (radius, bottom), (radius, top), (0.0, top)])
+
+
+def cone(radius: float, bottom: float, top: float) -> Mesh:
+    """Return a closed cone about z with its base at ``bottom`` and its apex at ``top``."""
+    return lathe([(0.0, bottom), (radius, bottom), (0.0, top)])
+
+
+def disc(radius: float, height: float = 0.0) -> Mesh:
+    """Return a disc about z that is seen from above."""
+    return lathe([(radius, height), (0.0, height)], segments=48)
+
+
+def sphere(radius: float, stretch: float = 0.0) -> Mesh:
+    """Return a sphere; with ``stretch`` > 0 a capsule about z whose cylindrical part is ``2 stretch`` long."""
+    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)
+    profile = [(radius * np.cos(a), radius * np.sin(a) + np.copysign(stretch, a)) for a in angles if a < 0.0]
+    profile += [(radius * np.cos(a), radius * np.sin(a) + stretch) for a in angles if a >= 0.0]
+    profile[0], profile[-1] = (0.0, -radius - stretch), (0.0, radius + stretch)
+    return lathe(profile)
+
+
+def box(half: Array) -> Mesh:
+    """Return a box about the origin with half sides ``half`` (3,)."""
+    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    return shade(signs * half, triangles)
+
+
+def mesh_of(geometry: Any) -> Mesh | None:
+    """Return the mesh of a coal geometry in its own frame; ``None`` for a kind that is not drawn (plane, ...)."""
+    if isinstance(geometry, coal.BVHModelBase):
+        corners = map(geometry.tri_indices, range(geometry.num_tris))
+        triangles = np.array([(t[0], t[1], t[2]) for t in corners], dtype=np.int64)
+        return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles.reshape(-1, 3))
+    if isinstance(geometry, coal.Box):
+        return box(np.asarray(geometry.halfSide))
+    if isinstance(geometry, coal.Sphere):
+        return sphere(geometry.radius)
+    if isinstance(geometry, coal.Cylinder):
+        return cylinder(geometry.radius, -geometry.halfLength, geometry.halfLength)
+    if isinstance(geometry, coal.Capsule):
+        return sphere(geometry.radius, geometry.halfLength)
+    return None

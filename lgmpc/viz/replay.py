@@ -1,0 +1,271 @@
+"""The replay of a run: one self-contained page, from a file or served to this machine only.
+
+The page holds the meshcat viewer, the scene, the animation and a time line; it works from ``file://`` and needs no
+network. See :mod:`lgmpc.viz.scene` for how the numbers travel.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import html
+import importlib.util
+import threading
+import webbrowser
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.robot import Robot
+from lgmpc.runs import Run, atomic_write, push_intervals
+from lgmpc.runs.atomic import reason_of
+from lgmpc.runs.metrics import tilt_deg
+from lgmpc.typing import Array
+from lgmpc.viz.body import Body, load_body
+from lgmpc.viz.overlay import COLORS, Frames, Scale, add_overlay
+from lgmpc.viz.scene import Scene
+from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
+
+__all__ = ["ReplayServer", "export_html", "play", "replay_page"]
+
+
+def export_html(robot: Robot, run: Run, file: Path | str) -> Path:
+    """Write the replay of a run as one self-contained page.
+
+    Args:
+        robot: the robot of the run.
+        run: the run folder, read.
+        file: the page to write; complete or not there.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        InputError: if the log has nothing to show or belongs to another robot.
+        RunFolderError: if the file cannot be written.
+        MissingDependencyError: if meshcat is not installed.
+    """
+    path = Path(file)
+    page = replay_page(robot, run)
+    with atomic_write(path) as stream:
+        stream.write(page.encode("utf-8"))
+    return path
+
+
+def play(
+    robot: Robot,
+    run: Run,
+    *,
+    port: int = 0,
+    open_browser: bool = False,
+    notify: Callable[[str], None] = print,
+) -> None:
+    """Serve the replay of a run on 127.0.0.1 until Ctrl-C.
+
+    Args:
+        robot: the robot of the run.
+        run: the run folder, read.
+        port: TCP port; 0 = any free one.
+        open_browser: open the page in the default browser.
+        notify: told the address.
+
+    Raises:
+        InputError: as :func:`export_html`, or if the port is taken.
+        MissingDependencyError: if meshcat is not installed.
+    """
+    with ReplayServer(replay_page(robot, run), port) as server:
+        notify(f"Replay of {run.path.name}: {server.url}  (Ctrl-C ends it)")
+        if open_browser:
+            webbrowser.open(server.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+
+
+class ReplayServer:
+    """Serves one page to this machine, from entering the context to leaving it.
+
+    Args:
+        page: the page.
+        port: TCP port; 0 = any free one.
+
+    Raises:
+        InputError: if the port cannot be had.
+    """
+
+    def __init__(self, page: str, port: int = 0) -> None:
+        content = page.encode("utf-8")
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:  # the name that the standard library asks for
+                found = self.path in ("/", "/index.html")
+                body = content if found else b"not found"
+                self.send_response(200 if found else 404)
+                self.send_header("Content-Type", "text/html; charset=utf-8")
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                with contextlib.suppress(ConnectionError):
+                    self.wfile.write(body)
+
+            def log_message(self, format: str, *args: object) -> None:
+                """Keep the terminal quiet."""
+
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except (OSError, OverflowError) as error:
+            reason = reason_of(error) if isinstance(error, OSError) else "out of range"
+            raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def __enter__(self) -> ReplayServer:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+def replay_page(robot: Robot, run: Run) -> str:
+    """Return the page's HTML.
+
+    Raises:
+        InputError: if the log has nothing to show or belongs to another robot.
+        MissingDependencyError: if meshcat is not installed.
+    """
+    log = run.log
+    if log.ticks == 0 or not (np.isfinite(log.q[0]).all() and np.isfinite(log.v[0]).all()):
+        raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run with something to show")
+    if log.q.shape[1] != robot.nq:
+        raise InputError("run", f"{run.path} with nq = {log.q.shape[1]}", f"a run of {robot.name} (nq = {robot.nq})")
+    viewer = _viewer_folder()
+    frames = Frames.of(log)
+    body = load_body(robot)
+    lowest, highest = body.bounds(log.q[0])
+    height = float(highest[2] - lowest[2])
+    weight = robot.mass * float(np.linalg.norm(robot.gravity))
+    scale = Scale.of(height, weight, len(log.contact_frames))
+
+    scene = Scene()
+    travel = log.base_pose[frames.ticks, :3]
+    fog = add_stage(scene, lowest, highest, travel)
+    body.add_to(scene)
+    body.animate(scene, frames.times, log.q[frames.ticks])
+    add_overlay(scene, log, frames, scale, body.trunk_half_sides())
+    impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
+    camera = frame_camera(lowest, highest, travel, impulses)
+    payload = scene.pack(_description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera})
+    assets = resources.files("lgmpc.viz") / "assets"
+    parts = {
+        "title": html.escape(f"{run.result.name} · lgmpc replay"),
+        "licences": _licences(viewer),
+        "style": (assets / "replay.css").read_text(encoding="utf-8"),
+        # Inside a script element only this sequence could end it.
+        "viewer": (viewer / "dist" / "main.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script"),
+        "payload": base64.b64encode(payload).decode("ascii"),
+        "script": (assets / "replay.js").read_text(encoding="utf-8"),
+    }
+    page, *rest = (assets / "replay.html").read_text(encoding="utf-8").split("@@")
+    for name, text in zip(rest[::2], rest[1::2], strict=True):
+        page += parts[name] + text
+    return page
+
+
+def _viewer_folder() -> Path:
+    # Found, not imported: meshcat's Python side brings sockets and notebooks that a page does not need.
+    spec = importlib.util.find_spec("meshcat")
+    if spec is None or not spec.submodule_search_locations:
+        raise MissingDependencyError("meshcat", "the replay", "pip install meshcat")
+    return Path(spec.submodule_search_locations[0]) / "viewer"
+
+
+def _licences(viewer: Path) -> str:
+    files = (viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt")
+    texts = [file.read_text(encoding="utf-8") for file in files if file.is_file()]
+    return "\n".join(texts).replace("--", "- -")
+
+
+def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str, object]:
+    """Return what the page's panels say."""
+    log, result = run.log, run.result
+    base = log.base_pose[frames.ticks]
+    origin = float(log.time[0])
+    moved = 1e3 * np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
+    tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
+    pushes = []
+    for push in push_intervals(log):
+        size, lasts = float(np.linalg.norm(push.impulse)), push.end - push.start
+        impulse = f"{size:.3g} N·s"
+        label = f"push {size / lasts:.3g} N for {lasts:.2g} s"
+        pushes.append({"start": push.start - origin, "end": push.end - origin, "impulse": impulse, "label": label})
+    return {
+        "name": result.name,
+        "created": f"{result.created.replace('T', ' ').replace('+00:00', ' UTC')} · {body.robot.name}",
+        "verdict": result.verdict.outcome.value,
+        "reasons": list(result.verdict.reasons),
+        "facts": _facts(run),
+        "legend": _legend(run, scale),
+        "pushes": pushes,
+        "start": origin,
+        "series": {"time": _short(frames.times, 4), "moved": _short(moved, 2), "tilt": _short(tilt, 3)},
+    }
+
+
+def _short(values: Array, digits: int) -> list[float]:
+    rounded: list[float] = np.round(np.nan_to_num(values), digits).tolist()
+    return rounded
+
+
+def _facts(run: Run) -> list[tuple[str, str]]:
+    metrics = run.result.metrics
+    if metrics is None:
+        return []
+    limit = float(run.log.effort_limit.max(initial=0.0))
+    facts = [
+        ("stayed up", f"{metrics.survived_s:.1f} s"),
+        ("largest tilt", f"{metrics.max_tilt_deg:.2f}°"),
+        ("base moved", f"{1e3 * metrics.max_displacement_m:.1f} mm"),
+        ("ended off by", f"{1e3 * metrics.final_position_error_m:.1f} mm, {metrics.final_tilt_deg:.2f}°"),
+        ("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"),
+        ("peak torque", f"{metrics.max_abs_torque_nm:.2f} of {limit:.2f} N·m"),
+    ]
+    if metrics.min_friction_margin_n is not None:
+        facts.append(("friction margin", f"{round(metrics.min_friction_margin_n, 2) + 0.0:.2f} N"))
+    if metrics.mpc_ms is not None:
+        facts.append(("MPC update", f"{metrics.mpc_ms.p50:.2f} ms"))
+    if metrics.wbc_ms is not None:
+        facts.append(("whole-body tick", f"{1e3 * metrics.wbc_ms.p50:.0f} µs"))
+    if metrics.real_time_factor is not None:
+        facts.append(("real-time factor", f"{metrics.real_time_factor:.1f}"))
+    return facts
+
+
+def _legend(run: Run, scale: Scale) -> list[dict[str, object]]:
+    size = f"{100.0 * scale.length:.2g} cm = {scale.newtons:g} N"
+
+    def entry(key: str, label: str, note: str = "", on: bool = True) -> dict[str, object]:
+        return {"path": f"/overlay/{key}", "label": label, "note": note, "color": f"#{COLORS[key]:06x}", "on": on}
+
+    entries = []
+    if len(run.log.contact_frames):
+        entries.append(entry("forces", "contact forces", size))
+        entries.append(entry("planned", "planned forces", on=False))
+        entries.append(entry("cones", "friction cones", f"µ = {run.log.friction:g}"))
+    entries.append(entry("com", "centre of mass", "orange: target"))
+    if len(run.log.mpc_time):
+        entries.append(entry("horizon", "predicted path"))
+    if run.log.push.any():
+        entries.append(entry("push", "push", size))
+    entries.append(
+        {"path": "/robot", "label": "see through the robot", "color": "#8794a3", "on": False, "action": "see-through"}
+    )
+    return entries

@@ -1,0 +1,119 @@
+"""Floor, lights, background, and a camera that shows the robot large."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lgmpc.typing import Array
+from lgmpc.viz.mesh import disc
+from lgmpc.viz.scene import Material, Scene
+
+__all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
+
+FLOOR_COLOR = 0xE8ECF1
+"""Colour of the floor and of the haze that it fades into."""
+
+_FIELD_OF_VIEW_DEG = 32.0
+_ELEVATION_DEG = 19.0
+_AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
+
+
+def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tuple[float, float]:
+    """Add floor, grid, lights and background for a robot between two corners whose base moves along ``travel``.
+
+    Args:
+        scene: the scene.
+        lowest: (3,) lowest corner of the robot at the start, m.
+        highest: (3,) highest corner, m.
+        travel: (k, 3) base positions, m.
+
+    Returns:
+        Distances from the camera at which fog begins and has swallowed everything, m.
+    """
+    size = float(np.linalg.norm(highest - lowest))
+    middle = 0.5 * (travel.min(axis=0) + travel.max(axis=0))
+    reach = 5.0 * size + float(np.ptp(travel[:, :2], axis=0).max())
+    haze = [(FLOOR_COLOR >> shift & 255) / 255.0 for shift in (16, 8, 0)]
+    scene.set("/Background", "top_color", haze)
+    scene.set("/Background", "bottom_color", haze)
+    for name in ("Grid", "Axes"):
+        scene.set(f"/{name}", "visible", False)
+
+    # Unlit, so that it is evenly bright to the horizon; what falls on it is drawn by a disc that shows shadows only.
+    scene.add_mesh("/floor/ground", disc(4.0 * reach), Material(FLOOR_COLOR, flat=True))
+    scene.place("/floor/ground", [middle[0], middle[1], -0.0015 * size])
+    scene.add_mesh("/floor/shadow", disc(reach), Material(0x1D2733, 0.2, shadow_only=True))
+    scene.place("/floor/shadow", [middle[0], middle[1], 0.0005 * size])
+    cell = 10.0 ** math.floor(math.log10(size))
+    cell = min((0.1 * cell, 0.2 * cell, 0.5 * cell, cell), key=lambda c: abs(math.log(c / (0.18 * size))))
+    for name, spacing, color in (("fine", cell, 0xCBD3DC), ("coarse", 5.0 * cell, 0x9FABB8)):
+        scene.add_segments(f"/floor/{name}", _grid(spacing, reach), color)
+        scene.place(f"/floor/{name}", [*(spacing * np.round(middle[:2] / spacing)), 0.0])
+
+    key, key_light = "/Lights/SpotLight", "/Lights/SpotLight/<object>"
+    scene.set(key, "visible", True)
+    scene.set(key_light, "position", (middle + size * np.array([1.1, -1.6, 4.2])).tolist())
+    for name, value in (("castShadow", True), ("intensity", 0.42), ("angle", 0.5), ("penumbra", 1.0), ("decay", 0.0)):
+        scene.set(key_light, name, value)
+    for name, where in (("PointLightNegativeX", [3.0, 2.5, 3.0]), ("PointLightPositiveX", [-3.0, -2.0, 2.5])):
+        scene.set(f"/Lights/{name}/<object>", "position", (middle + size * np.array(where)).tolist())
+        scene.set(f"/Lights/{name}/<object>", "intensity", 0.13)
+        scene.set(f"/Lights/{name}/<object>", "distance", 0.0)
+    scene.set("/Lights/AmbientLight/<object>", "intensity", 0.45)
+    scene.set("/Lights/FillLight/<object>", "intensity", 0.25)
+    return 2.0 * size, 6.5 * size
+
+
+def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) -> dict[str, object]:
+    """Look at the robot from above one of its corners; follow it if it leaves the picture.
+
+    The corner is the one that the pushes come from, so that the trunk does not hide their arrows; the front left one
+    where there are none.
+
+    Args:
+        lowest: (3,) lowest corner of the robot at the start, m.
+        highest: (3,) highest corner, m.
+        travel: (k, 3) base positions at the pictures' times, m.
+        impulses: (p, 3) of the pushes, N.s.
+
+    Returns:
+        What the page needs, in the viewer's axes (y up): field of view, near and far planes, position, target, and for
+        each picture by how much to move both.
+    """
+    size = float(np.linalg.norm(highest - lowest))
+    target = 0.5 * (lowest + highest)
+    away = 0.5 * size / math.sin(math.radians(0.5 * _FIELD_OF_VIEW_DEG)) * 1.02
+    azimuths, elevation = np.radians(_AZIMUTHS_DEG), math.radians(_ELEVATION_DEG)
+    corners = np.column_stack((np.cos(azimuths), np.sin(azimuths)))
+    corner = corners[np.argmin(corners @ impulses[:, :2].sum(axis=0))]
+    offset = away * np.array([*(math.cos(elevation) * corner), math.sin(elevation)])
+    # The time line covers the lower edge: the robot stands a little above the middle.
+    target = target - [0.0, 0.0, 0.1 * size]
+    leaves = float(np.ptp(travel[:, :2], axis=0).max()) > 0.5 * size
+    moves = (travel - travel[0]) * [1.0, 1.0, 0.0] if leaves else np.zeros((0, 3))
+    return {
+        "fov": _FIELD_OF_VIEW_DEG,
+        "near": 0.02 * size,
+        "far": 60.0 * size,
+        "position": _y_up(target + offset).tolist(),
+        "target": _y_up(target).tolist(),
+        "follow": np.round(_y_up(moves), 4).tolist(),
+    }
+
+
+def _y_up(points: Array) -> Array:
+    turned: Array = np.stack((points[..., 0], points[..., 2], -points[..., 1]), axis=-1)
+    return turned
+
+
+def _grid(spacing: float, reach: float) -> Array:
+    # Short pieces: some software renderers drop a line that passes behind the camera.
+    count = math.ceil(reach / spacing / 4.0) * 4
+    ticks = spacing * np.arange(-count, count + 1)
+    knots = spacing * np.arange(-count, count + 1, 4)
+    x, start = np.meshgrid(ticks, knots[:-1], indexing="ij")
+    first = np.stack((x, start, 0.0 * x), axis=-1)
+    along = np.stack((first, first + [0.0, 4.0 * spacing, 0.0]), axis=2).reshape(-1, 3)
+    return np.concatenate((along, along[:, [1, 0, 2]]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,12 @@ import pinocchio as pin
 from lgmpc.errors import InputError, SolverError
 from lgmpc.typing import Array
 
-__all__ = ["body_index", "check_state", "check_torque", "check_wrench", "diverged", "pushable_bodies"]
+if TYPE_CHECKING:
+    from lgmpc.robot import Robot
+
+__all__ = ["BodyWrenches", "check_speed", "check_state", "check_torque"]
+
+_LARGEST_SPEED = 1e6  # m/s, rad/s
 
 
 def _vector(name: str, value: Array, size: int) -> Array:
@@ -44,30 +49,58 @@ def check_state(model: pin.Model, x: Array) -> tuple[Array, Array]:
 
 def check_torque(tau: Array, size: int) -> None:
     """Refuse torques that are not ``size`` finite numbers; cheap, because it runs at every step."""
-    # The sum of squares is finite only where every element is; a torque whose square overflows is refused as well.
     if np.shape(tau) != (size,) or not math.isfinite(np.dot(tau, tau)):
         _vector("tau", tau, size)
+        # Each element is finite, but not the sum of their squares.
         raise InputError("tau", "numbers beyond 1e150", "torques in N.m")
 
 
-def check_wrench(wrench: Array) -> Array:
-    """Return ``wrench`` as six finite floats, or raise InputError."""
-    return _vector("wrench", wrench, 6)
+class BodyWrenches:
+    """The wrenches that act on the links of a robot.
+
+    Links joined by fixed joints are one rigid body. Wrenches on several of its links add up, and each acts at the
+    centre of mass of that whole body.
+
+    Args:
+        robot: whose links can be named.
+
+    Attributes:
+        joints: for each link, the joint that moves it.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.joints: dict[str, int] = {
+            name: robot.model.frames[robot.body_frame(name)].parentJoint for name in robot.body_names
+        }
+        self._wrenches: dict[str, Array] = {}
+
+    def joint(self, body: str) -> int:
+        """Return the joint that moves link ``body``, or raise InputError with the nearest names."""
+        if body not in self.joints:
+            self._robot.body_frame(body)  # raises
+        return self.joints[body]
+
+    def set(self, body: str, wrench: Array) -> tuple[int, Array]:
+        """Replace the wrench on link ``body``; return its joint and the sum over the links that this joint moves.
+
+        Raises:
+            InputError: if the body is unknown (names the nearest) or the wrench is not six finite numbers.
+        """
+        joint = self.joint(body)
+        self._wrenches[body] = np.array(_vector("wrench", wrench, 6))
+        total = np.zeros(6)
+        for name, part in self._wrenches.items():
+            if self.joints[name] == joint:
+                total += part
+        return joint, total
+
+    def clear(self) -> None:
+        """Forget every wrench."""
+        self._wrenches.clear()
 
 
-def pushable_bodies(model: pin.Model) -> dict[str, int]:
-    """Return, for every moving link of the model, the joint that moves it, in the model's order."""
-    return {f.name: f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0}
-
-
-def body_index(bodies: Mapping[str, int], body: str) -> int:
-    """Return the joint that moves ``body``, or raise InputError with the nearest names."""
-    try:
-        return bodies[body]
-    except (KeyError, TypeError):
-        raise InputError("body", repr(body), "a body of the robot", tuple(bodies), word=str(body)) from None
-
-
-def diverged(plant: str, time: float) -> SolverError:
-    """Make the error for a state that is no longer finite."""
-    return SolverError(plant, f"the state diverged before {time:.4g} s", "Use a smaller timestep or smaller gains.")
+def check_speed(v: Array, plant: str, time: float) -> None:
+    """Raise SolverError if a velocity (nv,) is not finite, or so large that it soon will not be."""
+    if not v.dot(v) < _LARGEST_SPEED**2:  # also where it is NaN
+        raise SolverError(plant, f"the state diverged before {time:.4g} s", "Use a smaller timestep or smaller gains.")

@@ -8,7 +8,7 @@ Pinocchio); everything else that is exchanged here is the same on both sides. Th
 from __future__ import annotations
 
 import fnmatch
-import math
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import ModelError
-from lgmpc.simulation.boundary import body_index, check_state, check_torque, check_wrench, diverged, pushable_bodies
+from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
 from lgmpc.simulation.parameters import PlantParameters, body_geometry, simulated_model
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array, IntArray
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MujocoPlant"]
 
+_LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
 _FLOOR, _ROBOT = 1, 2  # contact type bits: the robot meets the floor, never itself
 _POINT = 1e-6  # m; radius that stands for a point foot
@@ -52,6 +53,9 @@ class MujocoPlant:
 
     def __init__(self, robot: Robot, params: PlantParameters | None = None) -> None:
         params = PlantParameters() if params is None else params
+        if mujoco.get_mju_user_warning() is None:
+            # By itself MuJoCo prints, and writes a file into the working folder. What matters is raised by step().
+            mujoco.set_mju_user_warning(_LOG.info)
         self._robot = robot
         source = simulated_model(robot, params)
         self.model = _compile(robot, source, params)
@@ -60,7 +64,7 @@ class MujocoPlant:
         self._nq, self._nv, self._nu = robot.nq, robot.nv, robot.nu
         self._floating = robot.floating_base
         self._effort = np.asarray(robot.effort_limit)
-        self._bodies = pushable_bodies(source)  # MuJoCo's body i is the one that Pinocchio's joint i moves
+        self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
         # Contacts of other geometries than feet are collected in a last row that is cut off.
         nc = len(robot.contact_frames)
@@ -71,7 +75,7 @@ class MujocoPlant:
         # Views into the engine's memory, which stays where it is; looking them up costs more than using them.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._joint_force = self.data.qfrc_applied[self._nv - self._nu :]
-        self._wrench = self.data.xfrc_applied
+        self._applied = self.data.xfrc_applied
         self._tau = np.zeros(self._nu)
         self._steps = 0
         self._inverse = np.zeros(4)
@@ -85,7 +89,7 @@ class MujocoPlant:
     @property
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that a wrench can act on."""
-        return tuple(self._bodies)
+        return self._robot.body_names
 
     def reset(self, x: Array) -> None:
         """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero.
@@ -99,6 +103,7 @@ class MujocoPlant:
         self._qvel[:] = v
         if self._floating:
             mujoco.mju_rotVecQuat(self._qvel[:3], v[:3], self._qpos[3:7])
+        self._wrenches.clear()
         self._tau = np.zeros(self._nu)
         self._steps = 0
 
@@ -114,8 +119,7 @@ class MujocoPlant:
         self._joint_force[:] = self._tau
         mujoco.mj_step(self.model, self.data)
         self._steps += 1
-        if not math.isfinite(self._qvel.dot(self._qvel)):
-            raise diverged("MuJoCo plant", self._steps * self._dt)
+        check_speed(self._qvel, "MuJoCo plant", self._steps * self._dt)
 
     def sense(self) -> PlantSample:
         """Return the state reached by the last step."""
@@ -128,19 +132,20 @@ class MujocoPlant:
     def set_wrench(self, body: str, wrench: Array) -> None:
         """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
 
-        Links joined by fixed joints are one body: its centre of mass is that of all of them together, payload included.
+        Links joined by fixed joints are one body: its centre of mass is that of all of them together, payload included,
+        and wrenches on several of them add up.
 
         Raises:
             InputError: if the body is unknown (names the nearest) or the wrench is not six finite numbers.
         """
-        index = body_index(self._bodies, body)
-        self._wrench[index] = check_wrench(wrench)
+        joint, total = self._wrenches.set(body, wrench)
+        self._applied[joint] = total  # MuJoCo's body i is the one that Pinocchio's joint i moves
 
     def body_point(self, body: str) -> Array:
         """Return the (3,) world position of the centre of mass of ``body``."""
-        index = body_index(self._bodies, body)
+        joint = self._wrenches.joint(body)
         mujoco.mj_kinematics(self.model, self.data)
-        point: Array = self.data.xipos[index].copy()
+        point: Array = self.data.xipos[joint].copy()
         return point
 
     def _contact_forces(self) -> Array:
@@ -220,6 +225,7 @@ def _compile(robot: Robot, model: pin.Model, params: PlantParameters) -> mujoco.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
+    spec.option.gravity = model.gravity.linear
     # A diverged state must be seen, not silently replaced by the initial one.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     bodies = _add_tree(spec, robot.name, model, params)

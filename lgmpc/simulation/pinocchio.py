@@ -1,0 +1,293 @@
+"""The robot in a time-stepping simulation of rigid contact on Pinocchio's own frictional contact solver.
+
+One step finds the velocity at its end and the contact impulses together (Signorini's and Coulomb's laws on velocities,
+[1], [2]), then moves the configuration along its Lie group with that velocity (semi-implicit Euler):
+
+    v+ = v + M^-1 (dt (S^T tau + J_b^T w - h) + J^T lambda),    q+ = q (+) dt v+
+    |lambda_t| <= mu lambda_n,   0 <= lambda_n  perpendicular to  u_n + phi >= 0   with u = J v+,
+
+and a contact that slides resists with all its friction, opposite to u_t. ``phi`` is height over dt for a foot that may
+still descend, and a fraction of it for one that has sunk in. Joint damping enters M (it is implicit); joint friction
+enters the solver as bounded impulses on the joints.
+
+[1] D. E. Stewart and J. C. Trinkle, "An implicit time-stepping scheme for rigid body dynamics with inelastic collisions
+    and Coulomb friction", 1996.
+[2] Q. Le Lidec et al., "Contact models in robotics: a comparative analysis", 2024.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
+from lgmpc.simulation.parameters import PlantParameters, body_geometry, simulated_model
+from lgmpc.simulation.plant import PlantSample
+from lgmpc.typing import Array
+
+if TYPE_CHECKING:
+    from lgmpc.robot import Robot
+
+__all__ = ["PinocchioPlant"]
+
+_FASTEST = 10.0  # m/s; what cannot reach the floor in a step at this speed is left out of that step's problem
+_RECOVERY = 0.2  # fraction of a penetration that one step removes
+_CREEP = 1e-3  # rad/s; speed of a stuck joint under all of its friction, without which problems become too stiff
+_GAUSS_SEIDEL = (100, 1e-8)  # most sweeps, tolerance in m/s and N.s
+_ADMM = (1000, 1e-7)  # likewise
+
+
+class PinocchioPlant:
+    """A robot on a flat floor with rigid, inelastic contacts: a second opinion on what the MuJoCo plant says.
+
+    Feet are spheres of ``robot.contact_radius`` at the contact frames. Joint position limits are not modelled.
+
+    Args:
+        robot: the robot; its ``effort_limit`` clips the torques.
+        params: the simulated world.
+    """
+
+    def __init__(self, robot: Robot, params: PlantParameters | None = None) -> None:
+        params = PlantParameters() if params is None else params
+        self._robot = robot
+        self._dt = params.timestep
+        self._joints = robot.joint_v
+        self._effort = robot.effort_limit
+        self._damping = params.joint_damping
+        self._friction = params.joint_friction
+        self._wrenches = BodyWrenches(robot)
+        self._model = simulated_model(robot, params)
+        # (M + dt D) (v+ - v) = dt (tau - D v - h): viscous friction at the velocity of the step's end.
+        inertia = self._model.armature.copy()
+        inertia[self._joints] += params.timestep * params.joint_damping
+        self._model.armature = inertia
+        self._frames, self._radii = _contact_points(self._model, robot, params)
+        self._data = self._model.createData()
+        # Views into the workspace, which stays where it is: world positions of the points that may touch the floor.
+        self._centres = [self._data.oMf[frame].translation for frame in self._frames]
+        self._solver = _ContactSolver(self._model, params, len(self._frames), robot.nu)
+        self.reset(robot.x_reference)
+
+    @property
+    def dt(self) -> float:
+        """Duration of one step, s."""
+        return self._dt
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that a wrench can act on."""
+        return self._robot.body_names
+
+    @property
+    def unsolved_steps(self) -> int:
+        """Steps since reset at which the contact solver stopped short of its tolerance; they used its last iterate."""
+        return self._solver.failures
+
+    def reset(self, x: Array) -> None:
+        """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero.
+
+        Raises:
+            InputError: if ``x`` is not a finite state with a unit quaternion.
+        """
+        q, v = check_state(self._model, x)
+        self._q, self._v = q.copy(), v.copy()
+        self._tau = np.zeros(self._robot.nu)
+        self._steps = 0
+        self._wrenches.clear()
+        self._applied: dict[int, Array] = {}
+        self._solver.reset()
+
+    def step(self, tau: Array) -> None:
+        """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.
+
+        Raises:
+            InputError: if ``tau`` does not have nu finite elements.
+            SolverError: if the simulation diverged.
+        """
+        check_torque(tau, self._robot.nu)
+        model, data, q, v, dt = self._model, self._data, self._q, self._v, self._dt
+        self._tau = np.minimum(np.maximum(tau, -self._effort), self._effort)
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        force = -pin.nonLinearEffects(model, data, q, v)
+        force[self._joints] += self._tau - self._damping * v[self._joints]
+        for joint, wrench in self._applied.items():
+            force += self._generalized(joint, wrench)
+        minverse = pin.computeMinverse(model, data, q)
+        free = v + minverse @ (dt * force)
+        near, heights = self._near_floor()
+        self._v = free
+        if near or self._friction:
+            jacobian = self._jacobian(near)
+            response = minverse @ jacobian.T
+            drift = jacobian @ free
+            drift[2 : 3 * len(near) : 3] += [(z if z > 0 else _RECOVERY * z) / dt for z in heights]
+            self._v = free + response @ self._solver.solve(near, jacobian @ response, drift)
+        else:
+            self._solver.clear()
+        self._q = pin.integrate(model, q, dt * self._v)
+        self._steps += 1
+        check_speed(self._v, "Pinocchio plant", self._steps * dt)
+
+    def sense(self) -> PlantSample:
+        """Return the state reached by the last step."""
+        forces = self._solver.impulses[: self._robot.nc] / self._dt
+        return PlantSample(self._steps * self._dt, self._q.copy(), self._v.copy(), self._tau, forces)
+
+    def set_wrench(self, body: str, wrench: Array) -> None:
+        """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
+
+        Links joined by fixed joints are one body: its centre of mass is that of all of them together, payload included,
+        and wrenches on several of them add up.
+
+        Raises:
+            InputError: if the body is unknown (names the nearest) or the wrench is not six finite numbers.
+        """
+        joint, total = self._wrenches.set(body, wrench)
+        self._applied.pop(joint, None)
+        if total.any():
+            self._applied[joint] = total
+
+    def body_point(self, body: str) -> Array:
+        """Return the (3,) world position of the centre of mass of ``body``."""
+        joint = self._wrenches.joint(body)
+        pin.forwardKinematics(self._model, self._data, self._q)
+        point: Array = self._data.oMi[joint].act(self._model.inertias[joint].lever)
+        return point
+
+    def _generalized(self, joint: int, wrench: Array) -> Array:
+        """Return the generalized force (nv,) of a wrench at the centre of mass of the body that ``joint`` moves."""
+        jacobian = pin.getJointJacobian(self._model, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
+        arm = self._data.oMi[joint].rotation @ self._model.inertias[joint].lever
+        force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
+        return force
+
+    def _near_floor(self) -> tuple[list[int], list[float]]:
+        """Return which points may touch the floor during this step, and their heights above it."""
+        reach = _FASTEST * self._dt
+        heights = [float(centre[2]) - radius for centre, radius in zip(self._centres, self._radii, strict=True)]
+        near = [i for i, height in enumerate(heights) if height < reach]
+        return near, [heights[i] for i in near]
+
+    def _jacobian(self, near: list[int]) -> Array:
+        """Return the rows of the spheres' lowest points in world axes, then of the joints if they have friction."""
+        joints = self._joints
+        count = 3 * len(near)
+        rows = np.zeros((count + (self._robot.nu if self._friction else 0), self._model.nv))
+        for k, i in enumerate(near):
+            frame = pin.getFrameJacobian(self._model, self._data, self._frames[i], pin.LOCAL_WORLD_ALIGNED)
+            row = rows[3 * k : 3 * k + 3]
+            row[:] = frame[:3]
+            # The point lies r below the centre: its velocity is that of the centre + r z x omega.
+            row[0] -= self._radii[i] * frame[4]
+            row[1] += self._radii[i] * frame[3]
+        if self._friction:
+            rows[count:, joints] = np.eye(self._robot.nu)
+        return rows
+
+
+class _ContactSolver:
+    """Finds contact impulses by projected Gauss-Seidel, started from those of the step before; if it fails, by ADMM.
+
+    Gauss-Seidel takes a few sweeps for a robot on its feet. On redundant contacts (a trunk on its corners) it may never
+    converge; ADMM does, at a higher price.
+
+    Attributes:
+        impulses: (n, 3) world-frame impulse on each point that can touch the floor, of the last solve, N.s.
+        failures: solves since reset that stopped short of their tolerance.
+    """
+
+    def __init__(self, model: pin.Model, params: PlantParameters, points: int, nu: int) -> None:
+        self._model, self._params, self._points = model, params, points
+        # Joints with friction, and their degrees of freedom; the joints of a free-flyer are not actuated.
+        first = 1 if nu == model.nv else 2
+        self._actuated = list(range(first, model.njoints)) if params.joint_friction else []
+        self._joints = nu if params.joint_friction else 0
+        self._compliance = _CREEP / (params.joint_friction * params.timestep) if params.joint_friction else 0.0
+        self._problems: dict[int, tuple[Any, Any]] = {}
+        self._settings = pin.PGSSolverSettings(), pin.ADMMSolverSettings()
+        for settings, (iterations, tolerance) in zip(self._settings, (_GAUSS_SEIDEL, _ADMM), strict=True):
+            settings.max_iterations = iterations
+            settings.absolute_feasibility_tol = settings.relative_feasibility_tol = tolerance
+            settings.absolute_complementarity_tol = settings.relative_complementarity_tol = tolerance
+        self._settings[1].admm_update_rule = pin.ADMMUpdateRule.SPECTRAL
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything that an earlier solve left."""
+        self._solvers = pin.PGSConstraintSolver(), pin.ADMMConstraintSolver()
+        self._results = pin.PGSSolverResult(), pin.ADMMSolverResult()
+        self.failures = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Set all impulses to zero: nothing touches."""
+        self.impulses = np.zeros((self._points, 3))
+        self._joint_impulses = np.zeros(self._joints)
+
+    def solve(self, near: list[int], delassus: Array, drift: Array) -> Array:
+        """Return the impulses (3 len(near) + joints,), those of the contacts first.
+
+        Args:
+            near: the points that may touch the floor; all others get no impulse.
+            delassus: velocity that unit impulses make, square.
+            drift: velocity without impulses.
+        """
+        count = 3 * len(near)
+        guess = np.concatenate([self.impulses[near].ravel(), self._joint_impulses])
+        diagonal = np.arange(count, guess.size)
+        delassus[diagonal, diagonal] += self._compliance
+        operator = pin.DelassusOperatorDense(delassus)
+        constraints = self._problem(len(near))
+        for solver, settings, result in zip(self._solvers, self._settings, self._results, strict=True):
+            result.setConstraintImpulseGuess(guess)
+            if solver.solve(operator, drift, *constraints, settings, result):
+                break
+        else:
+            self.failures += 1
+        solution: Array = result.retrieveConstraintImpulses()
+        self.clear()
+        self.impulses[near] = solution[:count].reshape(-1, 3)
+        self._joint_impulses = solution[count:]
+        return solution
+
+    def _problem(self, count: int) -> tuple[Any, Any]:
+        """Return the constraints of ``count`` contacts, which the solver asks for nothing but their friction cones."""
+        if count not in self._problems:
+            models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+            for _ in range(count):
+                contact = pin.PointContactConstraintModel(self._model, 0)
+                contact.setFriction(self._params.friction)
+                models.append(contact)
+            if self._actuated:
+                bound = np.full(self._joints, self._params.joint_friction)
+                friction = pin.JointFrictionConstraintModel(self._model, self._actuated)
+                friction.setFrictionLowerLimit(-bound)
+                friction.setFrictionUpperLimit(bound)
+                friction.setTimeStep(self._params.timestep)
+                models.append(friction)
+            for model in models:
+                datas.append(model.createData())
+            self._problems[count] = (models, datas)
+        return self._problems[count]
+
+
+def _contact_points(model: pin.Model, robot: Robot, params: PlantParameters) -> tuple[list[int], list[float]]:
+    """Return frames and sphere radii of what can touch the floor, feet first; frames of box corners join the model."""
+    geometry = body_geometry(robot, params)
+    frames, radii = list(robot.contact_ids), [robot.contact_radius] * robot.nc
+    for index, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY and fnmatch.fnmatchcase(frame.name, geometry.sphere_frames):
+            frames.append(index)
+            radii.append(geometry.sphere_radius)
+    if geometry.box_half_sizes is not None:
+        for signs in itertools.product((-1.0, 1.0), repeat=3):
+            corner = pin.SE3(np.eye(3), np.multiply(signs, geometry.box_half_sizes))
+            name = f"trunk corner {' '.join('+' if sign > 0 else '-' for sign in signs)}"
+            frames.append(model.addFrame(pin.Frame(name, 1, 0, corner, pin.FrameType.OP_FRAME), False))
+            radii.append(0.0)
+    return frames, radii

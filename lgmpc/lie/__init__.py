@@ -1,1 +1,15 @@
-"""Lie groups."""
+"""Lie groups of rigid motion: SO(3), SE(3) and the extended poses SE_k(3), no robots.
+
+* :mod:`lgmpc.lie.so3`, :mod:`lgmpc.lie.se3`, :mod:`lgmpc.lie.sek3`: numpy, single or batched over leading axes;
+  :mod:`lgmpc.lie.quaternion`: the double cover of SO(3), x y z w.
+* :mod:`lgmpc.lie.symbolic`: the CasADi twins under the same names (``symbolic.so3``, ...); import it where needed.
+
+Conventions: SE(3) twists and wrenches linear first, SE_k(3) tangents rotation first. ``coadjoint(xi) = ad(xi)^T`` and
+``force_cross(xi) = -ad(xi)^T``. Left Jacobian: ``exp(xi + e) = exp(J e) exp(xi)``; right: ``exp(xi) exp(J e)``.
+Logarithms return rotation vectors of norm at most pi; at exactly pi, the one with positive first non-zero entry.
+"""
+
+from lgmpc.lie import quaternion, se3, sek3, so3
+from lgmpc.lie.group import Group
+
+__all__ = ["Group", "quaternion", "se3", "sek3", "so3"]

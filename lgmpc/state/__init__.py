@@ -1,5 +1,21 @@
-"""State spaces: where trajectories live, and how to move and measure on them."""
+"""State spaces: where trajectories live, and how to move and measure on them.
 
+``integrate(x, dx) = x (+) dx`` and ``diff(x0, x1) = x1 (-) x0`` with ``diff(x, integrate(x, dx)) = dx`` inside the
+injectivity radius (rotations below half a turn); ``Jintegrate -> (d/dx, d/ddx)``, ``Jdiff -> (d/dx0, d/dx1)``, all
+between tangent spaces in body axes. Each has a CasADi twin.
+"""
+
+from lgmpc.state.base import State
 from lgmpc.state.configuration import difference_symbolic, integrate_configuration_symbolic
+from lgmpc.state.multibody import StateMultibody
+from lgmpc.state.product import ProductState
+from lgmpc.state.vector import StateVector
 
-__all__ = ["difference_symbolic", "integrate_configuration_symbolic"]
+__all__ = [
+    "ProductState",
+    "State",
+    "StateMultibody",
+    "StateVector",
+    "difference_symbolic",
+    "integrate_configuration_symbolic",
+]

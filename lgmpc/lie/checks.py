@@ -1,0 +1,260 @@
+"""Validation at the boundary: what the public functions of the groups refuse, and how to go past it in a hot loop.
+
+A function decorated with :func:`checked` validates and converts its arguments; its attribute ``unchecked`` is the bare
+function, for callers whose float64 arrays are known to be good.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, ParamSpec, Protocol, TypeVar, cast
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie.coefficients import Array
+from lgmpc.lie.components import rows
+
+__all__ = [
+    "Checked",
+    "ambient",
+    "checked",
+    "extended_pose",
+    "extended_tangent",
+    "extended_twist_matrix",
+    "finite",
+    "matrix",
+    "placement",
+    "quaternion",
+    "rotation",
+    "skew",
+    "tangent",
+    "twist_matrix",
+]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+Check = Callable[[str, object], Array]
+
+TOLERANCE = 1e-6
+"""How far from orthonormal a rotation, from norm 1 a quaternion, or from its constants a bottom row may be."""
+
+LARGEST = 1e100
+"""Entries from here on are refused with the non-finite ones: their squares would overflow."""
+
+
+class Checked(Protocol[P, R_co]):
+    """A function that validates its arguments, and its bare twin."""
+
+    @property
+    def unchecked(self) -> Callable[P, R_co]:
+        """The function without validation."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R_co:
+        """Validate, then evaluate; raises InputError naming the argument."""
+
+
+def checked(*checks: Check) -> Callable[[Callable[P, R]], Checked[P, R]]:
+    """Validate the positional arguments of a function, one check each, before it runs."""
+
+    def decorate(function: Callable[P, R]) -> Checked[P, R]:
+        signature = inspect.signature(function)
+        names = tuple(signature.parameters)
+
+        @functools.wraps(function)
+        def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+            given = signature.bind(*args, **kwargs).args if kwargs or len(args) != len(checks) else args
+            arrays = [check(name, value) for check, name, value in zip(checks, names, given, strict=True)]
+            try:
+                return cast(Callable[..., R], function)(*arrays)
+            except ValueError as error:
+                if isinstance(error, InputError):
+                    raise
+                shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(names, arrays, strict=True))
+                raise InputError(function.__name__, shapes, "shapes that broadcast to one batch") from error
+
+        result = cast(Any, wrapper)
+        result.unchecked = function
+        return cast(Checked[P, R], result)
+
+    return decorate
+
+
+def finite(name: str, value: object) -> Array:
+    """Convert to a float64 array of finite entries (below 1e100 in size).
+
+    Raises:
+        InputError: not numeric, complex, NaN, infinite or too large.
+    """
+    try:
+        raw = np.asarray(value)
+        array = np.asarray(raw, dtype=np.float64) if raw.dtype.kind in "fiu" else None
+    except (TypeError, ValueError):  # ragged lists
+        array = None
+    if array is None:
+        raise InputError(name, _brief(value), "an array of real numbers")
+    if not (np.abs(array) < LARGEST).all():
+        raise InputError(name, _brief(array), "finite entries, smaller than 1e100 in size")
+    return array
+
+
+def tangent(size: int) -> Check:
+    """Check vectors of ``size`` entries along the last axis."""
+
+    def check(name: str, value: object) -> Array:
+        array = finite(name, value)
+        if array.ndim < 1 or array.shape[-1] != size:
+            raise InputError(name, f"shape {array.shape}", f"shape (..., {size})")
+        return array
+
+    return check
+
+
+def extended_tangent(name: str, value: object) -> Array:
+    """Check tangent vectors of SE_k(3): 3 + 3k entries along the last axis."""
+    array = finite(name, value)
+    if array.ndim < 1 or array.shape[-1] < 6 or array.shape[-1] % 3:
+        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + 3 k) with k >= 1")
+    return array
+
+
+def ambient(name: str, value: object) -> Array:
+    """Check vectors that SE_k(3) acts on: 3 + k entries along the last axis."""
+    array = finite(name, value)
+    if array.ndim < 1 or array.shape[-1] < 4:
+        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + k) with k >= 1")
+    return array
+
+
+def matrix(size: int) -> Check:
+    """Check square matrices of ``size`` rows along the last two axes."""
+
+    def check(name: str, value: object) -> Array:
+        array = finite(name, value)
+        if array.shape[-2:] != (size, size):
+            raise InputError(name, f"shape {array.shape}", f"shape (..., {size}, {size})")
+        return array
+
+    return check
+
+
+def extended_matrix(name: str, value: object) -> Array:
+    """Check square matrices of 3 + k >= 4 rows along the last two axes."""
+    array = finite(name, value)
+    if array.ndim < 2 or array.shape[-1] != array.shape[-2] or array.shape[-1] < 4:
+        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + k, 3 + k) with k >= 1")
+    return array
+
+
+_three, _four = matrix(3), matrix(4)
+
+
+def rotation(name: str, value: object) -> Array:
+    """Check rotation matrices (..., 3, 3)."""
+    array = _three(name, value)
+    _check_rotation(name, array)
+    return array
+
+
+def placement(name: str, value: object) -> Array:
+    """Check homogeneous matrices (..., 4, 4)."""
+    array = _four(name, value)
+    _check_rotation(name, array)
+    _check_bottom(name, array)
+    return array
+
+
+def extended_pose(name: str, value: object) -> Array:
+    """Check elements of SE_k(3), (..., 3 + k, 3 + k)."""
+    array = extended_matrix(name, value)
+    _check_rotation(name, array)
+    _check_bottom(name, array)
+    return array
+
+
+def quaternion(name: str, value: object) -> Array:
+    """Check unit quaternions (..., 4), x y z w."""
+    array = finite(name, value)
+    if array.ndim < 1 or array.shape[-1] != 4:
+        raise InputError(name, f"shape {array.shape}", "shape (..., 4): x y z w")
+    length = np.sqrt(np.einsum("...i,...i->...", array, array))
+    if np.any(np.abs(length - 1.0) > TOLERANCE):
+        raise InputError(name, f"norm {_worst(length, 1.0):.9g}", f"norm 1 to {TOLERANCE:g}")
+    return array
+
+
+def skew(name: str, value: object) -> Array:
+    """Check skew matrices (..., 3, 3)."""
+    array = _three(name, value)
+    _check_skew(name, array)
+    return array
+
+
+def twist_matrix(name: str, value: object) -> Array:
+    """Check elements of the Lie algebra of SE(3), (..., 4, 4)."""
+    array = _four(name, value)
+    _check_skew(name, array[..., :3, :3])
+    _check_zero_rows(name, array)
+    return array
+
+
+def extended_twist_matrix(name: str, value: object) -> Array:
+    """Check elements of the Lie algebra of SE_k(3), (..., 3 + k, 3 + k)."""
+    array = extended_matrix(name, value)
+    _check_skew(name, array[..., :3, :3])
+    _check_zero_rows(name, array)
+    return array
+
+
+def _check_rotation(name: str, array: Array) -> None:
+    a, b, c, d, e, f, g, h, i = rows(array if array.shape[-1] == 3 else array[..., :3, :3])
+    defects = (
+        a * a + d * d + g * g - 1.0,
+        b * b + e * e + h * h - 1.0,
+        c * c + f * f + i * i - 1.0,
+        a * b + d * e + g * h,
+        a * c + d * f + g * i,
+        b * c + e * f + h * i,
+    )
+    # One column pair's cross product against the third tells a reflection.
+    handedness = (d * h - g * e) * c + (g * b - a * h) * f + (a * e - d * b) * i
+    single = isinstance(a, float)
+    worst = max(map(abs, defects)) if single else max(float(np.abs(defect).max(initial=0.0)) for defect in defects)
+    if worst > TOLERANCE:
+        raise InputError(
+            name,
+            f"a matrix R with |R^T R - I| = {worst:.3g}",
+            f"a rotation, orthonormal to {TOLERANCE:g} (lgmpc.lie.so3.project gives the nearest one)",
+        )
+    if handedness < 0.0 if single else (handedness < 0.0).any():
+        raise InputError(name, "a reflection, determinant -1", "a rotation, determinant +1")
+
+
+def _check_bottom(name: str, array: Array) -> None:
+    size = array.shape[-1]
+    if (np.abs(array[..., 3:, :] - np.eye(size)[3:]) > TOLERANCE).any():
+        raise InputError(name, f"bottom rows {_brief(array[..., 3:, :])}", f"bottom rows of the identity ({size - 3})")
+
+
+def _check_skew(name: str, array: Array) -> None:
+    asymmetry = np.abs(array + np.swapaxes(array, -1, -2)).max(initial=0.0)
+    if asymmetry > TOLERANCE * max(1.0, float(np.abs(array).max(initial=0.0))):
+        raise InputError(name, f"a matrix S with |S + S^T| = {asymmetry:.3g}", "a skew-symmetric (3, 3) block")
+
+
+def _check_zero_rows(name: str, array: Array) -> None:
+    if np.any(np.abs(array[..., 3:, :]) > TOLERANCE):
+        raise InputError(name, f"bottom rows {_brief(array[..., 3:, :])}", "bottom rows of zeros")
+
+
+def _worst(values: Array, target: float) -> float:
+    flat = np.ravel(values)
+    return float(flat[np.argmax(np.abs(flat - target))])
+
+
+def _brief(value: object) -> str:
+    text = " ".join(str(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."

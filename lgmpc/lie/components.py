@@ -1,0 +1,58 @@
+"""One formula for single elements and batches: entries are floats for the one, arrays over the batch for the other.
+
+numpy's overhead on 3-vectors is a hundred times the arithmetic, so a single element is computed in Python floats and
+becomes an array only at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lgmpc.lie.coefficients import Array
+
+__all__ = ["Entries", "matrix", "norm", "parts", "rows", "vector"]
+
+Entries = Sequence[Any]
+"""Floats, or arrays (and floats) that broadcast to the batch shape."""
+
+
+def parts(array: Array) -> Entries:
+    """Split the last axis: floats of a single vector, arrays of a batch."""
+    if array.ndim == 1:
+        entries: list[float] = array.tolist()
+        return entries
+    return [array[..., i] for i in range(array.shape[-1])]
+
+
+def rows(array: Array) -> Entries:
+    """Split the last two axes, row by row: 9 entries for a (3, 3) matrix or a batch of them."""
+    if array.ndim == 2:
+        return [entry for row in array.tolist() for entry in row]
+    return [array[..., i, j] for i in range(array.shape[-2]) for j in range(array.shape[-1])]
+
+
+def vector(entries: Entries) -> Array:
+    """Put entries side by side along a new last axis; the first must be a float if, and only if, all are."""
+    if isinstance(entries[0], float):
+        return np.array(entries, dtype=np.float64)
+    batch = np.broadcast_shapes(*(np.shape(entry) for entry in entries))
+    result = np.empty((*batch, len(entries)))
+    for index, entry in enumerate(entries):
+        result[..., index] = entry
+    return result
+
+
+def matrix(entries: Entries, size: int) -> Array:
+    """Put ``size * size`` entries, row by row, into square matrices; same rule for the first entry."""
+    flat = vector(entries)
+    return flat.reshape(*flat.shape[:-1], size, size)
+
+
+def norm(x: Any, y: Any, z: Any) -> Any:
+    """Return the Euclidean norm."""
+    square = x * x + y * y + z * z
+    return math.sqrt(square) if isinstance(square, float) else np.sqrt(square)

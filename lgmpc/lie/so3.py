@@ -1,0 +1,228 @@
+"""SO(3): rotation matrices (..., 3, 3), tangent the rotation vector (..., 3) in rad.
+
+Single or batched over leading axes. Every function validates its arguments (InputError: shape, non-finite, not a
+rotation) and has an ``unchecked`` twin, as in ``so3.exp.unchecked(phi)``, for hot loops on float64 arrays known to be
+good. The series behind the coefficients, and their accuracy, are in :mod:`lgmpc.lie.coefficients`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, quaternion
+from lgmpc.lie.checks import checked
+from lgmpc.lie.coefficients import Array, a_b, b_c, beta_gamma, d_only, delta_only
+from lgmpc.lie.components import Entries, matrix, norm, parts
+
+__all__ = [
+    "act",
+    "ad",
+    "adjoint",
+    "coadjoint",
+    "compose",
+    "exp",
+    "force_cross",
+    "from_quaternion",
+    "hat",
+    "identity",
+    "inverse",
+    "left_jacobian",
+    "left_jacobian_inverse",
+    "log",
+    "project",
+    "right_jacobian",
+    "right_jacobian_inverse",
+    "to_quaternion",
+    "vee",
+]
+
+from_quaternion = quaternion.to_matrix
+to_quaternion = quaternion.from_matrix
+
+
+def identity() -> Array:
+    """Return the identity."""
+    return np.eye(3)
+
+
+@checked(checks.tangent(3))
+def hat(phi: Array) -> Array:
+    """Return the skew matrix with ``hat(phi) y = phi x y``."""
+    x, y, z = parts(phi)
+    if isinstance(x, float):
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    result = np.zeros((*phi.shape, 3))
+    result[..., 2, 1], result[..., 0, 2], result[..., 1, 0] = x, y, z
+    result[..., 1, 2], result[..., 2, 0], result[..., 0, 1] = -x, -y, -z
+    return result
+
+
+@checked(checks.skew)
+def vee(skew: Array) -> Array:
+    """Return the vector of a skew matrix: the inverse of :func:`hat`."""
+    return np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
+
+
+@checked(checks.tangent(3))
+def exp(phi: Array) -> Array:
+    """Return the rotation by ``|phi|`` about ``phi`` (Rodrigues)."""
+    return matrix(rotation_entries(parts(phi)), 3)
+
+
+@checked(checks.rotation)
+def log(rotation: Array) -> Array:
+    """Return the rotation vector of norm at most pi, through the quaternion: accurate at 0 and at pi alike.
+
+    At exactly pi, that is for a symmetric matrix, ``+-pi u`` are equally near: the one whose first non-zero entry is
+    positive is returned.
+    """
+    return quaternion.log.unchecked(quaternion.from_matrix.unchecked(rotation))
+
+
+@checked(checks.rotation, checks.rotation)
+def compose(first: Array, second: Array) -> Array:
+    """Return ``first second``."""
+    product: Array = first @ second
+    return product
+
+
+@checked(checks.rotation)
+def inverse(rotation: Array) -> Array:
+    """Return the transpose."""
+    return np.swapaxes(rotation, -1, -2)
+
+
+@checked(checks.rotation, checks.tangent(3))
+def act(rotation: Array, point: Array) -> Array:
+    """Return the rotated 3-vectors (..., 3)."""
+    moved: Array = (rotation @ point[..., None])[..., 0]
+    return moved
+
+
+@checked(checks.rotation)
+def adjoint(rotation: Array) -> Array:
+    """Return the matrix of ``x -> vee(R hat(x) R^T)``: the rotation itself."""
+    return rotation.copy()
+
+
+@checked(checks.tangent(3))
+def ad(phi: Array) -> Array:
+    """Return the matrix of the bracket, ``ad(x) y = x x y``."""
+    return hat.unchecked(phi)
+
+
+@checked(checks.tangent(3))
+def coadjoint(phi: Array) -> Array:
+    """Return ``ad(phi)^T``: ``<coadjoint(x) m, y> = <m, [x, y]>``."""
+    return hat.unchecked(-phi)
+
+
+@checked(checks.tangent(3))
+def force_cross(phi: Array) -> Array:
+    """Return ``-ad(phi)^T``: what a rotating frame does to a moment."""
+    return hat.unchecked(phi)
+
+
+@checked(checks.tangent(3))
+def left_jacobian(phi: Array) -> Array:
+    """Return ``J`` with ``exp(phi + e) = exp(J e) exp(phi)`` to first order; (..., 3, 3)."""
+    return matrix(jacobian_entries(parts(phi))[0], 3)
+
+
+@checked(checks.tangent(3))
+def right_jacobian(phi: Array) -> Array:
+    """Return ``J`` with ``exp(phi + e) = exp(phi) exp(J e)`` to first order; (..., 3, 3)."""
+    return left_jacobian.unchecked(-phi)
+
+
+@checked(checks.tangent(3))
+def left_jacobian_inverse(phi: Array) -> Array:
+    """Return the inverse of :func:`left_jacobian`; singular where ``|phi|`` is a multiple of 2 pi other than 0."""
+    return matrix(jacobian_inverse_entries(parts(phi))[0], 3)
+
+
+@checked(checks.tangent(3))
+def right_jacobian_inverse(phi: Array) -> Array:
+    """Return the inverse of :func:`right_jacobian`."""
+    return left_jacobian_inverse.unchecked(-phi)
+
+
+def project(approximate: Array) -> Array:
+    """Return the rotation nearest to a matrix (..., 3, 3) in the Frobenius norm, by singular values.
+
+    Raises:
+        InputError: wrong shape, non-finite, or so far from a rotation (determinant not positive) that none is nearest.
+    """
+    array = checks.matrix(3)("approximate", approximate)
+    determinant = np.linalg.det(array)
+    if np.any(determinant <= 0.0):
+        raise InputError("approximate", f"determinant {np.min(determinant):.3g}", "a positive determinant")
+    left, _, right = np.linalg.svd(array)
+    product: Array = left @ right
+    return product
+
+
+def rotation_entries(phi: Entries) -> Entries:
+    """Return the 9 entries of the exponential."""
+    return _polynomial(phi, *a_b(norm(*phi)))
+
+
+def jacobian_entries(phi: Entries, *along: Entries) -> list[Entries]:
+    """Return the 9 entries of the left Jacobian, then those of its derivative along each further vector.
+
+    The derivatives are the coupling blocks of SE(3) and SE_k(3): the series of a Jacobian in ``[[Phi, P], [0, Phi]]``
+    has the derivative of ``J = I + b Phi + c Phi^2`` along ``P`` as its corner. It tends to ``hat(rho) / 2``, not to 0,
+    where the angle does.
+    """
+    angle = norm(*phi)
+    b, c = b_c(angle)
+    if not along:
+        return [_polynomial(phi, b, c)]
+    beta, gamma = beta_gamma(angle)
+    return [_polynomial(phi, b, c), *(_slope(phi, rho, b, c, beta, gamma) for rho in along)]
+
+
+def jacobian_inverse_entries(phi: Entries, *along: Entries) -> list[Entries]:
+    """Return the 9 entries of the inverse of the left Jacobian, then those of its derivative along each vector."""
+    angle = norm(*phi)
+    d = d_only(angle)
+    if not along:
+        return [_polynomial(phi, -0.5, d)]
+    delta = delta_only(angle)
+    return [_polynomial(phi, -0.5, d), *(_slope(phi, rho, -0.5, d, 0.0, delta) for rho in along)]
+
+
+def _polynomial(phi: Entries, first: Any, second: Any) -> Entries:
+    """Return the entries of ``I + first Phi + second Phi^2``."""
+    x, y, z = phi
+    u, v, w = first * x, first * y, first * z
+    xy, xz, yz = second * x * y, second * x * z, second * y * z
+    xx, yy, zz = second * x * x, second * y * y, second * z * z
+    return 1.0 - (yy + zz), xy - w, xz + v, xy + w, 1.0 - (xx + zz), yz - u, xz - v, yz + u, 1.0 - (xx + yy)
+
+
+def _slope(phi: Entries, rho: Entries, first: Any, second: Any, slope1: Any, slope2: Any) -> Entries:
+    """Return the entries of ``first P + second (Phi P + P Phi) + (phi . rho) (slope1 Phi + slope2 Phi^2)``."""
+    x, y, z = phi
+    a, b, c = rho
+    xa, yb, zc = x * a, y * b, z * c
+    along = xa + yb + zc
+    odd, even = along * slope1, along * slope2
+    u, v, w = first * a + odd * x, first * b + odd * y, first * c + odd * z
+    xy = second * (x * b + y * a) + even * x * y
+    xz = second * (x * c + z * a) + even * x * z
+    yz = second * (y * c + z * b) + even * y * z
+    return (
+        -2.0 * second * (yb + zc) - even * (y * y + z * z),
+        xy - w,
+        xz + v,
+        xy + w,
+        -2.0 * second * (xa + zc) - even * (x * x + z * z),
+        yz - u,
+        xz - v,
+        yz + u,
+        -2.0 * second * (xa + yb) - even * (x * x + y * y),
+    )

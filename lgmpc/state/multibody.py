@@ -1,0 +1,206 @@
+"""The state of a robot: configuration and velocity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import InputError
+from lgmpc.lie.checks import TOLERANCE
+from lgmpc.state import blocks
+from lgmpc.state.base import Array, State
+from lgmpc.state.configuration import (
+    Block,
+    BlockKind,
+    configuration_blocks,
+    difference_symbolic,
+    integrate_configuration_symbolic,
+)
+
+__all__ = ["StateMultibody"]
+
+_UNIT_NORM = {BlockKind.CIRCLE: 0, BlockKind.ROTATION: 0, BlockKind.PLACEMENT: 3}
+"""Where the part of unit norm begins in the blocks that have one."""
+
+
+class StateMultibody(State):
+    """``x = (q, v)`` of a ``pin.Model``, with tangent ``(dq, dv)``: ``nx = nq + nv``, ``ndx = 2 nv``.
+
+    ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
+    frame, linear first. ``dq`` lives in the body frame at the point where it is attached. Single states go through
+    Pinocchio's ``integrate`` and ``difference``, except where ``difference`` is not accurate (continuous joints near
+    half a turn, where it loses half the digits) or not the same for both signs of a quaternion (at half a turn).
+    Batches and Jacobians go through :mod:`lgmpc.state.blocks`.
+
+    Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
+    continuous joints; entries at the largest float), they are infinite.
+
+    Args:
+        model: a model of free-flyer, spherical, revolute, continuous and prismatic joints.
+
+    Attributes:
+        model: the model.
+        nq: size of a configuration.
+        nv: size of a velocity.
+        blocks: how the configuration splits into groups.
+
+    Raises:
+        ModelError: joints of other types, all listed.
+        InputError: crossed limits.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model = model
+        self.nq: int = model.nq
+        self.nv: int = model.nv
+        self.blocks = configuration_blocks(model)
+        lower, upper = _position_limits(model, self.blocks)
+        # Not lowerVelocityLimit: Pinocchio 4.1's URDF parser sets it to plus the velocity limit.
+        speed = _open_ended(model.upperVelocityLimit)
+        super().__init__(self.nq + self.nv, 2 * self.nv, np.r_[lower, -speed], np.r_[upper, speed])
+        self._neutral = np.concatenate((pin.neutral(model), np.zeros(self.nv)))
+        self._circles = tuple(block for block in self.blocks if block.kind is BlockKind.CIRCLE)
+        self._curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
+        self._quaternions = tuple((b, slice(b.q.stop - 4, b.q.stop)) for b in self._curved)
+        self._eye = np.eye(self.ndx)
+
+    def neutral(self) -> Array:
+        """Return Pinocchio's neutral configuration at rest."""
+        return self._neutral.copy()
+
+    def integrate(self, x: Array, dx: Array) -> Array:
+        """Return ``(q (+) dq, v + dv)``."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        nq, nv = self.nq, self.nv
+        result = np.empty(x.shape)
+        if x.ndim == 1:
+            result[:nq] = pin.integrate(self.model, x[:nq], dx[:nv])
+        else:
+            for block in self.blocks:
+                result[..., block.q] = blocks.integrate(block.kind, x[..., block.q], dx[..., block.v])
+        np.add(x[..., nq:], dx[..., nv:], out=result[..., nq:])
+        return result
+
+    def diff(self, x0: Array, x1: Array) -> Array:
+        """Return ``(q1 (-) q0, v1 - v0)``; the same for both signs of a quaternion."""
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        nq, nv = self.nq, self.nv
+        result = np.empty((*x0.shape[:-1], self.ndx))
+        if x0.ndim == 1:
+            result[:nv] = pin.difference(self.model, x0[:nq], x1[:nq])
+            for block in self._circles:
+                result[block.v] = blocks.difference(block.kind, x0[block.q], x1[block.q])
+            for block, i in self._quaternions:
+                if abs(x0[i].dot(x1[i])) < 1e-8:  # within 2e-8 rad of half a turn
+                    result[block.v] = blocks.difference(block.kind, x0[block.q], x1[block.q])
+        else:
+            for block in self.blocks:
+                result[..., block.v] = blocks.difference(block.kind, x0[..., block.q], x1[..., block.q])
+        np.subtract(x1[..., nq:], x0[..., nq:], out=result[..., nv:])
+        return result
+
+    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
+        """Return the derivatives of ``integrate``: identities but for the blocks of rotations and placements."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        jx, jdx = self._identity(x), self._identity(x)
+        for block in self._curved:
+            i = block.v
+            jx[..., i, i], jdx[..., i, i] = blocks.integrate_jacobians(block.kind, dx[..., i])
+        return jx, jdx
+
+    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """Return the derivatives of ``diff``; the rotations between the two points must stay below half a turn."""
+        d = self.diff(x0, x1)
+        j0, j1 = -self._identity(x0), self._identity(x0)
+        for block in self._curved:
+            i = block.v
+            j0[..., i, i], j1[..., i, i] = blocks.difference_jacobians(block.kind, d[..., i])
+        return j0, j1
+
+    def integrate_symbolic(self, x: Any, dx: Any) -> Any:
+        """Return ``(q (+) dq, v + dv)`` as a CasADi column; its derivatives at ``dx = 0`` are exact."""
+        moved = integrate_configuration_symbolic(self.model, x[: self.nq], dx[: self.nv])
+        return ca.vertcat(moved, x[self.nq :] + dx[self.nv :])
+
+    def diff_symbolic(self, x0: Any, x1: Any) -> Any:
+        """Return ``(q1 (-) q0, v1 - v0)`` as a CasADi column; its derivatives at ``x0 = x1`` are exact."""
+        gap = difference_symbolic(self.model, x0[: self.nq], x1[: self.nq])
+        return ca.vertcat(gap, x1[self.nq :] - x0[self.nq :])
+
+    def check(self, x: object, argument: str = "x") -> Array:
+        """Return ``x`` as a float64 array after full validation: shape, finite, quaternions of norm 1."""
+        array = super().check(x, argument)
+        for block in self.blocks:
+            if block.kind not in _UNIT_NORM:
+                continue
+            i = slice(block.q.start + _UNIT_NORM[block.kind], block.q.stop)
+            norm = np.linalg.norm(array[..., i], axis=-1)
+            if np.any(np.abs(norm - 1.0) > TOLERANCE):
+                worst = float(np.ravel(norm)[np.argmax(np.abs(np.ravel(norm) - 1.0))])
+                kind = "(cos, sin)" if block.kind is BlockKind.CIRCLE else "a quaternion"
+                raise InputError(f"{argument}[{i.start}:{i.stop}]", f"{kind} of norm {worst:.9g}", "norm 1")
+        return array
+
+    def random(self, rng: np.random.Generator, bounds: tuple[Array, Array] | None = None) -> Array:
+        """Return a random state ``x`` (nx,) with ``lower <= diff(neutral(), x) <= upper``.
+
+        Rotation vectors are drawn from their box where it overlaps the ball of radius pi (so they are not uniform over
+        SO(3)), angles of continuous joints from theirs within pi; infinite bounds mean all of it. Everything else needs
+        finite bounds.
+
+        Args:
+            rng: where the randomness comes from.
+            bounds: lower and upper (2 nv,) in the tangent space at ``neutral()``; the model's limits if omitted.
+
+        Raises:
+            InputError: bounds of the wrong shape, crossed, infinite for a translation, a joint or a velocity, or a box
+                of rotation vectors none of which is shorter than pi.
+        """
+        return super().random(rng, bounds)
+
+    def _sample(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
+        lower, upper = lower.copy(), upper.copy()
+        turning = [block.v for block in self._circles] + [slice(b.v.stop - 3, b.v.stop) for b in self._curved]
+        for i in turning:
+            lower[i], upper[i] = np.maximum(lower[i], -np.pi), np.minimum(upper[i], np.pi)
+            nearest = np.clip(0.0, lower[i], upper[i])
+            if np.any(lower[i] > upper[i]) or np.linalg.norm(nearest) > np.pi:
+                raise InputError(
+                    "bounds", f"[{i.start}:{i.stop}] beyond half a turn", "rotation vectors shorter than pi"
+                )
+        dx = super()._sample(rng, lower, upper)
+        for i in turning:
+            _pull_into_ball(rng, dx[i], np.clip(0.0, lower[i], upper[i]))
+        return dx
+
+    def _identity(self, x: Array) -> Array:
+        if x.ndim == 1:
+            return self._eye.copy()
+        return np.tile(self._eye, (*x.shape[:-1], 1, 1))
+
+
+def _pull_into_ball(rng: np.random.Generator, phi: Array, inside: Array) -> None:
+    """Move ``phi``, where longer than pi, towards ``inside`` (both in a box) to a random point within the ball."""
+    if np.linalg.norm(phi) < np.pi:
+        return
+    step = phi - inside
+    square, along = step @ step, inside @ step
+    reach = (np.sqrt(along**2 + square * (np.pi**2 - inside @ inside)) - along) / square
+    phi[:] = inside + rng.uniform() * reach * step
+
+
+def _position_limits(model: pin.Model, blocks_: tuple[Block, ...]) -> tuple[Array, Array]:
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    for block in blocks_:
+        if block.kind is BlockKind.VECTOR:
+            lower[block.v] = _open_ended(model.lowerPositionLimit[block.q])
+            upper[block.v] = _open_ended(model.upperPositionLimit[block.q])
+    return lower, upper
+
+
+def _open_ended(limits: Array) -> Array:
+    """Replace the largest float, by which Pinocchio means no limit, by infinity."""
+    return np.where(np.abs(limits) < np.finfo(np.float64).max, limits, np.copysign(np.inf, limits))

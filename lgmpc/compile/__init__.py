@@ -6,23 +6,19 @@
     fast.run()                       # about 0.2 us on top of the machine code, no allocation
     fast.output("xdot")              # valid until the next run
 
+    whole = compile_map(f, 20)       # all stages of a horizon in one call: whole.input("x") is (20, nx)
+
 Environment:
 
-* ``LGMPC_JIT=0`` interprets every function on CasADi's virtual machine (10 to 20 times slower, nothing compiled).
+* ``LGMPC_JIT=0`` interprets every function on CasADi's virtual machine (about 20 times slower).
 * ``LGMPC_CACHE_DIR`` moves the cache of libraries (default: the user's cache folder, ``~/.cache/lgmpc`` on Linux).
 * ``CC`` chooses the C compiler, ``LGMPC_CFLAGS`` adds flags to lgmpc's own.
 """
 
+from lgmpc.compile.build import compile_function, compile_functions, compile_map, densify_function, map_function
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
-from lgmpc.compile.function import (
-    CompiledFunction,
-    compile_function,
-    compile_functions,
-    compile_map,
-    densify_function,
-    map_function,
-)
+from lgmpc.compile.function import CompiledFunction
 
 __all__ = [
     "CacheReport",

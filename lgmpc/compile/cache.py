@@ -146,8 +146,8 @@ def make_entry(
 
 
 def discard(path: Path) -> None:
-    """Remove a file that may be gone already."""
-    with contextlib.suppress(FileNotFoundError):
+    """Remove a file that may be gone already, or may have to stay (in a read-only folder)."""
+    with contextlib.suppress(OSError):
         path.unlink()
 
 
@@ -163,7 +163,10 @@ def _digest(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    return _digest(path) == path.stem[-_DIGEST:]
+    try:
+        return _digest(path) == path.stem[-_DIGEST:]
+    except OSError:
+        return False
 
 
 def _remove_stale(folder: Path) -> None:

@@ -1,0 +1,136 @@
+"""A CasADi function as machine code: its C source, its library in the cache, the call into it."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import logging
+import re
+import time
+import weakref
+from collections.abc import Callable, Sequence
+
+import casadi
+import numpy as np
+
+from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
+from lgmpc.compile.compiler import Compiler
+from lgmpc.compile.function import Signature
+from lgmpc.errors import CompileError
+from lgmpc.typing import Array
+
+__all__ = ["Progress", "bind_library", "generate_source", "load_library"]
+
+Progress = Callable[[str], None]
+
+_log = logging.getLogger("lgmpc.compile")
+_CODEGEN_VERSION = "1"  # part of every cache key: raise it when the code around CasADi's changes
+
+# One pointer as the only argument costs half of what CasADi's five do to pass from Python, and the loop over stages is
+# here rather than in casadi.Function.map: that copies every output twice and every shared input once per stage.
+_ENTRY = """
+CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
+  double** base = (double**) frame[0];
+  const long long int* plan = (const long long int*) frame[1];
+  const double** arg = (const double**) frame[2];
+  double** res = (double**) frame[3];
+  long long int k;
+  int i, status;
+  for (k = 0; k < plan[0]; ++k) {{
+    for (i = 0; i < {n_in}; ++i) arg[i] = base[i] + k * plan[2 + i];
+    for (i = 0; i < {n_out}; ++i) res[i] = base[{n_in} + i] + k * plan[2 + {n_in} + i];
+    status = {name}(arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]);
+    if (status) return status;
+  }}
+  return 0;
+}}
+"""
+
+
+# CasADi's runtime (dense products, factorisations) is loops, 2.7 times faster at -O2 than at the -O1 that suits the
+# long straight-line bodies after it. GCC alone understands the pragma; clang needs none, its -O1 is as fast here.
+_RUNTIME = re.compile(r"^#include <math\.h>\n(.*?)^static int casadi_f\d+\(", re.MULTILINE | re.DOTALL)
+_FAST = '#pragma GCC push_options\n#pragma GCC optimize ("O2")\n'
+
+
+def generate_source(function: casadi.Function) -> str:
+    """C code of the function and of lgmpc's entry into it.
+
+    Raises:
+        CompileError: CasADi cannot write some part of it in C.
+    """
+    generator = casadi.CodeGenerator(f"{function.name()}.c", {"with_header": False})
+    try:
+        generator.add(function)
+        code = str(generator.dump())
+    except RuntimeError as error:
+        raise CompileError(function.name(), "CasADi code generation", str(error)) from error
+    runtime = _RUNTIME.search(code)
+    if runtime is not None:
+        start, end = runtime.span(1)
+        code = f"{code[:start]}{_FAST}{code[start:end]}#pragma GCC pop_options\n{code[end:]}"
+    return code + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
+
+
+def load_library(function: casadi.Function, compiler: Compiler, progress: Progress | None) -> ctypes.CDLL:
+    """Load the function's library from the cache, building it first where it is missing, damaged or refused.
+
+    Raises:
+        CompileError: the function has no C code, or the compiler failed on it, or the result cannot be loaded.
+        InputError: the cache folder cannot be used.
+    """
+
+    def tell(text: str) -> None:
+        _log.info(text)
+        if progress is not None:
+            progress(text)
+
+    name = function.name()
+    source = generate_source(function)
+    folder = cache_folder()
+    key = request_key(_CODEGEN_VERSION, casadi.CasadiMeta.version(), compiler.identity, source)
+    entry = find_entry(folder, name, key)
+    if entry is not None:
+        try:
+            return ctypes.CDLL(str(entry))
+        except OSError as error:
+            _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
+            discard(entry)
+
+    start = time.perf_counter()
+    tell(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+    entry = make_entry(
+        folder,
+        name,
+        key,
+        source,
+        lambda code, library: compiler.build(code, library, name),
+        lambda: tell(f"waiting for another process that is compiling '{name}'"),
+    )
+    try:
+        library = ctypes.CDLL(str(entry))
+    except OSError as error:
+        remedy = "is the cache on a volume that forbids execution? Choose another with LGMPC_CACHE_DIR"
+        raise CompileError(name, f"loading {entry}", f"{error}; {remedy}") from error
+    tell(f"compiled '{name}' in {time.perf_counter() - start:.1f} s")
+    return library
+
+
+def bind_library(library: ctypes.CDLL, signature: Signature, memory: Sequence[Array]) -> Callable[[], int]:
+    """Make the call that evaluates the library's function on this memory (inputs, then outputs)."""
+    name = signature.name
+    sizes = [ctypes.c_longlong() for _ in range(4)]
+    library[f"{name}_work"](*(ctypes.byref(size) for size in sizes))
+    n_arg, n_res, n_iw, n_w = (size.value for size in sizes)
+    base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
+    steps = [0 if argument.stages is None else argument.size for argument in (*signature.inputs, *signature.outputs)]
+    slot = library[f"{name}_checkout"]()
+    plan = np.array([signature.stages, slot, *steps], dtype=np.int64)
+    arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
+    iw, w = np.zeros(n_iw, dtype=np.int64), np.zeros(n_w)
+    parts = (base, plan, arg, res, iw, w)
+    frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
+    # The frame holds addresses only: whatever they point at has to live as long as the frame.
+    frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
+    weakref.finalize(frame, library[f"{name}_release"], slot)
+    return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))

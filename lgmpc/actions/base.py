@@ -1,0 +1,208 @@
+"""What an action is: one interval of an optimal control problem, written once as CasADi expressions.
+
+Solvers never see these expressions. They see the two stage functions that follow from them (values; linear-quadratic
+expansion in tangent coordinates), which :mod:`lgmpc.ocp` maps over a horizon and compiles.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.actions.parameters import ParameterLayout
+from lgmpc.state.base import State
+from lgmpc.typing import Array
+
+__all__ = ["Action", "Bounded", "LeastSquares", "StageValue"]
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """The cost ``1/2 sum_i weight_i residual_i^2``.
+
+    Its Hessian is taken as ``J^T diag(weight) J`` with the residual's Jacobian J (Gauss-Newton): positive semidefinite
+    for weights that are not negative, and exact when the residual is affine.
+
+    Attributes:
+        residual: CasADi column, a function of state, control and parameters.
+        weight: CasADi column of the same length, a function of the parameters only.
+    """
+
+    residual: Any
+    weight: Any
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """The hard constraint ``lower <= value <= upper``, row by row.
+
+    Attributes:
+        value: CasADi column, a function of state, control and parameters.
+        lower: CasADi column, a function of the parameters only; minus infinity where there is no bound.
+        upper: the same from above.
+    """
+
+    value: Any
+    lower: Any
+    upper: Any
+
+
+@dataclass(frozen=True)
+class StageValue:
+    """What an action amounts to at one point.
+
+    Attributes:
+        x_next: (nx,) state at the end of the interval.
+        cost: running cost.
+        constraint: (ng,) value of the path constraint.
+        lower: (ng,) its bounds.
+        upper: (ng,).
+    """
+
+    x_next: Array
+    cost: float
+    constraint: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def violation(self) -> float:
+        """Largest amount by which the constraint leaves its bounds; 0 if it does not."""
+        if self.constraint.size == 0:
+            return 0.0
+        outside = np.maximum(self.lower - self.constraint, self.constraint - self.upper)
+        return float(max(outside.max(), 0.0))
+
+
+class Action(ABC):
+    """One interval: dynamics, cost and path constraint as expressions of state x, control u and parameters p.
+
+    A subclass sets the attributes and writes the four methods with CasADi operations that SX symbols support.
+    Whatever may change between two solves is a parameter, never a number inside an expression.
+
+    Attributes:
+        name: a C identifier; part of the names of the compiled functions.
+        state: the space that x lives in.
+        nu: dimension of the control.
+        parameters: layout of p.
+    """
+
+    name: str
+    state: State
+    nu: int
+    parameters: ParameterLayout
+
+    @abstractmethod
+    def step(self, x: Any, u: Any, p: Any) -> Any:
+        """Return the state (nx,) at the end of the interval."""
+
+    @abstractmethod
+    def cost(self, x: Any, u: Any, p: Any) -> LeastSquares:
+        """Return the running cost."""
+
+    @abstractmethod
+    def terminal_cost(self, x: Any, p: Any) -> LeastSquares:
+        """Return the cost of the state at the end of the horizon."""
+
+    @abstractmethod
+    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
+        """Return the path constraint; columns of length zero if there is none."""
+
+    @cached_property
+    def value_function(self) -> ca.Function:
+        """``(x, u, p) -> (x_next, cost, constraint, lower, upper)``."""
+        x, u, p = (
+            ca.SX.sym(name, n) for name, n in (("x", self.state.nx), ("u", self.nu), ("p", self.parameters.size))
+        )
+        cost, path = self.cost(x, u, p), self.constraint(x, u, p)
+        outputs = [self.step(x, u, p), _half_square(cost), path.value, path.lower, path.upper]
+        names = ["x_next", "cost", "constraint", "lower", "upper"]
+        return ca.Function(f"{self.name}_value", [x, u, p], outputs, ["x", "u", "p"], names)
+
+    @cached_property
+    def terminal_value_function(self) -> ca.Function:
+        """``(x, p) -> cost``."""
+        x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
+        cost = _half_square(self.terminal_cost(x, p))
+        return ca.Function(f"{self.name}_terminal_value", [x, p], [cost], ["x", "p"], ["cost"])
+
+    @cached_property
+    def quadratic_function(self) -> ca.Function:
+        """``(x, u, x_next, p) -> (A, B, b, Q, S, R, q, r, C, D, lower, upper, cost)``.
+
+        The expansion around (x, u) in tangent coordinates, for a trajectory whose next state is ``x_next``:
+
+            dx+  = A dx + B du + b,                     b = f(x, u) (-) x_next
+            cost + [q; r]^T [dx; du] + 1/2 [dx; du]^T [Q S^T; S R] [dx; du]
+            lower <= C dx + D du <= upper               (the constraint's value already subtracted from the bounds)
+
+        With ``x_next = f(x, u)`` A and B are the derivatives of the dynamics in tangent coordinates at both ends.
+        """
+        x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
+        x_next, u, dx = ca.SX.sym("x_next", self.state.nx), ca.SX.sym("u", self.nu), ca.SX.sym("dx", self.state.ndx)
+        moved = self.state.integrate_symbolic(x, dx)
+        gap = self.state.diff_symbolic(x_next, self.step(moved, u, p))
+        cost, path = self.cost(moved, u, p), self.constraint(moved, u, p)
+        jx, ju = ca.jacobian(cost.residual, dx), ca.jacobian(cost.residual, u)
+        wx, wu = _scale_rows(cost.weight, jx), _scale_rows(cost.weight, ju)
+        expressions = {
+            "A": ca.jacobian(gap, dx),
+            "B": ca.jacobian(gap, u),
+            "b": gap,
+            "Q": jx.T @ wx,
+            "S": ju.T @ wx,
+            "R": ju.T @ wu,
+            "q": wx.T @ cost.residual,
+            "r": wu.T @ cost.residual,
+            "C": ca.jacobian(path.value, dx),
+            "D": ca.jacobian(path.value, u),
+            "lower": path.lower - path.value,
+            "upper": path.upper - path.value,
+            "cost": _half_square(cost),
+        }
+        inputs = [x, u, x_next, p]
+        outputs = _at_zero(list(expressions.values()), dx)
+        names = ["x", "u", "x_next", "p"]
+        return ca.Function(f"{self.name}_quadratic", inputs, outputs, names, list(expressions))
+
+    @cached_property
+    def terminal_quadratic_function(self) -> ca.Function:
+        """``(x, p) -> (Q, q, cost)``: the expansion of the terminal cost in tangent coordinates."""
+        x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
+        dx = ca.SX.sym("dx", self.state.ndx)
+        cost = self.terminal_cost(self.state.integrate_symbolic(x, dx), p)
+        jx = ca.jacobian(cost.residual, dx)
+        wx = _scale_rows(cost.weight, jx)
+        outputs = _at_zero([jx.T @ wx, wx.T @ cost.residual, _half_square(cost)], dx)
+        return ca.Function(f"{self.name}_terminal_quadratic", [x, p], outputs, ["x", "p"], ["Q", "q", "cost"])
+
+    def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
+        """Evaluate the action at one point (interpreted: for looking and testing, not for loops).
+
+        Args:
+            x: (nx,) state.
+            u: (nu,) control.
+            p: (np,) parameters.
+        """
+        x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
+        return StageValue(x_next, float(cost[0]), value, lower, upper)
+
+
+def _half_square(cost: LeastSquares) -> Any:
+    return ca.dot(cost.weight, cost.residual**2) / 2
+
+
+def _scale_rows(weight: Any, jacobian: Any) -> Any:
+    """Return ``diag(weight) @ jacobian`` without losing the sparsity of the Jacobian."""
+    return ca.diag(weight) @ jacobian
+
+
+def _at_zero(expressions: list[Any], dx: Any) -> list[Any]:
+    # Substituting dx = 0 leaves structural zeros where a derivative vanishes identically at 0.
+    zero = ca.SX.zeros(*dx.shape)
+    return [ca.sparsify(ca.simplify(e)) if e.numel() else e for e in ca.substitute(expressions, [dx], [zero])]

@@ -1,0 +1,147 @@
+r"""Centroidal dynamics under contact forces held constant over each interval, integrated without error.
+
+State ``x = [c; l; k]``: centre of mass (m), linear momentum (N.s), angular momentum about the centre of mass (N.m.s);
+world axes. Control: the forces ``f_i`` (N, world axes, on the robot) at contact points ``p_i`` that do not move during
+the interval. With the external force ``f_e`` and moment ``tau_e`` about the centre of mass, ``F = sum f_i`` and
+``W = m g + F + f_e``:
+
+    c' = l / m,      l' = W,      k' = sum (p_i - c) x f_i + tau_e
+
+W is constant over an interval of duration h, so from (c0, l0, k0)
+
+    l(t) = l0 + t W
+    c(t) = c0 + t l0 / m + t^2 W / (2 m)
+    k(h) = k0 + h (sum p_i x f_i + tau_e) - I x F,
+           I = integral of c over [0, h] = h c0 + h^2 l0 / (2 m) + h^3 W / (6 m)
+
+and ``W x F = (m g + f_e) x F`` because ``F x F = 0``. Nothing is neglected: c is quadratic and k cubic in time, and the
+step is affine in the forces except for the products of F with c0 and l0 in k. (Centroidal dynamics: Orin, Goswami, Lee,
+"Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013. The integral is elementary.)
+
+Each contact's force stays in the pyramid with n facets that is inscribed in its friction cone,
+
+    cos(2 pi j / n) f_x + sin(2 pi j / n) f_y <= mu cos(pi / n) f_z,      j = 0 .. n - 1,
+
+whose edges lie on the cone, so whatever satisfies it does not slip; and f_z stays between its bounds. A flag of 0 lifts
+a foot: its force is multiplied by 0 wherever it acts, the cost alone draws the (then meaningless) control to zero, and
+its constraints are opened so far that zero lies strictly inside. So every solver, interior point methods included, sees
+constraints with a nonempty interior, whatever the flags.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+
+from lgmpc.actions.base import Action, Bounded, LeastSquares
+from lgmpc.actions.parameters import Parameter, ParameterLayout
+from lgmpc.errors import InputError
+from lgmpc.state.vector import StateVector
+
+__all__ = ["CentroidalAction"]
+
+
+class CentroidalAction(Action):
+    """Centre of mass and momenta driven by contact forces, friction and normal force limited (see the module).
+
+    ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, contact after contact,
+    ``facets`` rows ``mu cos(pi/n) f_z - n_j . f >= 0`` and one row ``f_z``.
+
+    Args:
+        contacts: number of contact points, nc.
+        facets: sides of the friction pyramid, at least 3.
+
+    Raises:
+        InputError: no contact, or less than three facets.
+    """
+
+    def __init__(self, contacts: int, facets: int = 8) -> None:
+        if contacts < 1:
+            raise InputError("contacts", contacts, "at least one contact point")
+        if facets < 3:
+            raise InputError("facets", facets, "at least 3 sides of the friction pyramid (4 and 8 are usual)")
+        self.contacts = contacts
+        self.facets = facets
+        self.name = f"centroidal_{contacts}x{facets}"
+        self.state = StateVector(9)
+        self.nu = 3 * contacts
+        self.parameters = ParameterLayout(
+            Parameter("mass", 1, "mass of the robot, kg"),
+            Parameter("gravity", 3, "acceleration of gravity, world axes, m/s^2"),
+            Parameter("duration", 1, "length of the interval, s"),
+            Parameter("contact_points", 3 * contacts, "positions of the contact points, world, m"),
+            Parameter("contact_flags", contacts, "1 in contact, 0 in the air"),
+            Parameter("friction", 1, "friction coefficient"),
+            Parameter("normal_force_min", 1, "lowest normal force of a foot in contact, N"),
+            Parameter("normal_force_max", 1, "highest normal force, N"),
+            Parameter(
+                "external_wrench", 6, "[force; moment about the centre of mass] on the robot, world axes, N, N.m"
+            ),
+            Parameter("x_reference", 9, "[c; l; k] to stay near"),
+            Parameter("u_reference", 3 * contacts, "forces to stay near, N"),
+            Parameter("x_weight", 9, "weights of the squared state errors"),
+            Parameter("u_weight", 3 * contacts, "weights of the squared force errors, 1/N^2, positive"),
+        )
+
+    def step(self, x: Any, u: Any, p: Any) -> Any:
+        """Return [c; l; k] at the end of the interval, exactly (see the module)."""
+        s = self.parameters.split(p)
+        h, m = s["duration"], s["mass"]
+        c, l, k = x[0:3], x[3:6], x[6:9]  # noqa: E741 - the momentum's usual name
+        forces = self._effective_forces(u, s)
+        total = ca.sum2(forces)
+        moment = s["external_wrench"][3:6]  # about the world's origin, of the contact forces, and the external one
+        for i in range(self.contacts):
+            moment += ca.cross(s["contact_points"][3 * i : 3 * i + 3], forces[:, i])
+        others = m * s["gravity"] + s["external_wrench"][0:3]
+        resultant = others + total
+        c_next = c + (h / m) * l + (h**2 / (2 * m)) * resultant
+        c_integral = h * c + (h**2 / (2 * m)) * l
+        k_next = k + h * moment - ca.cross(c_integral, total) - (h**3 / (6 * m)) * ca.cross(others, total)
+        return ca.vertcat(c_next, l + h * resultant, k_next)
+
+    def cost(self, x: Any, u: Any, p: Any) -> LeastSquares:
+        """Weighted distance from the reference state and forces."""
+        s = self.parameters.split(p)
+        # A foot in the air is drawn to zero force.
+        u_reference = ca.vec(self._effective_forces(s["u_reference"], s))
+        residual = ca.vertcat(x - s["x_reference"], u - u_reference)
+        return LeastSquares(residual, ca.vertcat(s["x_weight"], s["u_weight"]))
+
+    def terminal_cost(self, x: Any, p: Any) -> LeastSquares:
+        """Weighted distance from the reference state, with the last node's weights."""
+        s = self.parameters.split(p)
+        return LeastSquares(x - s["x_reference"], s["x_weight"])
+
+    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
+        """Friction pyramid and normal force of each contact."""
+        s = self.parameters.split(p)
+        slope = s["friction"] * math.cos(math.pi / self.facets)
+        rows: list[Any] = []
+        lower: list[Any] = []
+        upper: list[Any] = []
+        for i in range(self.contacts):
+            fx, fy, fz = (u[3 * i + j] for j in range(3))
+            flag = s["contact_flags"][i]
+            opened = -(1 - flag) * s["normal_force_max"]
+            for j in range(self.facets):
+                normal_x, normal_y = _unit(2 * math.pi * j / self.facets)
+                rows.append(slope * fz - normal_x * fx - normal_y * fy)
+                lower.append(opened)
+                upper.append(ca.SX(ca.inf))
+            rows.append(fz)
+            lower.append(flag * s["normal_force_min"] + opened)
+            upper.append(s["normal_force_max"])
+        return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
+
+    def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
+        """Return the forces (3, nc) that act: those of feet in contact."""
+        return ca.reshape(u, 3, self.contacts) @ ca.diag(s["contact_flags"])
+
+
+def _unit(angle: float) -> tuple[float, float]:
+    """Return cosine and sine, exactly zero where rounding alone keeps them from it (so that the row stays sparse)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return (0.0 if abs(cosine) < 1e-15 else cosine, 0.0 if abs(sine) < 1e-15 else sine)

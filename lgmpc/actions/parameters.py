@@ -1,0 +1,74 @@
+"""Names for the slices of an action's parameter vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lgmpc.errors import InputError
+from lgmpc.typing import Array
+
+__all__ = ["Parameter", "ParameterLayout"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One named entry of a parameter vector.
+
+    Attributes:
+        name: a Python identifier.
+        size: number of values.
+        meaning: what it is, with its unit.
+    """
+
+    name: str
+    size: int
+    meaning: str
+
+
+class ParameterLayout(Mapping[str, slice]):
+    """Maps each parameter's name to its slice of the vector ``p`` (np,) that every function of an action takes.
+
+    Args:
+        parameters: in the order in which they are stored.
+
+    Attributes:
+        parameters: the same.
+        size: np, the length of the vector.
+    """
+
+    def __init__(self, *parameters: Parameter) -> None:
+        self.parameters = parameters
+        self._slices: dict[str, slice] = {}
+        start = 0
+        for parameter in parameters:
+            self._slices[parameter.name] = slice(start, start + parameter.size)
+            start += parameter.size
+        self.size = start
+
+    def __getitem__(self, name: str) -> slice:
+        """The slice of the vector where ``name`` is stored.
+
+        Raises:
+            InputError: there is no such parameter; names the nearest.
+        """
+        try:
+            return self._slices[name]
+        except KeyError:
+            raise InputError("parameter", name, "a parameter of the action", tuple(self._slices)) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._slices)
+
+    def __len__(self) -> int:
+        return len(self._slices)
+
+    def split(self, p: Any) -> dict[str, Any]:
+        """Return the named pieces of a CasADi column or of an array (np,)."""
+        return {name: p[where] for name, where in self._slices.items()}
+
+    def view(self, p: Array, name: str) -> Array:
+        """Return a writable view (..., size) of one parameter in an array (..., np) of parameter vectors."""
+        view: Array = p[..., self[name]]
+        return view

@@ -1,0 +1,18 @@
+"""Optimal control problems: data, compiled horizon functions, the linear-quadratic subproblem, the NLP transcription."""
+
+from lgmpc.ocp.horizon import HorizonFunctions
+from lgmpc.ocp.problem import ShootingProblem, Trajectory
+from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
+from lgmpc.ocp.transcription import MultipleShooting, transcribe
+
+__all__ = [
+    "Block",
+    "HorizonFunctions",
+    "KktResidual",
+    "MultipleShooting",
+    "OcpQp",
+    "OcpQpStructure",
+    "ShootingProblem",
+    "Trajectory",
+    "transcribe",
+]

@@ -1,0 +1,201 @@
+"""The linear-quadratic problem that a solver's step is found from: one buffer of numbers, one pattern that names them.
+
+    minimise    sum_k  1/2 [dx_k; du_k]^T [Q_k S_k^T; S_k R_k] [dx_k; du_k] + q_k^T dx_k + r_k^T du_k
+                + 1/2 dx_N^T Q_N dx_N + q_N^T dx_N
+    subject to  dx_{k+1} = A_k dx_k + B_k du_k + b_k,     lower_k <= C_k dx_k + D_k du_k <= upper_k,    dx_0 given
+
+Only entries that are not structurally zero are stored, all blocks of a stage in a row, so that a compiled function writes
+the whole problem in one pass and a solver picks its matrices' values with one index array.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.actions import Action
+from lgmpc.typing import Array, IntArray
+
+__all__ = ["Block", "KktResidual", "OcpQp", "OcpQpStructure", "kkt_function"]
+
+_STAGE = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
+_TERMINAL = ("Q", "q", "cost")
+
+
+@dataclass(frozen=True)
+class Block:
+    """Where a matrix's entries are stored.
+
+    Attributes:
+        shape: of the matrix (vectors have one column).
+        rows: (nnz,) row of each stored entry.
+        columns: (nnz,) its column.
+        where: slice of the stage's row of values.
+    """
+
+    shape: tuple[int, int]
+    rows: IntArray
+    columns: IntArray
+    where: slice
+
+    @property
+    def positions(self) -> IntArray:
+        """(nnz,) index of each entry in the stage's row of values."""
+        return np.arange(self.where.start, self.where.stop)
+
+    def sparsity(self) -> ca.Sparsity:
+        """The pattern as CasADi's."""
+        return ca.Sparsity.triplet(*self.shape, self.rows.tolist(), self.columns.tolist())
+
+
+@dataclass(frozen=True)
+class OcpQpStructure:
+    """Sizes and patterns of the linear-quadratic problems of one action over one horizon.
+
+    Attributes:
+        nodes: N.
+        ndx: dimension of a state's tangent space.
+        nu: dimension of the control.
+        ng: rows of the path constraint.
+        blocks: of a stage: A B b Q S R q r C D lower upper cost.
+        terminal_blocks: of the last node: Q q cost.
+        size: stored values a stage.
+        terminal_size: stored values of the last node.
+    """
+
+    nodes: int
+    ndx: int
+    nu: int
+    ng: int
+    blocks: dict[str, Block]
+    terminal_blocks: dict[str, Block]
+    size: int
+    terminal_size: int
+
+    @classmethod
+    def of(cls, action: Action, nodes: int) -> OcpQpStructure:
+        """Read the patterns off the action's functions."""
+        blocks, size = _blocks(action.quadratic_function, _STAGE)
+        terminal_blocks, terminal_size = _blocks(action.terminal_quadratic_function, _TERMINAL)
+        ng = blocks["lower"].shape[0]
+        return cls(nodes, action.state.ndx, action.nu, ng, blocks, terminal_blocks, size, terminal_size)
+
+
+class OcpQp:
+    """One linear-quadratic problem (see the module), on buffers that somebody writes and solvers read.
+
+    Args:
+        structure: sizes and patterns.
+        values: (N, size) of the stages; zeros unless given.
+        terminal_values: (terminal_size,) of the last node.
+    """
+
+    def __init__(
+        self, structure: OcpQpStructure, values: Array | None = None, terminal_values: Array | None = None
+    ) -> None:
+        self.structure = structure
+        self.values: Array = np.zeros((structure.nodes, structure.size)) if values is None else values
+        self.terminal_values: Array = np.zeros(structure.terminal_size) if terminal_values is None else terminal_values
+
+    def vector(self, name: str) -> Array:
+        """View (N, n) of a stage vector that has no structural zeros (b, q, r, lower, upper, cost)."""
+        view: Array = self.values[:, self.structure.blocks[name].where]
+        return view
+
+    def dense(self, name: str) -> Array:
+        """Copy (N, rows, columns) of a stage matrix or vector with its zeros."""
+        block = self.structure.blocks[name]
+        out = np.zeros((self.structure.nodes, *block.shape))
+        out[:, block.rows, block.columns] = self.values[:, block.where]
+        return out
+
+    def dense_terminal(self, name: str) -> Array:
+        """Copy (rows, columns) of a matrix or vector of the last node."""
+        block = self.structure.terminal_blocks[name]
+        out = np.zeros(block.shape)
+        out[block.rows, block.columns] = self.terminal_values[block.where]
+        return out
+
+
+@dataclass(frozen=True)
+class KktResidual:
+    """How far a point is from satisfying the optimality conditions, each in the largest absolute value of its rows.
+
+    Attributes:
+        stationarity: gradient of the Lagrangian.
+        dynamics: gaps between the stages.
+        constraint: violation of the path constraint.
+        complementarity: smaller of a row's multiplier and its distance from the bound that the multiplier is of.
+    """
+
+    stationarity: float
+    dynamics: float
+    constraint: float
+    complementarity: float
+
+    @property
+    def largest(self) -> float:
+        """The largest of the four; NaN if any is."""
+        return float(np.max([self.stationarity, self.dynamics, self.constraint, self.complementarity]))
+
+
+def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
+    """Function of the residual of the optimality conditions of an :class:`OcpQp` at a point.
+
+    With costates lambda_1 .. lambda_N of the dynamics ``A dx + B du + b - dx+ = 0`` and multipliers mu of the path
+    constraint (positive where the upper bound holds, negative where the lower one does) the Lagrangian is stationary in
+    dx_1 .. dx_N and du_0 .. du_{N-1}. dx_0 is given: there is no condition on it.
+
+    Returns:
+        ``(values (size, N), terminal_values, dxs (ndx, N+1), dus (nu, N), costates (ndx, N), multipliers (ng, N)) ->
+        residual (4,)``, in the order of :class:`KktResidual`.
+    """
+    n, ndx, nu, ng = structure.nodes, structure.ndx, structure.nu, structure.ng
+    v, dx, dx_next = ca.SX.sym("v", structure.size), ca.SX.sym("dx", ndx), ca.SX.sym("dx_next", ndx)
+    du, co, mu = ca.SX.sym("du", nu), ca.SX.sym("co", ndx), ca.SX.sym("mu", ng)
+    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in structure.blocks.items()}
+    # The costate's own -lambda_k is added outside, where neighbouring stages meet.
+    gradient_x = m["Q"] @ dx + m["S"].T @ du + m["q"] + m["A"].T @ co + m["C"].T @ mu
+    gradient_u = m["S"] @ dx + m["R"] @ du + m["r"] + m["B"].T @ co + m["D"].T @ mu
+    gap = m["A"] @ dx + m["B"] @ du + m["b"] - dx_next
+    row = m["C"] @ dx + m["D"] @ du
+    above, below = m["upper"] - row, row - m["lower"]
+    outside = ca.fmax(ca.fmax(-above, -below), 0)
+    loose = ca.fmax(ca.fmin(ca.fmax(mu, 0), above), ca.fmin(ca.fmax(-mu, 0), below))
+    stage = ca.Function(
+        f"{name}_kkt_stage",
+        [v, dx, dx_next, du, co, mu],
+        [gradient_x, *(_largest(e) for e in (gradient_u, gap, outside, loose))],
+    )
+    vs, vt = ca.MX.sym("values", structure.size, n), ca.MX.sym("terminal_values", structure.terminal_size)
+    dxs, dus = ca.MX.sym("dxs", ndx, n + 1), ca.MX.sym("dus", nu, n)
+    cos, mus = ca.MX.sym("costates", ndx, n), ca.MX.sym("multipliers", ng, n)
+    gx, gu, gaps, outsides, looses = stage.map(n)(vs, dxs[:, :n], dxs[:, 1:], dus, cos, mus)
+    t = {key: ca.MX(block.sparsity(), vt[block.where]) for key, block in structure.terminal_blocks.items()}
+    gx_last = t["Q"] @ dxs[:, n] + t["q"]
+    gx_inner = ca.horzcat(gx[:, 1:], gx_last) - cos
+    stationarity = ca.fmax(ca.mmax(ca.fabs(ca.vec(gx_inner))), ca.mmax(gu))
+    residual = ca.vertcat(stationarity, *(ca.mmax(e) for e in (gaps, outsides, looses)))
+    inputs = [vs, vt, dxs, dus, cos, mus]
+    names = ["values", "terminal_values", "dxs", "dus", "costates", "multipliers"]
+    return ca.Function(f"{name}_kkt_{n}", inputs, [residual], names, ["residual"])
+
+
+def _largest(column: ca.SX) -> ca.SX:
+    return ca.norm_inf(column) if column.numel() else ca.SX(0)
+
+
+def _blocks(function: ca.Function, names: tuple[str, ...]) -> tuple[dict[str, Block], int]:
+    blocks: dict[str, Block] = {}
+    start = 0
+    for name in names:
+        sparsity = function.sparsity_out(name)
+        # Vectors are stored whole, so that they can be viewed as arrays.
+        if sparsity.size2() == 1 and name not in "ABCDQRS":
+            sparsity = ca.Sparsity.dense(*sparsity.shape)
+        rows, columns = (np.array(index, dtype=np.int64) for index in sparsity.get_triplet())
+        blocks[name] = Block(sparsity.shape, rows, columns, slice(start, start + rows.size))
+        start += rows.size
+    return blocks, start

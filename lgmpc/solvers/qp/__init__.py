@@ -1,0 +1,49 @@
+"""Solvers of linear-quadratic subproblems behind one small protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
+from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
+from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
+
+__all__ = [
+    "QP_SOLVERS",
+    "OsqpSettings",
+    "OsqpSolver",
+    "PiqpSettings",
+    "PiqpSolver",
+    "ProxqpSettings",
+    "ProxqpSolver",
+    "QpSolution",
+    "QpSolver",
+    "QpStatus",
+    "make_qp_solver",
+]
+
+_MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {
+    "osqp": OsqpSolver,
+    "piqp": PiqpSolver,
+    "piqp_multistage": lambda qp: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
+    "proxqp": ProxqpSolver,
+}
+QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
+"""Names that :func:`make_qp_solver` knows."""
+
+
+def make_qp_solver(name: str, qp: OcpQp) -> QpSolver:
+    """Make a solver with its standard settings, by the name that a config has.
+
+    Raises:
+        InputError: no such solver; names the nearest.
+        MissingDependencyError: its package is not installed.
+    """
+    try:
+        maker = _MAKERS[name]
+    except KeyError:
+        raise InputError("qp_solver", name, "a solver of quadratic programmes", QP_SOLVERS) from None
+    return maker(qp)

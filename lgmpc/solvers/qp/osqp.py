@@ -1,0 +1,143 @@
+"""OSQP: operator splitting, cheapest when it starts close to the solution (Stellato et al., Math. Prog. Comp. 12, 2020).
+
+Every setting that would depend on the clock is fixed: the same inputs give the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lgmpc.errors import MissingDependencyError
+from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.assembly import SparseAssembly
+from lgmpc.solvers.qp.protocol import QpSolution, QpStatus
+from lgmpc.typing import Array
+
+__all__ = ["OsqpSettings", "OsqpSolver"]
+
+_INFINITY = 1e30  # OSQP's
+_STATUS = {
+    "OSQP_SOLVED": QpStatus.SOLVED,
+    "OSQP_SOLVED_INACCURATE": QpStatus.MAX_ITERATIONS,
+    "OSQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
+    "OSQP_PRIMAL_INFEASIBLE": QpStatus.INFEASIBLE,
+    "OSQP_PRIMAL_INFEASIBLE_INACCURATE": QpStatus.INFEASIBLE,
+    "OSQP_DUAL_INFEASIBLE": QpStatus.UNBOUNDED,
+    "OSQP_DUAL_INFEASIBLE_INACCURATE": QpStatus.UNBOUNDED,
+}
+
+
+@dataclass(frozen=True)
+class OsqpSettings:
+    """What matters of OSQP's settings here.
+
+    Attributes:
+        tolerance: absolute and relative residual at which it stops.
+        max_iterations: of the splitting.
+        rho: first step size; adapted when residuals drift apart.
+        check_interval: iterations between two looks at the residuals.
+        polish: solve once more with the active constraints as equalities, for full accuracy.
+    """
+
+    tolerance: float = 1e-4
+    max_iterations: int = 400
+    rho: float = 0.1
+    check_interval: int = 5
+    polish: bool = False
+
+
+class OsqpSolver:
+    """:class:`~lgmpc.solvers.qp.QpSolver` on OSQP; warm-started in z and y; factorises in :meth:`prepare`.
+
+    Args:
+        qp: the problem.
+        settings: tolerance and iterations.
+
+    Raises:
+        MissingDependencyError: OSQP is not installed.
+    """
+
+    name = "osqp"
+
+    def __init__(self, qp: OcpQp, settings: OsqpSettings | None = None) -> None:
+        try:
+            from osqp import ext_builtin
+        except ImportError as error:
+            raise MissingDependencyError("osqp", "the QP solver 'osqp'", 'pip install "osqp>=1.0,<2"') from error
+        self.qp = qp
+        self.settings = OsqpSettings() if settings is None else settings
+        self.iterations = 0
+        self._module: Any = ext_builtin
+        self._assembly = SparseAssembly(qp, triangular=True, stacked=True)
+        self.solution: QpSolution = self._assembly.solution
+        self._solver: Any = None
+        self._finite = False
+        self._zero = np.zeros(self._assembly.size)
+        self._codes = {
+            int(v): _STATUS.get(k, QpStatus.NUMERICAL) for k, v in ext_builtin.osqp_status_type.__members__.items()
+        }
+
+    def reset(self) -> None:
+        """Forget everything learnt from earlier solves."""
+        self._solver = None
+        self._assembly.z[:] = 0.0
+        self._assembly.y[:] = 0.0
+        self._assembly.finish()
+
+    def prepare(self) -> None:
+        """Take over the matrices and factorise."""
+        a = self._assembly
+        self._finite = a.load_matrices()
+        if self._finite and self._solver is not None:
+            self._solver.update_data_mat(a.hessian.matrix.data, None, a.constraints[0].matrix.data, None)
+
+    def solve(self, dx0: Array) -> QpStatus:
+        """Solve from the current point; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        a = self._assembly
+        if not (a.load_vectors(dx0) and self._finite):
+            self._solver = None
+            return QpStatus.NOT_FINITE
+        np.maximum(a.lower, -_INFINITY, out=a.lower)
+        np.minimum(a.upper, _INFINITY, out=a.upper)
+        if self._solver is None:
+            self._setup()
+        else:
+            self._solver.update_data_vec(a.gradient, a.lower, a.upper)
+        self._solver.warm_start(self._zero, a.y)
+        self._solver.solve()
+        info = self._solver.info
+        self.iterations = int(info.iter)
+        status = self._codes[int(info.status_val)]
+        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+            a.z[:] = self._solver.solution.x
+            a.y[:] = self._solver.solution.y
+            a.finish()
+        else:
+            self._solver = None  # its internal iterates are of no use to the next solve
+        return status
+
+    def _setup(self) -> None:
+        module, a, s = self._module, self._assembly, self.settings
+        options = module.OSQPSettings()
+        module.osqp_set_default_settings(options)
+        values = {
+            "verbose": 0,
+            "eps_abs": s.tolerance,
+            "eps_rel": s.tolerance,
+            "max_iter": s.max_iterations,
+            "rho": s.rho,
+            "check_termination": s.check_interval,
+            "polishing": int(s.polish),
+            "warm_starting": 1,
+            # OSQP's own choice of when to adapt rho reads the clock.
+            "adaptive_rho": 1,
+            "adaptive_rho_interval": 5 * s.check_interval,
+        }
+        for name, value in values.items():
+            setattr(options, name, value)
+        matrices = (module.CSC(a.hessian.matrix), module.CSC(a.constraints[0].matrix))
+        rows = a.equalities + a.inequalities
+        self._solver = module.OSQPSolver(matrices[0], a.gradient, matrices[1], a.lower, a.upper, rows, a.size, options)

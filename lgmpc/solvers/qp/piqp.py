@@ -1,0 +1,115 @@
+"""PIQP: a proximal interior point method, accurate from any start (Schwan, Jiang, Kuhn, Jones, CDC 2023)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.assembly import SparseAssembly
+from lgmpc.solvers.qp.protocol import QpSolution, QpStatus
+from lgmpc.typing import Array
+
+__all__ = ["PiqpSettings", "PiqpSolver"]
+
+KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
+_STATUS = {
+    "PIQP_SOLVED": QpStatus.SOLVED,
+    "PIQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
+    "PIQP_PRIMAL_INFEASIBLE": QpStatus.INFEASIBLE,
+    "PIQP_DUAL_INFEASIBLE": QpStatus.UNBOUNDED,
+}
+
+
+@dataclass(frozen=True)
+class PiqpSettings:
+    """What matters of PIQP's settings here.
+
+    Attributes:
+        kkt_solver: ``sparse_ldlt``, or ``sparse_multistage``, which works in dense blocks (pays for large stages).
+        tolerance: absolute residual at which it stops.
+        max_iterations: of the interior point method.
+
+    Raises:
+        InputError: no such ``kkt_solver``.
+    """
+
+    kkt_solver: str = "sparse_ldlt"
+    tolerance: float = 1e-6
+    max_iterations: int = 50
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown linear solver."""
+        if self.kkt_solver not in KKT_SOLVERS:
+            raise InputError("kkt_solver", self.kkt_solver, "a linear solver of PIQP", KKT_SOLVERS)
+
+
+class PiqpSolver:
+    """:class:`~lgmpc.solvers.qp.QpSolver` on PIQP. An interior point method gains nothing from a warm start: it has none.
+
+    Args:
+        qp: the problem.
+        settings: linear solver, tolerance and iterations.
+
+    Raises:
+        MissingDependencyError: PIQP is not installed.
+    """
+
+    def __init__(self, qp: OcpQp, settings: PiqpSettings | None = None) -> None:
+        try:
+            import piqp
+        except ImportError as error:
+            raise MissingDependencyError("piqp", "the QP solver 'piqp'", 'pip install "piqp>=0.6,<0.7"') from error
+        self.qp = qp
+        self.settings = PiqpSettings() if settings is None else settings
+        self.name = "piqp" if self.settings.kkt_solver == "sparse_ldlt" else "piqp_multistage"
+        self.iterations = 0
+        self._module: Any = piqp
+        self._assembly = SparseAssembly(qp, triangular=True)
+        self.solution: QpSolution = self._assembly.solution
+        self._solver: Any = None
+        self._finite = False
+
+    def reset(self) -> None:
+        """Forget everything learnt from earlier solves."""
+        self._solver = None
+        self._assembly.z[:] = 0.0
+        self._assembly.y[:] = 0.0
+        self._assembly.finish()
+
+    def prepare(self) -> None:
+        """Take over the matrices."""
+        self._finite = self._assembly.load_matrices()
+
+    def solve(self, dx0: Array) -> QpStatus:
+        """Solve; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        a = self._assembly
+        if not (a.load_vectors(dx0) and self._finite):
+            return QpStatus.NOT_FINITE
+        m = a.equalities
+        equality, inequality = (c.matrix for c in a.constraints)
+        data = (a.hessian.matrix, a.gradient, equality, a.lower[:m], inequality, a.lower[m:], a.upper[m:])
+        if self._solver is None:
+            self._solver = self._module.SparseSolver()
+            options, s = self._solver.settings, self.settings
+            options.kkt_solver = getattr(self._module.KKTSolver, s.kkt_solver)
+            options.eps_abs = options.eps_duality_gap_abs = s.tolerance
+            options.eps_rel = options.eps_duality_gap_rel = 0.0
+            options.max_iter = s.max_iterations
+            options.preconditioner_reuse_on_update = True
+            self._solver.setup(*data)
+        else:
+            self._solver.update(*data)
+        code = self._solver.solve()
+        result = self._solver.result
+        self.iterations = int(result.info.iter)
+        status = _STATUS.get(code.name, QpStatus.NUMERICAL)
+        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+            a.z[:] = result.x
+            a.y[:m] = result.y
+            np.subtract(result.z_u, result.z_l, out=a.y[m:])
+            a.finish()
+        return status

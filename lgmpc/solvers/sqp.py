@@ -1,0 +1,247 @@
+"""Sequential quadratic programming with the real-time iteration's split into preparation and feedback.
+
+An iteration expands the problem around the current trajectory, solves the linear-quadratic problem and takes the full
+step. Everything that does not need the measured state (expansion, matrices, factorisation) is the preparation; the
+feedback embeds the measured state and solves. Diehl, Bock, Schloder, "A real-time iteration scheme for nonlinear
+optimization in optimal feedback control", SIAM J. Control Optim. 43, 2005.
+
+The Hessian is the Gauss-Newton one: near a solution the iterates approach it linearly, the faster the smaller the
+dynamics' curvature times the costates; the limit satisfies the exact optimality conditions.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem, Trajectory
+from lgmpc.solvers.qp import QpSolver, QpStatus, make_qp_solver
+from lgmpc.typing import Array
+
+__all__ = ["SqpResult", "SqpSolver", "SqpStatus", "SqpTimings"]
+
+
+class SqpStatus(Enum):
+    """How the iterations ended; the value says what to do about it."""
+
+    CONVERGED = "nothing to do"
+    STEPPED = "nothing to do: the iterations asked for were taken"
+    INACCURATE = "the last subproblem was solved loosely: give the QP solver more iterations or a looser tolerance"
+    ITERATION_LIMIT = "raise the number of iterations, or start closer to the solution"
+    QP_FAILED = "the subproblem has no solution: check bounds, weights and the first state"
+    NOT_FINITE = "state, references or parameters hold NaN or infinity"
+
+    @property
+    def usable(self) -> bool:
+        """Whether the trajectory was improved on."""
+        return self not in (SqpStatus.QP_FAILED, SqpStatus.NOT_FINITE)
+
+
+@dataclass(frozen=True)
+class SqpTimings:
+    """Where the time went, s.
+
+    Attributes:
+        preparation: expansion, matrices, factorisation.
+        feedback: solution of the subproblem and the step.
+    """
+
+    preparation: float
+    feedback: float
+
+    @property
+    def total(self) -> float:
+        """Preparation and feedback."""
+        return self.preparation + self.feedback
+
+
+@dataclass(frozen=True)
+class SqpResult:
+    """The trajectory after the last step.
+
+    Attributes:
+        trajectory: states (N+1, nx) and controls (N, nu); arrays of its own.
+        costates: (N, ndx) multipliers of the dynamics.
+        multipliers: (N, ng) of the path constraint.
+        status: how it ended.
+        iterations: subproblems solved.
+        qp_iterations: of the QP solver, all subproblems together.
+        kkt: residual of the optimality conditions; of the last subproblem (STEPPED, INACCURATE) or, from
+            :meth:`SqpSolver.solve`, of the nonlinear problem.
+        timings: of all iterations together.
+    """
+
+    trajectory: Trajectory
+    costates: Array
+    multipliers: Array
+    status: SqpStatus
+    iterations: int
+    qp_iterations: int
+    kkt: KktResidual
+    timings: SqpTimings
+
+
+class SqpSolver:
+    """Real-time iterations, or iterations to convergence, on one :class:`~lgmpc.ocp.ShootingProblem`.
+
+    The problem's parameters are read at every preparation. The current trajectory is in :attr:`xs` and :attr:`us`,
+    which may be written.
+
+    Args:
+        problem: the problem.
+        qp_solver: name of the solver of the subproblems, or a function that makes one.
+        progress: told what is being compiled.
+
+    Attributes:
+        xs: (N+1, nx) current states.
+        us: (N, nu) current controls.
+        qp: the current subproblem.
+        qp_solver: its solver.
+
+    Raises:
+        InputError: no such QP solver.
+        MissingDependencyError: its package is not installed.
+    """
+
+    def __init__(
+        self,
+        problem: ShootingProblem,
+        qp_solver: str | Callable[[OcpQp], QpSolver] = "osqp",
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.problem = problem
+        functions = HorizonFunctions(problem.action, problem.nodes, progress)
+        self._functions = functions
+        linearize = functions.linearize
+        self.xs: Array = linearize.input("xs").T
+        self.us: Array = linearize.input("us").T
+        self._parameters: Array = linearize.input("parameters").T
+        self.qp = OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+        self.qp_solver = make_qp_solver(qp_solver, self.qp) if isinstance(qp_solver, str) else qp_solver(self.qp)
+        self._preparation = 0.0
+
+    def set_guess(self, trajectory: Trajectory) -> None:
+        """Start from a trajectory; multipliers start from zero.
+
+        Raises:
+            InputError: wrong shapes.
+        """
+        for name, mine, given in (("xs", self.xs, trajectory.xs), ("us", self.us, trajectory.us)):
+            if np.shape(given) != mine.shape:
+                raise InputError(name, f"shape {np.shape(given)}", f"shape {mine.shape}")
+        self.xs[:] = trajectory.xs
+        self.us[:] = trajectory.us
+        self.qp_solver.reset()
+
+    def shift(self, fraction: float) -> None:
+        """Move trajectory and multipliers ahead in time by a fraction (0 to 1) of an interval.
+
+        States are moved along the line from each node to the next; controls and multipliers likewise; the end stays.
+        """
+        advance = self._functions.advance
+        advance.inputs[0][...] = self.xs.T
+        advance.inputs[1][...] = fraction
+        advance.run()
+        self.xs[:] = advance.outputs[0].T
+        point = self.qp_solver.solution
+        for array in (self.us, point.costates, point.multipliers):
+            array[:-1] += fraction * (array[1:] - array[:-1])
+
+    def prepare(self) -> None:
+        """Expand the problem around the current trajectory and hand the matrices to the QP solver."""
+        start = time.perf_counter()
+        self._parameters[:] = self.problem.parameters
+        self._functions.linearize.run()
+        self.qp_solver.prepare()
+        self._preparation = time.perf_counter() - start
+
+    def feedback(self, x0: Array) -> SqpResult:
+        """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
+
+        When the subproblem has no usable solution the current trajectory stays as it was.
+        """
+        start = time.perf_counter()
+        status = _AFTER_STEP[self._step(x0)]
+        kkt = self._residual(at_step=True) if status.usable else _UNKNOWN
+        return self._result(status, 1, self.qp_solver.iterations, kkt, start, self._preparation)
+
+    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> SqpResult:
+        """Iterate from the current trajectory until the nonlinear problem's optimality conditions hold.
+
+        Args:
+            max_iterations: most subproblems to solve.
+            tolerance: largest residual of the conditions; the QP solver has to be at least as accurate.
+        """
+        start = time.perf_counter()
+        preparation = 0.0
+        inner = taken = 0
+        while True:
+            self.prepare()
+            preparation += self._preparation
+            start += self._preparation  # what is left is the feedback's share
+            kkt = self._residual(at_step=False)
+            if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
+                return self._result(SqpStatus.CONVERGED, taken, inner, kkt, start, preparation)
+            if taken == max_iterations:
+                return self._result(SqpStatus.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
+            status = _AFTER_STEP[self._step(self.problem.x0)]
+            inner += self.qp_solver.iterations
+            if not status.usable:
+                return self._result(status, taken, inner, kkt, start, preparation)
+            taken += 1
+
+    def _step(self, x0: Array) -> QpStatus:
+        difference, retract = self._functions.difference, self._functions.retract
+        difference.inputs[0][...] = self.xs[0]
+        difference.inputs[1][...] = x0
+        difference.run()
+        status = self.qp_solver.solve(difference.outputs[0])
+        if _AFTER_STEP[status].usable:
+            step = self.qp_solver.solution
+            retract.inputs[0][...] = self.xs.T
+            retract.inputs[1][...] = step.dxs.T
+            retract.run()
+            self.xs[:] = retract.outputs[0].T
+            self.us += step.dus
+        return status
+
+    def _residual(self, *, at_step: bool) -> KktResidual:
+        """Residual of the subproblem at its solution, or of the nonlinear problem at the point of expansion."""
+        values, terminal, dxs, dus, costates, multipliers = self._functions.kkt.inputs
+        point = self.qp_solver.solution
+        values[...] = self.qp.values.T
+        terminal[...] = self.qp.terminal_values
+        dxs[...] = point.dxs.T if at_step else 0.0
+        dus[...] = point.dus.T if at_step else 0.0
+        costates[...] = point.costates.T
+        multipliers[...] = point.multipliers.T
+        self._functions.kkt.run()
+        return KktResidual(*self._functions.kkt.outputs[0].tolist())
+
+    def _result(
+        self, status: SqpStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
+    ) -> SqpResult:
+        point = self.qp_solver.solution
+        trajectory = Trajectory(self.xs.copy(), self.us.copy())
+        elapsed = time.perf_counter() - start
+        timings = SqpTimings(preparation, elapsed)
+        return SqpResult(
+            trajectory, point.costates.copy(), point.multipliers.copy(), status, iterations, inner, kkt, timings
+        )
+
+
+_UNKNOWN = KktResidual(math.nan, math.nan, math.nan, math.nan)
+_AFTER_STEP = {
+    QpStatus.SOLVED: SqpStatus.STEPPED,
+    QpStatus.MAX_ITERATIONS: SqpStatus.INACCURATE,
+    QpStatus.INFEASIBLE: SqpStatus.QP_FAILED,
+    QpStatus.UNBOUNDED: SqpStatus.QP_FAILED,
+    QpStatus.NUMERICAL: SqpStatus.QP_FAILED,
+    QpStatus.NOT_FINITE: SqpStatus.NOT_FINITE,
+}

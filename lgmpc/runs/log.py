@@ -87,6 +87,7 @@ class RunLog:
         mpc_status: (m,) 0 = solved.
         mpc_ms: (m,) duration of each update, ms.
         contact_frames: (nc,) names of the contact frames.
+        joint_names: (nu,) names of the actuated joints.
         effort_limit: (nu,) torque limits that the plant clips at, N.m.
         friction: friction coefficient of the plant's floor.
         contact_radius: radius of the spherical feet, m (0 = point feet).
@@ -117,6 +118,7 @@ class RunLog:
     mpc_status: StatusArray
     mpc_ms: Array
     contact_frames: NDArray[np.str_]
+    joint_names: NDArray[np.str_]
     effort_limit: Array
     friction: float
     contact_radius: float
@@ -129,8 +131,12 @@ class RunLog:
         for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
             for name, channel in table.items():
                 self._check(name, getattr(self, name), channel, length, dims)
-        for array in (self.contact_frames, self.effort_limit):
+        for array in (self.contact_frames, self.joint_names, self.effort_limit):
             array.setflags(write=False)
+        if self.joint_names.shape != (dims["nu"],):
+            raise RunFolderError(
+                f"log entry 'joint_names' has shape {self.joint_names.shape}, expected {(dims['nu'],)}"
+            )
         if len(self.time) and not (np.all(np.isfinite(self.time)) and np.all(np.diff(self.time) > 0.0)):
             raise RunFolderError("log channel 'time' does not increase strictly")
         if self.floating_base and dims["nq"] < 7:

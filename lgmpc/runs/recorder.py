@@ -34,6 +34,7 @@ class Recorder:
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         mpc_updates: MPC updates foreseen.
         floating_base: whether ``q`` begins with a base pose.
+        joint_names: (nu,) names of the actuated joints; numbered if not given.
 
     Raises:
         InputError: if a size, a period or the friction cannot be.
@@ -54,6 +55,7 @@ class Recorder:
         mpc_period_s: float = 0.0,
         mpc_updates: int = 0,
         floating_base: bool = True,
+        joint_names: Sequence[str] | None = None,
     ) -> None:
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
             if value < 0:
@@ -61,6 +63,12 @@ class Recorder:
         if not control_period_s > 0.0:
             raise InputError("control_period_s", control_period_s, "a positive time in seconds")
         self._effort_limit = np.array(effort_limit, dtype=np.float64)
+        joints = [f"joint {k + 1}" for k in range(len(self._effort_limit))] if joint_names is None else joint_names
+        if len(joints) != len(self._effort_limit):
+            raise InputError(
+                "joint_names", f"{len(joints)} names", f"one for each of {len(self._effort_limit)} torques"
+            )
+        self._joint_names = np.array(list(joints), dtype=np.str_)
         self._contact_frames = np.array(list(contact_frames), dtype=np.str_)
         self._friction = float(friction)
         self._contact_radius = float(contact_radius)
@@ -159,6 +167,7 @@ class Recorder:
             **self._rows.copies(),
             **self._mpc_rows.copies(),
             contact_frames=self._contact_frames.copy(),
+            joint_names=self._joint_names.copy(),
             effort_limit=self._effort_limit.copy(),
             friction=self._friction,
             contact_radius=self._contact_radius,

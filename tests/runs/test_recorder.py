@@ -71,7 +71,12 @@ def _duration(recorder, tick) -> float:
 
 @pytest.mark.parametrize(
     ("changes", "argument"),
-    [({"ticks": -1}, "ticks"), ({"control_period_s": 0.0}, "control_period_s"), ({"mpc_nodes": -2}, "mpc_nodes")],
+    [
+        ({"ticks": -1}, "ticks"),
+        ({"control_period_s": 0.0}, "control_period_s"),
+        ({"mpc_nodes": -2}, "mpc_nodes"),
+        ({"joint_names": ("a", "b")}, "joint_names"),
+    ],
 )
 def test_impossible_sizes_are_refused(changes, argument) -> None:
     with pytest.raises(InputError, match=argument):
@@ -104,6 +109,12 @@ def test_no_push_no_interval(standing) -> None:
     assert push_intervals(standing) == ()
 
 
+def test_joints_have_names() -> None:
+    names = [f"{leg}_{part}" for leg in ("FL", "FR", "HL", "HR") for part in ("HAA", "HFE", "KFE")]
+    assert new_recorder(joint_names=names).log().joint_names.tolist() == names
+    assert new_recorder().log().joint_names[11] == "joint 12"
+
+
 def test_a_log_of_no_tick_is_a_log() -> None:
     log = new_recorder().log()
     assert log.ticks == 0
@@ -118,6 +129,7 @@ def test_a_log_of_no_tick_is_a_log() -> None:
         ("wbc_status", np.zeros(1000), "'wbc_status' holds float64, expected int8"),
         ("time", np.zeros(1000), "'time' does not increase"),
         ("friction", np.zeros(2), "'friction' has shape"),
+        ("joint_names", np.array(["a"]), "'joint_names' has shape"),
     ],
 )
 def test_wrong_channels_are_named(standing, name, value, message) -> None:

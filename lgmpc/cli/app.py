@@ -152,9 +152,9 @@ def play(
     from lgmpc.cli.runs import find_run
 
     folder = find_run(run, runs)
-    from lgmpc.cli.showing import play_run
+    from lgmpc.cli.showing import play_folder
 
-    play_run(folder, html, port)
+    play_folder(folder, html, port)
 
 
 @app.command()
@@ -163,7 +163,7 @@ def plot(
     run: RunName,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the figures; the run's own if not given.", show_default=False),
+        typer.Option(help="Folder for the figures; figures/ in the run's own if not given.", show_default=False),
     ] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
@@ -171,9 +171,9 @@ def plot(
     from lgmpc.cli.runs import find_run
 
     folder = find_run(run, runs)
-    from lgmpc.cli.showing import plot_run
+    from lgmpc.cli.showing import plot_folder
 
-    plot_run(folder, out)
+    plot_folder(folder, out)
 
 
 @app.command(epilog=_CHECK_EXAMPLES)
@@ -188,8 +188,8 @@ def check(
 
     loaded = load_config(config, [*overrides, *more])
     from lgmpc.cli.screen import show_checked
-    from lgmpc.config.build import build_robot
     from lgmpc.config.notes import notes_on
+    from lgmpc.config.robots import build_robot
 
     robot = build_robot(loaded)
     show_checked(loaded, robot, (*notes_on(loaded), *robot.notes))

@@ -7,10 +7,11 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol
 
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from lgmpc.cli.screen import err, show_finished
@@ -23,25 +24,10 @@ __all__ = ["run_shown"]
 
 
 def run_shown(config: Config, folder: Path, *, as_json: bool) -> int:
-    """Run ``config`` with a progress bar, print the verdict, and return the exit code."""
+    """Run ``config``, showing its progress, print the verdict, and return the exit code."""
     console = err()
-    bar = Bar(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.1f} / {task.total:g} s{task.fields[state]}"),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    with bar, _warnings_on(console):
-        task = bar.add_task("preparing", total=config.duration_s, state="")
-        finished = run_config(
-            config,
-            folder,
-            notify=lambda message: _tell(bar, task, message),
-            progress=lambda now: _move(bar, task, now),
-        )
+    with _display(console, config.duration_s) as display, _warnings_on(console):
+        finished = run_config(config, folder, notify=display.tell, progress=display.move)
     if as_json:
         _print_json(finished)
     else:
@@ -49,16 +35,60 @@ def run_shown(config: Config, folder: Path, *, as_json: bool) -> int:
     return finished.session.verdict.exit_code
 
 
-def _tell(bar: Bar, task: TaskID, message: str) -> None:
-    if bar.disable:
-        bar.console.print(message, markup=False)
-    else:
-        bar.update(task, description=message)
+class _Display(Protocol):
+    """Shows how far a run is."""
+
+    def tell(self, message: str) -> None:
+        """Show what is being prepared."""
+
+    def move(self, now: Progress) -> None:
+        """Show where the simulation is."""
 
 
-def _move(bar: Bar, task: TaskID, now: Progress) -> None:
-    state = f"  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
-    bar.update(task, description="simulating", completed=now.time_s, state=state)
+class _Lines:
+    """For pipes and files: one line per stage."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._simulating = False
+
+    def tell(self, message: str) -> None:
+        self._console.print(message, markup=False)
+
+    def move(self, now: Progress) -> None:
+        if not self._simulating:
+            self._simulating = True
+            self.tell(f"simulating {now.duration_s:g} s")
+
+
+class _Moving:
+    """For terminals: a bar over simulated time."""
+
+    def __init__(self, bar: Bar, duration_s: float) -> None:
+        self._bar = bar
+        self._task = bar.add_task("preparing", total=duration_s, state="")
+
+    def tell(self, message: str) -> None:
+        self._bar.update(self._task, description=message)
+
+    def move(self, now: Progress) -> None:
+        state = f"  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
+        self._bar.update(self._task, description="simulating", completed=now.time_s, state=state)
+
+
+@contextmanager
+def _display(console: Console, duration_s: float) -> Iterator[_Display]:
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.completed:.1f} / {task.total:g} s{task.fields[state]}"),
+    )
+    with Bar(*columns, console=console, transient=True) as bar:
+        yield _Moving(bar, duration_s)
 
 
 @contextmanager

@@ -28,11 +28,11 @@ __all__ = [
     "show_interrupted",
 ]
 
-MOST_PROBLEMS = 12
+MOST_PROBLEMS = 10
 """How many problems of one config are shown: a screen's worth."""
 
-LONGEST_PROBLEM = 400
-"""How many characters of one of several problems are shown."""
+MOST_CHARACTERS = 1500
+"""How many characters all problems of one config may take together: a screen's worth too."""
 
 ISSUES_URL = "the project's issue tracker"
 
@@ -53,7 +53,7 @@ def show_error(error: LgmpcError) -> None:
     head, problems = _parts(error)
     console.print(Text.assemble(("error: ", "bold red"), head))
     for problem in problems[:MOST_PROBLEMS]:
-        console.print(Text(f"  - {_shorten(problem)}"))
+        console.print(Text(f"  - {_shorten(problem, MOST_CHARACTERS // min(len(problems), MOST_PROBLEMS))}"))
     if len(problems) > MOST_PROBLEMS:
         console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
     if isinstance(error, RunFolderError) and "does not exist" in str(error):
@@ -69,8 +69,8 @@ def _parts(error: LgmpcError) -> tuple[str, list[str]]:
     return str(error), []
 
 
-def _shorten(text: str) -> str:
-    return text if len(text) <= LONGEST_PROBLEM else text[: LONGEST_PROBLEM - 4] + " ..."
+def _shorten(text: str, length: int) -> str:
+    return text if len(text) <= length else text[: length - 4] + " ..."
 
 
 def show_interrupted() -> None:
@@ -148,7 +148,8 @@ def _figures(metrics: Metrics, gate: Gate) -> Table:
         mark = Text("ok", "green") if kept else Text("broken", "bold red")
         table.add_row(_name(limit_name), _number(value), f"{'<=' if highest else '>='} {_number(limit)}", mark)
     for name, value in _always_shown(metrics):
-        table.add_row(name, _number(value), "", "")
+        if value is not None:
+            table.add_row(name, _number(value), "", "")
     return table
 
 
@@ -163,7 +164,7 @@ def _measured(metrics: Metrics, limit: str) -> float | None:
 
 def _always_shown(metrics: Metrics) -> list[tuple[str, float | None]]:
     return [
-        ("survived s", metrics.survived_s),
+        ("survived / s", metrics.survived_s),
         ("MPC update p50 / ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
         ("whole-body tick p50 / ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
         ("real-time factor", metrics.real_time_factor),

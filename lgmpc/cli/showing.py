@@ -10,14 +10,14 @@ from rich.text import Text
 
 from lgmpc.cli.screen import out
 from lgmpc.config import parse_config
-from lgmpc.config.build import build_robot
+from lgmpc.config.robots import build_robot
 from lgmpc.robot import Robot
 from lgmpc.runs import Run, RunFolder
 
-__all__ = ["play_run", "plot_run"]
+__all__ = ["play_folder", "plot_folder"]
 
 
-def play_run(folder: Path, html: Path | None, port: int) -> None:
+def play_folder(folder: Path, html: Path | None, port: int) -> None:
     """Serve the replay of a run until Ctrl-C, or write it to ``html``."""
     from lgmpc.viz.replay import export_html, play
 
@@ -28,6 +28,14 @@ def play_run(folder: Path, html: Path | None, port: int) -> None:
         return
     page = export_html(robot, run, html)
     out().print(Text(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB): open it in any browser"))
+
+
+def plot_folder(folder: Path, into: Path | None) -> None:
+    """Draw the figures of a run."""
+    from lgmpc.viz.plots import plot_run
+
+    for figure in plot_run(RunFolder.load(folder), into):
+        out().print(Text(f"wrote {figure}"))
 
 
 def _robot_of(run: Run) -> Robot:

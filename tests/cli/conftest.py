@@ -1,0 +1,63 @@
+"""The command line, in this process and as the process that a user starts."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lgmpc.cli.app import app
+
+ROOT = Path(__file__).resolve().parents[2]
+STAND = ROOT / "configs" / "solo12_stand.yaml"
+BALANCE = ROOT / "configs" / "solo12_balance.yaml"
+
+Invoke = Callable[..., tuple[int, str]]
+Start = Callable[..., "subprocess.Popen[str]"]
+Result = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def invoke(monkeypatch: pytest.MonkeyPatch) -> Invoke:
+    """Run a command in this process; return its exit code and everything it printed."""
+    monkeypatch.setenv("COLUMNS", "400")
+
+    def run(*arguments: object) -> tuple[int, str]:
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        return result.exit_code, result.output
+
+    return run
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Start:
+    """Start a command as its own process, in an empty folder."""
+    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1"}
+
+    def run(*arguments: object) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, "-m", "lgmpc", *(str(argument) for argument in arguments)],
+            cwd=tmp_path,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    return run
+
+
+@pytest.fixture
+def result(start: Start) -> Result:
+    """Run a command as its own process to its end."""
+
+    def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
+        with start(*arguments) as process:
+            out, err = process.communicate(timeout=120)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    return run

@@ -1,0 +1,144 @@
+"""Everything that a user can do wrong: exit code 2, one screen, no traceback, and words that help."""
+
+from pathlib import Path
+
+import pytest
+
+from .conftest import BALANCE, Invoke, Result
+
+FIXED_BASE_ARM = """\
+<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="5" velocity="5"/>
+  </joint>
+</robot>
+"""
+
+CASES = {
+    "a wrong key": (["plant.frction=0.6"], "--set: plant.frction: got an unknown key", "Did you mean plant.friction"),
+    "a wrong type": (["mpc.rate_hz=fast"], "--set: mpc.rate_hz: got the text 'fast'", "expected a number"),
+    "a robot that does not exist": (["robot.model=solo13"], "--set: robot.model: got solo13", "Did you mean solo12"),
+    "a urdf that does not exist": (
+        ["robot.model=null", "robot.urdf=no.urdf"],
+        "--set: robot.urdf",
+        "a file that exists",
+    ),
+    "no feet": (["robot.contact_frames=[]"], "--set: robot.contact_frames: got no frames", "FL_FOOT, FR_FOOT"),
+    "a misspelt foot": (["robot.contact_frames=[FL_FOT]"], "contact frame 'FL_FOT' is not in the model", "FL_FOOT"),
+    "limits that never bind": (["robot.effort_limit_nm=null"], "never binds (1000 N.m)", "give robot.effort_limit_nm"),
+    "a pattern without joints": (["robot.effort_limit_nm={'*_HAB': 1}"], "robot.effort_limit_nm: '*_HAB'", "no joint"),
+    "zero friction": (["plant.friction=0"], "--set: plant.friction: got 0", "greater than 0"),
+    "a negative mass": (["plant.mass_scale=-1"], "--set: plant.mass_scale: got -1", "greater than 0"),
+    "a push on an unknown body": (["pushes.0.body=base_lnk"], "--set: pushes.0.body: got base_lnk", "base_link"),
+    "NaN in a reference": (
+        ["reference={kind: com_circle, radius_m: .nan}"],
+        "--set: reference.radius_m: got NaN (.nan)",
+        "a finite number",
+    ),
+    "a change that is none": (["mpc.enabled"], "--set: got mpc.enabled", "key=value"),
+}
+
+
+def assert_one_screen(output: str) -> None:
+    assert "Traceback" not in output
+    lines = sum(max(1, -(-len(line) // 80)) for line in output.splitlines())
+    assert lines <= 24, output
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_check_and_run_refuse_it_in_one_screen(case: str, invoke: Invoke, tmp_path: Path) -> None:
+    changes, place, help_ = CASES[case]
+    for command in (["check", BALANCE], ["run", BALANCE, "--out", tmp_path]):
+        code, output = invoke(*command, "--set", changes[0], *changes[1:])
+        assert code == 2
+        assert place in output and help_ in output
+        assert_one_screen(output)
+    assert list(tmp_path.iterdir()) == [], "a run that cannot start leaves nothing behind"
+
+
+def test_every_problem_of_a_config_is_on_the_one_screen(invoke: Invoke) -> None:
+    changes = [f"plant.key_{i}=1" for i in range(30)] + ["plant.friction=0", "seed=x"]
+    code, output = invoke("check", BALANCE, *changes)
+    assert code == 2
+    assert "32 problems in the config" in output and "and 22 more" in output
+    assert_one_screen(output)
+
+
+def test_another_robot_in_a_config_is_refused_in_one_screen(invoke: Invoke) -> None:
+    code, output = invoke("check", BALANCE, "robot.model=talos", "pushes=[]")
+    assert code == 2
+    assert "robot 'talos' cannot be used" in output and "FL_FOOT" in output
+    assert_one_screen(output)
+
+
+def test_a_urdf_without_feet_is_refused(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(FIXED_BASE_ARM, encoding="utf-8")
+    config = tmp_path / "arm.yaml"
+    config.write_text(
+        "name: arm\nrobot: {urdf: arm.urdf, floating_base: false, effort_limit_nm: 1.0}\n", encoding="utf-8"
+    )
+    code, output = invoke("check", config)
+    assert code == 2
+    assert f"{config}:2: robot.floating_base: got a robot whose base is fixed (arm)" in output
+    code, output = invoke("check", config, "robot.contact_frames=[foot]")
+    assert code == 2
+    assert "'foot' is not in the model" in output
+    assert_one_screen(output)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_run(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    code, output = invoke("run", BALANCE, "--out", tmp_path / "file" / "runs")
+    assert code == 2
+    assert "cannot make a run folder" in output and "--out" in output
+    assert_one_screen(output)
+
+
+def test_a_file_that_is_no_config_is_refused(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "broken.yaml").write_text("name: x\nrobot: [\n", encoding="utf-8")
+    finished = result("run", "broken.yaml")
+    assert finished.returncode == 2
+    assert finished.stderr.startswith("error: broken.yaml:3: got broken YAML")
+    assert finished.stdout == ""
+    assert_one_screen(finished.stderr)
+
+
+def test_a_missing_config_names_its_neighbour(result: Result) -> None:
+    finished = result("check", str(BALANCE).replace("balance", "balence"))
+    assert finished.returncode == 2
+    assert "no such file" in finished.stderr and f"Did you mean {BALANCE}" in finished.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["run"], ["run", BALANCE, "--plant", "gazebo"], ["fly"], ["run", BALANCE, "--nope"], ["play", "x", "--port", "y"]],
+    ids=["run", "plant", "command", "option", "port"],
+)
+def test_a_command_that_does_not_exist_is_refused(arguments: list[object], invoke: Invoke) -> None:
+    code, output = invoke(*arguments)
+    assert code == 2
+    assert_one_screen(output)
+
+
+@pytest.mark.parametrize("command", ["play", "plot"])
+def test_a_run_that_does_not_exist_is_refused(command: str, invoke: Invoke, tmp_path: Path) -> None:
+    code, output = invoke(command, "latest", "--runs", tmp_path)
+    assert code == 2
+    assert "no finished run" in output and "lgmpc run configs/solo12_balance.yaml" in output
+    code, output = invoke(command, "nothing", "--runs", tmp_path)
+    assert code == 2
+    assert "no run folder nothing" in output
+    code, output = invoke(command, tmp_path)
+    assert code == 2
+    assert "is not a complete run folder: no config.yaml" in output
+    assert_one_screen(output)
+
+
+def test_a_schema_that_cannot_be_written_is_refused(invoke: Invoke, tmp_path: Path) -> None:
+    code, output = invoke("schema", "--out", tmp_path / "no" / "schema.json")
+    assert code == 2
+    assert "--out" in output and "No such file" in output

@@ -1,0 +1,72 @@
+"""``lgmpc run``: exit codes, the folder, its repetition, and Ctrl-C."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from lgmpc.config import load_config
+from lgmpc.runs import RunFolder
+
+from .conftest import STAND, Invoke, Result, Start
+
+SHORT = ("--set", "duration_s=0.2", "mpc.enabled=false", "gate={max_tilt_deg: 5, max_abs_torque_nm: 1.8}")
+
+
+def test_a_run_that_keeps_its_gate_exits_with_0_and_can_be_repeated(result: Result, tmp_path: Path) -> None:
+    finished = result("run", STAND, *SHORT)
+    assert (finished.returncode, "PASS  solo12_stand" in finished.stdout) == (0, True), finished.stderr
+    assert "max tilt / deg" in finished.stdout and "simulating 0.2 s" in finished.stderr
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert f"lgmpc play runs/{folder.name}" in finished.stdout
+    run = RunFolder.load(folder)
+    assert run.log.time[-1] == pytest.approx(0.2, abs=0.01)
+
+    config = load_config(folder / "config.yaml")
+    assert config == load_config(STAND, SHORT[1:])
+    again = result("run", folder / "config.yaml", "--json", "--out", "again")
+    content = json.loads(again.stdout)
+    assert again.returncode == 0
+    assert content["verdict"] == "pass" and content["metrics"]["max_tilt_deg"] == run.result.metrics.max_tilt_deg  # type: ignore[union-attr]
+    assert RunFolder.load(tmp_path / content["folder"]).log.q.tobytes() == run.log.q.tobytes()
+
+
+def test_a_run_that_breaks_its_gate_exits_with_1_and_says_why(invoke: Invoke, tmp_path: Path) -> None:
+    code, output = invoke("run", STAND, *SHORT, "gate.max_abs_torque_nm=0.01", "--out", tmp_path)
+    assert code == 1
+    assert "FAIL  solo12_stand" in output
+    assert "broken" in output and "allowed at most 0.01 N.m (max_abs_torque_nm)" in output
+
+
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+def test_the_plant_can_be_chosen(plant: str, invoke: Invoke, tmp_path: Path) -> None:
+    code, output = invoke("run", STAND, *SHORT, "--plant", plant, "--out", tmp_path)
+    assert code == 0, output
+    (folder,) = tmp_path.iterdir()
+    assert load_config(folder / "config.yaml").plant.kind == plant
+
+
+def test_ctrl_c_saves_what_there_is_and_exits_with_130(start: Start, tmp_path: Path) -> None:
+    with start("run", STAND, *SHORT, "duration_s=1000") as process:
+        assert process.stderr is not None and process.stdout is not None
+        while "simulating" not in (line := process.stderr.readline()):
+            assert line, "the run ended before it began"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+        output, errors = process.stdout.read(), process.stderr.read()
+    assert "INTERRUPTED  solo12_stand" in output
+    assert "Traceback" not in output + errors
+    (folder,) = (tmp_path / "runs").iterdir()
+    run = RunFolder.load(folder)
+    assert run.result.verdict.outcome.value == "interrupted"
+    assert 0.0 < run.log.time[-1] < 1000.0
+
+
+def test_a_run_is_replayed_as_one_page(invoke: Invoke, tmp_path: Path) -> None:
+    assert invoke("run", STAND, *SHORT, "--out", tmp_path)[0] == 0
+    page = tmp_path / "page.html"
+    code, output = invoke("play", "latest", "--runs", tmp_path, "--html", page)
+    assert code == 0
+    assert str(page) in output
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")

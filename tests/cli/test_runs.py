@@ -1,0 +1,40 @@
+"""Which run the user means."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from lgmpc.cli.runs import find_run
+from lgmpc.errors import RunFolderError
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    for age, name in enumerate(["20260101T000000Z-b", "20260101T000000Z-a", "20250101T000000Z-old"]):
+        (tmp_path / name).mkdir()
+        result = tmp_path / name / "run.json"
+        result.write_text("{}", encoding="utf-8")
+        os.utime(result, ns=(10**18 - age, 10**18 - age))
+    (tmp_path / "20270101T000000Z-unfinished").mkdir()
+    return tmp_path
+
+
+def test_latest_is_the_newest_that_is_complete(runs: Path) -> None:
+    assert find_run("latest", runs).name == "20260101T000000Z-b"
+
+
+def test_a_path_or_a_name_is_taken_as_it_is(runs: Path) -> None:
+    folder = runs / "20250101T000000Z-old"
+    assert find_run(str(folder), Path("nowhere")) == folder
+    assert find_run(folder.name, runs) == folder
+
+
+def test_a_misspelt_name_gets_a_hint(runs: Path) -> None:
+    with pytest.raises(RunFolderError, match="Did you mean 20260101T000000Z-"):
+        find_run("20260101T00000Z-a", runs)
+
+
+def test_no_runs_say_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError, match="lgmpc run configs/solo12_balance.yaml"):
+        find_run("latest", tmp_path / "runs")

@@ -92,7 +92,7 @@ def compose(first: Array, second: Array) -> Array:
 @checked(checks.rotation)
 def inverse(rotation: Array) -> Array:
     """Return the transpose."""
-    return np.swapaxes(rotation, -1, -2)
+    return np.swapaxes(rotation, -1, -2).copy()
 
 
 @checked(checks.rotation, checks.tangent(3))

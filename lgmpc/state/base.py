@@ -72,7 +72,10 @@ class State(ABC):
 
     @abstractmethod
     def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Return the derivatives (..., ndx, ndx) of ``diff`` with respect to the tangent spaces at ``x0`` and ``x1``."""
+        """Return the derivatives (..., ndx, ndx) of ``diff`` with respect to ``x0`` and ``x1``.
+
+        From the tangent spaces at the two points.
+        """
 
     @abstractmethod
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:

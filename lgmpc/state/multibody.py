@@ -31,8 +31,9 @@ class StateMultibody(State):
 
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
     frame, linear first. ``dq`` lives in the body frame at the point where it is attached. Single states go through
-    Pinocchio's ``integrate`` and ``difference``, except where ``difference`` is not accurate (continuous joints near
-    half a turn, where it loses half the digits) or not the same for both signs of a quaternion (at half a turn).
+    Pinocchio's ``integrate`` and ``difference``, except where ``difference`` is not accurate (continuous joints: off by
+    1e-8 near half a turn, and steps that small can be lost) or not the same for both signs of a quaternion (at half a
+    turn).
     Batches and Jacobians go through :mod:`lgmpc.state.blocks`.
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and

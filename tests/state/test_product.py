@@ -1,0 +1,63 @@
+"""Products and flat spaces: what is particular to them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.state import ProductState, StateMultibody, StateVector
+
+
+@pytest.fixture
+def ball(make_model) -> StateMultibody:
+    return StateMultibody(make_model(ball=pin.JointModelSpherical()))
+
+
+def test_factors_sit_side_by_side(ball) -> None:
+    product = ProductState(StateVector(2), ball, StateVector(1))
+    assert (product.nx, product.ndx) == (2 + 7 + 1, 2 + 6 + 1)
+    assert product.x_slices == (slice(0, 2), slice(2, 9), slice(9, 10))
+    assert product.dx_slices == (slice(0, 2), slice(2, 8), slice(8, 9))
+    assert np.array_equal(product.neutral(), np.r_[0.0, 0.0, ball.neutral(), 0.0])
+    assert np.array_equal(product.upper, np.r_[np.inf, np.inf, ball.upper, np.inf])
+    x, dx = product.neutral(), np.arange(9.0) / 10.0
+    moved = product.integrate(x, dx)
+    assert np.array_equal(moved[2:9], ball.integrate(ball.neutral(), dx[2:8]))
+    assert np.array_equal(moved[[0, 1, 9]], dx[[0, 1, 8]])
+
+
+def test_jacobians_are_block_diagonal(ball) -> None:
+    product = ProductState(ball, StateVector(3))
+    x, dx = product.neutral(), np.linspace(0.1, 0.9, 9)
+    expected = np.zeros((9, 9))
+    expected[:6, :6] = ball.Jintegrate(ball.neutral(), dx[:6])[1]
+    expected[6:, 6:] = np.eye(3)
+    assert np.array_equal(product.Jintegrate(x, dx)[1], expected)
+
+
+def test_check_says_which_factor(ball) -> None:
+    product = ProductState(StateVector(2), ball)
+    x = product.neutral()
+    x[5] = 2.0
+    with pytest.raises(InputError, match=r"x\[2:9\]\[0:4\]: got a quaternion of norm"):
+        product.check(x)
+
+
+def test_infinite_rotation_bounds_pass_through_a_product(ball) -> None:
+    product = ProductState(StateVector(1, np.zeros(1), np.ones(1)), ball)
+    x = product.random(np.random.default_rng(0))  # the ball's rotation has no limits, and needs none
+    assert 0.0 <= x[0] <= 1.0
+    product.check(x)
+
+
+def test_what_cannot_be_built() -> None:
+    with pytest.raises(InputError, match="states: got none"):
+        ProductState()
+    with pytest.raises(InputError, match="n: got 0"):
+        StateVector(0)
+    with pytest.raises(InputError, match="upper: .* expected 3 numbers"):
+        StateVector(3, upper=np.ones(2))
+    with pytest.raises(InputError, match="lower: got 1 at index 0; expected at most the upper bound, 0"):
+        StateVector(2, np.ones(2), np.zeros(2))

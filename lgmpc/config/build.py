@@ -2,97 +2,195 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
-
+from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.robots import build_robot, build_robot_spec
 from lgmpc.config.schema import Config
-from lgmpc.errors import ConfigError, ConfigErrors, InputError, ModelError
-from lgmpc.robot import Robot, RobotSpec, load_robot
-from lgmpc.runs import Gate
+from lgmpc.config.schema.reference import ComCircleReference
+from lgmpc.config.schema.wbc import WbcGain
+from lgmpc.config.session import Notify, Session
+from lgmpc.control import (
+    BalanceController,
+    CentroidalPlanner,
+    CircleReference,
+    ComReference,
+    PlannerSettings,
+    StandReference,
+)
+from lgmpc.estimation import WrenchObserver
+from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, CentroidalWeights
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Recorder
+from lgmpc.simulation.disturbances import Push, PushSchedule
+from lgmpc.simulation.loop import Rates
+from lgmpc.simulation.parameters import PlantParameters
+from lgmpc.simulation.plant import Plant
+from lgmpc.wbc import Gain, WholeBodyController, WholeBodyLimits, WholeBodySettings
 
-__all__ = ["build_gate", "build_robot", "build_robot_spec"]
-
-_ROBOT_KEYS = {
-    "model, urdf": "robot.model",
-    "effort_limit": "robot.effort_limit_nm",
-    "velocity_limit": "robot.velocity_limit_rad_s",
-    "position_limit": "robot.position_limit_rad",
-    "armature": "robot.armature_kg_m2",
-    "contact_radius": "robot.contact_radius_m",
-    "contact_frames": "robot.contact_frames",
-    "posture": "robot.posture",
-}
-"""What the arguments of :class:`RobotSpec` are called in a config."""
-
-
-def build_robot_spec(config: Config) -> RobotSpec:
-    """Return what section ``robot`` says, in the words of :func:`lgmpc.robot.load_robot`."""
-    robot = config.robot
-    posture = robot.posture
-    return RobotSpec(
-        model=robot.model,
-        urdf=robot.urdf,
-        srdf=robot.srdf,
-        package_dirs=robot.package_dirs,
-        floating_base=robot.floating_base,
-        contact_frames=robot.contact_frames,
-        contact_radius=robot.contact_radius_m,
-        posture=dict(posture) if isinstance(posture, Mapping) else posture,
-        effort_limit=robot.effort_limit_nm,
-        velocity_limit=robot.velocity_limit_rad_s,
-        position_limit=robot.position_limit_rad,
-        armature=robot.armature_kg_m2,
-    )
-
-
-def build_robot(config: Config) -> Robot:
-    """Load the robot and check that the rest of the config fits it.
-
-    Raises:
-        ConfigError: if the robot does not exist, has no free base or no feet, or a push names a body that it lacks; a
-            :class:`lgmpc.errors.ConfigErrors` if several of these hold.
-        ModelError: with everything that the model lacks.
-    """
-    try:
-        robot = load_robot(build_robot_spec(config))
-    except InputError as error:
-        key = _ROBOT_KEYS.get(error.argument, f"robot.{error.argument}")
-        raise config.error(key, error.got, error.expected, error.choices) from error
-    except ModelError as error:
-        raise ModelError(error.robot, [_in_words_of_a_config(problem) for problem in error.problems]) from error
-    found = list(_misfits(config, robot))
-    if found:
-        raise found[0] if len(found) == 1 else ConfigErrors(found)
-    return robot
-
-
-def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
-    """Find what a config asks of a robot that this one cannot do."""
-    if not robot.floating_base:
-        yield config.error(
-            "robot.floating_base", f"a robot whose base is fixed ({robot.name})", "a robot that stands on its feet"
-        )
-    elif not robot.contact_frames:
-        yield config.error(
-            "robot.contact_frames", "no frames", f"the feet that {robot.name} stands on", _likely_feet(robot)
-        )
-    for i, push in enumerate(config.pushes):
-        if push.body not in robot.body_names:
-            yield config.error(f"pushes.{i}.body", push.body, f"a moving body of {robot.name}", robot.body_names)
-
-
-def _likely_feet(robot: Robot) -> list[str]:
-    """Return the frames whose name says foot or sole."""
-    names = [frame.name for frame in robot.model.frames]
-    return [name for name in names if "foot" in name.lower() or "sole" in name.lower()]
-
-
-def _in_words_of_a_config(problem: str) -> str:
-    """Call the arguments of :class:`RobotSpec` in a message by the keys they come from."""
-    pattern = "|".join(re.escape(argument) for argument in _ROBOT_KEYS)
-    return re.sub(rf"(?<![\w.])({pattern})(?!\w)", lambda match: _ROBOT_KEYS[match[1]], problem)
+__all__ = [
+    "build_controller",
+    "build_gate",
+    "build_plant",
+    "build_pushes",
+    "build_robot",
+    "build_robot_spec",
+    "prepare",
+]
 
 
 def build_gate(config: Config) -> Gate:
     """Return the limits of section ``gate``."""
     return Gate(**config.gate.model_dump())
+
+
+def build_plant(config: Config, robot: Robot) -> Plant:
+    """Return the simulated world of section ``plant``; the engine is imported only here."""
+    section = config.plant
+    parameters = PlantParameters(
+        timestep=1.0 / section.rate_hz,
+        friction=section.friction,
+        mass_scale=section.mass_scale,
+        base_added_mass=section.base_added_mass_kg,
+        base_com_offset=section.base_com_offset_m,
+        joint_friction=section.joint_friction_nm,
+        joint_damping=section.joint_damping_nms,
+    )
+    if section.kind == "pinocchio":
+        from lgmpc.simulation.pinocchio import PinocchioPlant
+
+        return PinocchioPlant(robot, parameters)
+    from lgmpc.simulation.mujoco import MujocoPlant
+
+    return MujocoPlant(robot, parameters)
+
+
+def build_pushes(config: Config, plant: Plant) -> PushSchedule:
+    """Return the pushes of section ``pushes`` on the bodies of ``plant``."""
+    pushes = [Push(push.body, push.time_s, push.duration_s, push.impulse_ns) for push in config.pushes]
+    return PushSchedule(pushes, plant.dt, plant.bodies)
+
+
+def build_reference(config: Config) -> ComReference:
+    """Return what section ``reference`` asks of the centre of mass."""
+    section = config.reference
+    if isinstance(section, ComCircleReference):
+        return CircleReference(section.radius_m, section.frequency_hz, section.start_s, section.ramp_s)
+    return StandReference()
+
+
+def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyController:
+    """Return the whole-body controller of section ``wbc``."""
+    section, weights, gains = config.wbc, config.wbc.weights, config.wbc.gains
+    limits = WholeBodyLimits(
+        friction=section.friction,
+        friction_facets=section.friction_facets,
+        normal_force_min=section.normal_force_n[0],
+        normal_force_max=section.normal_force_n[1],
+        joint_horizon=section.joint_horizon_s,
+        joint_acceleration_max=section.joint_acceleration_max_rad_s2,
+    )
+    settings = WholeBodySettings(
+        limits=limits,
+        com_weight=weights.com,
+        com_gain=_gain(gains.com),
+        base_orientation_weight=weights.base_orientation,
+        base_orientation_gain=_gain(gains.base_orientation),
+        base_position_weight=weights.base_position,
+        base_position_gain=_gain(gains.base_position),
+        angular_momentum_weight=weights.angular_momentum,
+        angular_momentum_gain=gains.angular_momentum,
+        posture_weight=weights.posture,
+        posture_gain=_gain(gains.posture),
+        stance_weight=weights.stance,
+        stance_damping=gains.stance_damping,
+        swing_weight=weights.swing,
+        swing_gain=_gain(gains.swing),
+        force_weight=weights.force,
+        acceleration_weight=weights.acceleration,
+        tolerance=section.tolerance,
+        max_iterations=section.max_iterations,
+        fallback_damping=section.fallback_damping_nms,
+    )
+    return WholeBodyController(robot, settings)
+
+
+def _gain(gain: WbcGain) -> Gain:
+    return Gain(gain.kp, gain.damping)
+
+
+def build_planner(config: Config, robot: Robot, reference: ComReference, notify: Notify) -> CentroidalPlanner:
+    """Return the predictive layer of section ``mpc``; compiles it if it never was on this machine."""
+    section, weights = config.mpc, config.mpc.weights
+    settings = CentroidalMpcSettings(
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        weights=CentroidalWeights(
+            com=weights.com,
+            linear_momentum=weights.linear_momentum,
+            angular_momentum=weights.angular_momentum,
+            force=weights.force,
+            terminal=weights.terminal,
+        ),
+        friction=section.friction,
+        facets=section.friction_facets,
+        normal_force_min=section.normal_force_n[0],
+        normal_force_max=section.normal_force_n[1],
+        qp_solver=section.qp_solver,
+        sqp_iterations=section.sqp_iterations,
+    )
+    mpc = CentroidalMpc(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=notify)
+    observer = WrenchObserver(robot.mass, robot.gravity, 1.0 / config.wbc.rate_hz, section.observer_time_s)
+    following = PlannerSettings(
+        every=round(config.wbc.rate_hz / section.rate_hz),
+        wrench_decay_time=section.wrench_decay_s,
+        uprighting_rate=section.uprighting_rate_hz,
+    )
+    return CentroidalPlanner(mpc, observer, reference, following)
+
+
+def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:
+    """Return the controller of sections ``mpc``, ``wbc`` and ``reference``."""
+    reference = build_reference(config)
+    planner = build_planner(config, robot, reference, notify) if config.mpc.enabled else None
+    return BalanceController(robot, build_whole_body_controller(config, robot), reference, planner)
+
+
+def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:
+    """Build everything that a run needs.
+
+    Args:
+        config: what to run.
+        notify: told what is being prepared.
+
+    Raises:
+        LgmpcError: what cannot be built, naming the key.
+    """
+    notify("loading the robot")
+    robot = build_robot(config)
+    plant = build_plant(config, robot)
+    controller = build_controller(config, robot, notify)
+    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
+    mpc = config.mpc
+    recorder = Recorder(
+        nq=robot.nq,
+        nv=robot.nv,
+        effort_limit=robot.effort_limit,
+        joint_names=robot.joint_names,
+        contact_frames=robot.contact_frames,
+        friction=config.plant.friction,
+        contact_radius=robot.contact_radius,
+        control_period_s=rates.period,
+        ticks=rates.ticks,
+        mpc_nodes=mpc.nodes if mpc.enabled else 0,
+        mpc_period_s=1.0 / mpc.rate_hz if mpc.enabled else 0.0,
+        mpc_updates=int(config.duration_s * mpc.rate_hz) + 1 if mpc.enabled else 0,
+    )
+    return ClosedLoopSession(
+        robot=robot,
+        plant=plant,
+        controller=controller,
+        pushes=build_pushes(config, plant),
+        rates=rates,
+        recorder=recorder,
+        log_every=round(config.wbc.rate_hz / config.log.rate_hz),
+        gate=build_gate(config),
+    )

@@ -45,6 +45,7 @@ class CentroidalMpc:
 
     Attributes:
         settings: as given.
+        mass: as given, kg.
         problem: the optimal control problem of the last update, for other solvers to look at.
         solver: the real-time iteration.
         failures: updates without a fresh plan so far.
@@ -79,7 +80,7 @@ class CentroidalMpc:
         self.problem.view("x_weight")[-1] *= s.weights.terminal
         self.problem.set("u_weight", s.weights.forces(contacts))
         self.solver = SqpSolver(self.problem, s.qp_solver, progress)
-        self._mass = float(mass)
+        self.mass = float(mass)
         self._contacts = contacts
         self._weight = -float(mass) * np.asarray(gravity, dtype=np.float64)
         view = self.problem.view
@@ -193,7 +194,7 @@ class CentroidalMpc:
         self._plan = CentroidalPlan(
             t,
             self.settings.node_duration,
-            self._mass,
+            self.mass,
             result.trajectory.xs,
             forces,
             status,
@@ -229,7 +230,7 @@ class CentroidalMpc:
         xs, forces = np.nan_to_num(np.tile(rest, (n + 1, 1))), np.nan_to_num(forces.reshape(n, nc, 3))
         unknown = KktResidual(math.nan, math.nan, math.nan, math.nan)
         return CentroidalPlan(
-            time_, self.settings.node_duration, self._mass, xs, forces, MpcStatus.NOT_FINITE, 0, unknown, 0.0
+            time_, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, unknown, 0.0
         )
 
 

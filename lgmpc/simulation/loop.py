@@ -128,3 +128,13 @@ def simulate(
             _disturb(plant, pushes, now.time, nothing)
             plant.step(command.torque(now.q[-nu:], now.v[-nu:]))
     return rates.ticks
+
+
+def _disturb(plant: Plant, pushes: PushSchedule, time: float, nothing: Disturbance) -> Disturbance:
+    """Apply the pushes of the step that begins now; of several bodies pushed at once, tell the first."""
+    told = nothing
+    for body, wrench in pushes.wrenches(time).items():
+        plant.set_wrench(body, wrench)
+        if told is nothing and wrench.any():
+            told = Disturbance(wrench, plant.body_point(body))
+    return told

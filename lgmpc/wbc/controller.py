@@ -153,7 +153,9 @@ class WholeBodyController:
         if self.status is not QpStatus.SOLVED:
             self.failures += 1
             if solved_before:
-                _LOG.warning("whole-body QP %s: last torques with joint damping until it solves again", self.status.name)
+                _LOG.warning(
+                    "whole-body QP %s: last torques with joint damping until it solves again", self.status.name
+                )
             return self.status
         solution = self._solver.solution
         nv = self.robot.nv
@@ -163,6 +165,6 @@ class WholeBodyController:
         return self.status
 
     @property
-    def fallback_damping(self) -> float:
+    def damping(self) -> float:
         """Joint damping to add to :attr:`tau`, N.m.s/rad: zero after a solved tick."""
         return 0.0 if self.status is QpStatus.SOLVED else self.settings.fallback_damping

@@ -71,6 +71,12 @@ class WholeBodyTerms:
         self.rotation[:] = data.oMi[1].rotation
         self._update_contacts()
 
+    @property
+    def rotational_inertia(self) -> Array:
+        """(3, 3) inertia about the centre of mass of the robot as one rigid body, world axes, kg.m2."""
+        inertia: Array = self._data.Ig.inertia
+        return inertia
+
     def _update_contacts(self) -> None:
         model, data, aligned = self.robot.model, self._data, pin.LOCAL_WORLD_ALIGNED
         frames, jacobians, drifts = data.oMf, self._frame_jacobians, self._frame_drifts

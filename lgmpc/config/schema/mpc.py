@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Range, Section
+from lgmpc.config.schema.base import Count, NonNegative, Positive, Range, Section, Vector3
 
 __all__ = ["MpcSection", "MpcWeights"]
 
@@ -14,7 +14,7 @@ __all__ = ["MpcSection", "MpcWeights"]
 class MpcWeights(Section):
     """Weights of the squared deviations that the MPC minimises."""
 
-    com: NonNegative = Field(default=1e3, description="Position of the centre of mass, 1/m2.")
+    com: Vector3 = Field(default=(1e3, 1e3, 1e3), description="Position of the centre of mass [x, y, z], 1/m2.")
     linear_momentum: NonNegative = Field(default=10.0, description="Linear momentum, 1/(kg.m/s)2.")
     angular_momentum: NonNegative = Field(
         default=1e3, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2."
@@ -40,5 +40,17 @@ class MpcSection(Section):
     friction: Positive = Field(default=0.6, description="Friction coefficient that the MPC relies on.")
     normal_force_n: Range = Field(
         default=(0.5, 30.0), description="[lowest, highest] normal force of a foot in contact, N."
+    )
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
+        default=8, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+    )
+    observer_time_s: Positive = Field(
+        default=0.01, description="Time constant of the observer that estimates what pushes the robot, s."
+    )
+    wrench_decay_s: Positive = Field(
+        default=0.1, description="Time constant with which the observed push is predicted to fade, s."
+    )
+    uprighting_rate_hz: NonNegative = Field(
+        default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
     weights: MpcWeights = Field(default=MpcWeights(), description="Weights of the cost.")

@@ -1,0 +1,116 @@
+"""The session that a config describes: plant, controller and pushes in closed loop, recorded and judged."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from lgmpc.config.session import Progress, ProgressReport, SessionResult
+from lgmpc.control import BalanceController
+from lgmpc.errors import SolverError
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Outcome, Recorder, Verdict, compute_metrics, judge
+from lgmpc.simulation.disturbances import PushSchedule
+from lgmpc.simulation.loop import Rates, Tick, simulate
+from lgmpc.simulation.plant import Plant
+from lgmpc.wbc import QpStatus
+
+__all__ = ["ClosedLoopSession"]
+
+_LOG = logging.getLogger(__name__)
+_REPORT_PERIOD = 0.05  # s of simulated time
+
+
+@dataclass
+class ClosedLoopSession:
+    """A :class:`lgmpc.config.session.Session`; see there.
+
+    Attributes:
+        robot: the controller's model.
+        plant: the simulated world.
+        controller: the balance controller.
+        pushes: the disturbances.
+        rates: steps and ticks.
+        recorder: empty.
+        log_every: control ticks per logged tick in the saved log.
+        gate: what counts as success.
+    """
+
+    robot: Robot
+    plant: Plant
+    controller: BalanceController
+    pushes: PushSchedule
+    rates: Rates
+    recorder: Recorder
+    log_every: int
+    gate: Gate
+
+    def run(self, progress: ProgressReport) -> SessionResult:
+        """Simulate from the robot's reference posture at rest; see :meth:`lgmpc.config.session.Session.run`."""
+        observer = _Observer(self, progress)
+        self.plant.reset(self.robot.x_reference)
+        interrupted, broken = False, ""
+        started = perf_counter()
+        try:
+            simulate(self.plant, self.controller, self.pushes, self.rates, observer)
+        except KeyboardInterrupt:
+            interrupted = True
+        except SolverError as error:
+            broken = str(error)
+            _LOG.error("the run ended early: %s", error)
+        elapsed = perf_counter() - started
+        log = self.recorder.log()
+        if log.ticks == 0:
+            return SessionResult(log, None, Verdict(Outcome.INTERRUPTED, ("stopped before the first tick",)), True)
+        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=elapsed)
+        verdict = judge(metrics, self.gate, interrupted=interrupted)
+        if broken:
+            verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
+        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
+
+
+class _Observer:
+    """Record every control tick, and tell the progress now and then."""
+
+    def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
+        self._record = session.recorder.record
+        self._record_plan = session.recorder.record_mpc
+        self._controller = session.controller
+        self._progress = progress
+        self._duration = session.rates.ticks * session.rates.period
+        self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
+        self._started = perf_counter()
+
+    def __call__(self, tick: Tick) -> bool:
+        sample, controller = tick.sample, self._controller
+        wbc, planner = controller.wbc, controller.planner
+        terms = wbc.terms
+        self._record(
+            sample.time,
+            sample.q,
+            sample.v,
+            sample.tau,
+            tick.torque,
+            sample.contact_forces,
+            wbc.forces,
+            terms.contact_points,
+            terms.com,
+            controller.target,
+            terms.momentum,
+            controller.base_target,
+            tick.disturbance.wrench,
+            tick.disturbance.point,
+            0 if wbc.status is QpStatus.SOLVED else 1,
+            controller.wbc_ms,
+        )
+        if planner is not None and planner.planned:
+            failed = int(not planner.status.fresh)
+            self._record_plan(sample.time, planner.horizon_com, planner.first_forces, failed, 1e3 * planner.spent)
+        if tick.index % self._every == 0:
+            elapsed = perf_counter() - self._started
+            tilt = float(np.degrees(np.arccos(np.clip(terms.rotation[2, 2], -1.0, 1.0))))
+            self._progress(Progress(sample.time, self._duration, tilt, sample.time / elapsed if elapsed > 0 else 0.0))
+        return True

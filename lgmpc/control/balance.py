@@ -1,0 +1,97 @@
+"""Keep a legged robot standing: momentum observer, centroidal MPC and whole-body QP as one controller."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from lgmpc.control.planner import CentroidalPlanner
+from lgmpc.control.reference import ComReference
+from lgmpc.robot import Robot
+from lgmpc.simulation.control import Command
+from lgmpc.typing import Array
+from lgmpc.wbc import WholeBodyController, WholeBodyReference
+
+__all__ = ["BalanceController"]
+
+
+class BalanceController:
+    """Controller of :mod:`lgmpc.simulation.loop`: state in, joint command out, once every ``period``.
+
+    The first update takes the state that it sees as the place to stand: its centre of mass and its contact points.
+    Without a planner, the whole-body QP alone regulates the centre of mass to the reference.
+
+    Args:
+        robot: the controller's model.
+        wbc: the whole-body controller.
+        reference: where the centre of mass should go, relative to where it stands first.
+        planner: the MPC with its disturbance observer, or None.
+
+    Attributes:
+        wbc: the whole-body controller; its forces, torques and status are those of the last update.
+        planner: as given.
+        target: (3,) centre of mass that the user asked for at the last update, world, m.
+        base_target: (7,) base pose that goes with it [position, quaternion x y z w].
+        wbc_ms: duration of the last update without the planner's, ms.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        wbc: WholeBodyController,
+        reference: ComReference,
+        planner: CentroidalPlanner | None = None,
+    ) -> None:
+        self.robot = robot
+        self.wbc = wbc
+        self.planner = planner
+        self._reference = reference
+        self._start_com: Array | None = None
+        self._start_base = robot.q_reference[:7].copy()
+        self._time = np.zeros(1)
+        self._tracked = WholeBodyReference.standing(robot, np.zeros(3), wbc.terms.contact_points)
+        self.target = np.zeros(3)
+        self.base_target = self._start_base.copy()
+        self.wbc_ms = 0.0
+
+    def update(self, time: float, q: Array, v: Array) -> Command:
+        """Return the joint torques for the state (q, v) at ``time``; never raises for what the robot does."""
+        started = perf_counter()
+        terms = self.wbc.sense(q, v)
+        if self._start_com is None:
+            self._begin(q)
+        self._follow_reference(time)
+        planning = 0.0
+        if self.planner is not None:
+            self.planner.update(time, terms, self._tracked)
+            planning = self.planner.spent
+        self.wbc.solve(self._tracked)
+        if self.planner is not None:
+            self.planner.observe(terms, self.wbc.forces)
+        command = Command(self.wbc.tau.copy(), q[self.robot.joint_q], np.zeros(self.robot.nu), 0.0, self.wbc.damping)
+        self.wbc_ms = 1e3 * (perf_counter() - started - planning)
+        return command
+
+    def _begin(self, q: Array) -> None:
+        """Stand where the robot is now."""
+        terms = self.wbc.terms
+        self._start_com = terms.com.copy()
+        self._start_base = q[:7].copy()
+        self._tracked = WholeBodyReference.standing(self.robot, terms.com, terms.contact_points)
+        if self.planner is not None:
+            self.planner.begin(terms)
+
+    def _follow_reference(self, time: float) -> None:
+        """Write the user's target into what the whole-body QP tracks."""
+        assert self._start_com is not None
+        self._time[0] = time
+        offset, velocity, acceleration = (rows[0] for rows in self._reference.sample(self._time))
+        np.add(self._start_com, offset, out=self.target)
+        np.add(self._start_base[:3], offset, out=self.base_target[:3])
+        tracked = self._tracked
+        tracked.com[:] = self.target
+        tracked.com_velocity[:] = velocity
+        tracked.com_acceleration[:] = acceleration
+        tracked.base_position[:] = self.base_target[:3]
+        tracked.base_velocity[:] = velocity

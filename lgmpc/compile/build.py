@@ -144,7 +144,7 @@ def _warn_once() -> None:
             "no C compiler found: functions are interpreted, 10 to 20 times slower. Install gcc (apt install gcc) or "
             "clang, or name a compiler in CC; LGMPC_JIT=0 interprets without this warning",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -158,7 +158,10 @@ def _bind_interpreter(function: casadi.Function, signature: Signature, memory: S
         buffer.set_res(i, array.data)
 
     def call() -> int:
-        evaluate()
+        try:
+            evaluate()
+        except RuntimeError:
+            return 1
         return int(buffer.ret())
 
     return call

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi
 import numpy as np
 
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, SolverError
 from lgmpc.typing import Array
 
 __all__ = ["Argument", "Bind", "CompiledFunction", "Signature", "index_of"]
@@ -109,11 +109,11 @@ class CompiledFunction:
         """Evaluate inputs to outputs, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
 
         Raises:
-            RuntimeError: the function itself reported failure (a solver or an interpolation inside it, never plain
-                arithmetic); the outputs are then undefined.
+            SolverError: a solver inside the function failed (plain arithmetic never does); outputs are then undefined.
         """
         if self._evaluate():
-            raise RuntimeError(f"evaluation of '{self.name}' failed")
+            remedy = "Its data or its starting point may admit no solution"
+            raise SolverError(f"solver inside '{self.name}'", "no solution", remedy)
 
     def __call__(self, *args: object) -> tuple[Array, ...]:
         """Copy the arguments in, run, and return copies of the outputs.

@@ -46,10 +46,10 @@ CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
 }}
 """
 
-
 # CasADi's runtime (dense products, factorisations) is loops, 2.7 times faster at -O2 than at the -O1 that suits the
 # long straight-line bodies after it. GCC alone understands the pragma; clang needs none, its -O1 is as fast here.
 _RUNTIME = re.compile(r"^#include <math\.h>\n(.*?)^static int casadi_f\d+\(", re.MULTILINE | re.DOTALL)
+_NOT_C = re.compile(r"#error Code generation not supported for (\w+)")
 _FAST = '#pragma GCC push_options\n#pragma GCC optimize ("O2")\n'
 
 
@@ -65,6 +65,9 @@ def generate_source(function: casadi.Function) -> str:
         code = str(generator.dump())
     except RuntimeError as error:
         raise CompileError(function.name(), "CasADi code generation", str(error)) from error
+    missing = _NOT_C.search(code)
+    if missing is not None:
+        raise CompileError(function.name(), "CasADi code generation", f"{missing[1]} has no C code")
     runtime = _RUNTIME.search(code)
     if runtime is not None:
         start, end = runtime.span(1)

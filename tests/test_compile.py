@@ -1,0 +1,544 @@
+"""Compiled functions: the same numbers as interpreted ones, and a cache that neither races, rots nor trusts."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import time
+import timeit
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+
+from lgmpc.compile import (
+    CompiledFunction,
+    cache_folder,
+    compile_function,
+    compile_functions,
+    compile_map,
+    densify_function,
+    find_compiler,
+    inspect_cache,
+    map_function,
+)
+from lgmpc.compile.native import generate_source
+from lgmpc.errors import CompileError, InputError, SolverError
+
+needs_compiler = pytest.mark.skipif(
+    all(shutil.which(name) is None for name in ("cc", "gcc", "clang")), reason="no C compiler is installed"
+)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of this test's own, and no settings from outside."""
+    for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):
+        monkeypatch.delenv(name, raising=False)
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(folder))
+    return folder
+
+
+@pytest.fixture(params=["compiled", "interpreted"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Both ways to evaluate a function."""
+    if request.param == "interpreted":
+        monkeypatch.setenv("LGMPC_JIT", "0")
+    elif all(shutil.which(name) is None for name in ("cc", "gcc", "clang")):
+        pytest.skip("no C compiler is installed")
+    return str(request.param)
+
+
+def scalar_function() -> casadi.Function:
+    """Every kind of scalar operation, a sparse input and a sparse output."""
+    x, a = casadi.SX.sym("x", 3), casadi.SX.sym("a", casadi.Sparsity.lower(3))
+    y = casadi.vertcat(
+        casadi.sin(x[0]) * casadi.cos(x[1]) + casadi.sqrt(x[2] ** 2 + 1),
+        casadi.if_else(x[0] > x[1], casadi.exp(x[1]), casadi.atan2(x[0], x[2])),
+        casadi.fmin(x[0], x[1]) + casadi.sign(x[2]) * casadi.tanh(x[0] / 3) - casadi.log(casadi.fabs(x[1]) + 2),
+    )
+    return casadi.Function("scalars", [x, a], [a @ y, casadi.diag(y), casadi.dot(x, y)], ["x", "a"], ["p", "d", "s"])
+
+
+def matrix_function() -> casadi.Function:
+    """Loops and a factorisation in CasADi's runtime, and a call of an SX function."""
+    x, m = casadi.MX.sym("x", 3), casadi.MX.sym("m", 3, 3)
+    p, d, _ = scalar_function()(x, casadi.DM.eye(3))
+    spd = m @ m.T + 4 * casadi.MX.eye(3)
+    return casadi.Function("matrices", [x, m], [casadi.solve(spd, p, "qr"), m.T @ d @ m], ["x", "m"], ["z", "q"])
+
+
+def shift_function(constant: float = 1.0, name: str = "shift") -> casadi.Function:
+    x = casadi.SX.sym("x", 2)
+    return casadi.Function(name, [x], [x + constant], ["x"], ["y"])
+
+
+def libraries(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.so"))
+
+
+# Values
+
+
+@needs_compiler
+@pytest.mark.parametrize("make", [scalar_function, matrix_function])
+def test_machine_code_agrees_with_the_interpreter(make, monkeypatch: pytest.MonkeyPatch) -> None:
+    function = make()
+    fast = compile_function(function)
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    slow = compile_function(function)
+    assert fast.compiled and not slow.compiled
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        arguments = [rng.normal(size=buffer.shape) * 3 for buffer in fast.inputs]
+        for a, b in zip(fast(*arguments), slow(*arguments), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-14)
+            assert a.shape == b.shape
+
+
+def test_values_are_those_of_the_casadi_function(way: str) -> None:
+    function = scalar_function()
+    compiled = compile_function(function)
+    assert compiled.compiled == (way == "compiled")
+    x, a = np.array([0.3, -0.7, 1.1]), np.arange(9.0).reshape(3, 3)
+    expected = function(x, np.tril(a))
+    for got, want in zip(compiled(x, a), expected, strict=True):
+        np.testing.assert_allclose(got, np.array(want).reshape(got.shape), rtol=1e-14, atol=1e-15)
+
+
+def test_nan_passes_through(way: str) -> None:
+    (y,) = compile_function(shift_function())(np.array([np.nan, 1.0]))
+    assert np.isnan(y[0]) and y[1] == 2.0
+
+
+def test_failure_inside_the_function_raises(way: str) -> None:
+    low, high = casadi.MX.sym("low"), casadi.MX.sym("high")
+    quiet = {"print_iter": False, "print_header": False, "print_info": False}
+    shape = {"h": casadi.Sparsity.dense(1, 1), "a": casadi.Sparsity.dense(2, 1)}
+    solver = casadi.conic("least_square", "qrqp", shape, {"error_on_fail": True, "max_iter": 20, **quiet})
+    bounds = {"lba": casadi.vertcat(low, -10), "uba": casadi.vertcat(10, high)}
+    solution = solver(h=1, g=0, a=casadi.DM([1, 1]), **bounds)["x"]
+    smallest = compile_function(casadi.Function("smallest", [low, high], [solution]))
+    assert smallest(1.0, 4.0)[0] == pytest.approx(1.0)
+    with pytest.raises(SolverError, match="inside 'smallest'"):
+        smallest(3.0, -4.0)
+
+
+# Buffers
+
+
+def test_buffers_are_dense_typed_and_laid_out_as_documented(way: str) -> None:
+    x, a, row, one = (casadi.SX.sym(n, *s) for n, s in (("x", (3, 1)), ("a", (2, 3)), ("row", (1, 4)), ("one", (1, 1))))
+    nothing = casadi.SX(0, 1)
+    f = casadi.Function("f", [x, a, row, one], [a, nothing, a @ x], ["x", "a", "row", "one"], ["b", "none", "y"])
+    compiled = compile_function(f)
+    assert [b.shape for b in compiled.inputs] == [(3,), (2, 3), (1, 4), (1,)]
+    assert [b.shape for b in compiled.outputs] == [(2, 3), (0,), (2,)]
+    assert compiled.input_names == ("x", "a", "row", "one") and compiled.output_names == ("b", "none", "y")
+    for buffer in (*compiled.inputs, *compiled.outputs):
+        assert buffer.dtype == np.float64 and buffer.flags.f_contiguous and buffer.flags.writeable
+        assert not buffer.any()
+
+
+def test_run_reads_and_writes_the_buffers_in_place(way: str) -> None:
+    compiled = compile_function(scalar_function())
+    addresses = [b.ctypes.data for b in (*compiled.inputs, *compiled.outputs)]
+    compiled.input("x")[:] = [0.1, 0.2, 0.3]
+    compiled.input("a")[...] = np.eye(3)
+    compiled.run()
+    first = compiled.output("p").copy()
+    compiled.input("a")[...] *= 2.0
+    compiled.run()
+    np.testing.assert_allclose(compiled.output("p"), 2.0 * first, rtol=1e-15)
+    assert addresses == [b.ctypes.data for b in (*compiled.inputs, *compiled.outputs)]
+
+
+def test_run_allocates_nothing(way: str) -> None:
+    x = casadi.MX.sym("x", 5000)
+    compiled = compile_function(casadi.Function("wide", [x], [x + 1.0, casadi.sin(x)]))
+    compiled.run()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(100):
+            compiled.run()
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 512 and peak - before < 2048, "one result array would be 40 kB"
+
+
+@needs_compiler
+def test_a_run_costs_less_than_a_microsecond() -> None:
+    run = compile_function(shift_function()).run
+    assert min(timeit.repeat(run, number=2000, repeat=20)) / 2000 < 1e-6
+
+
+def test_call_copies_in_and_out(way: str) -> None:
+    compiled = compile_function(shift_function())
+    given = np.array([[1.0], [2.0]])
+    (first,) = compiled(given)
+    (second,) = compiled(5)
+    np.testing.assert_array_equal(first, [2.0, 3.0])
+    np.testing.assert_array_equal(second, [6.0, 6.0])
+    assert not np.shares_memory(first, compiled.outputs[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [((), "arguments of 'shift': got 0"), ((np.zeros(3),), r"x: got shape \(3,\).*\(2,\)")]
+)
+def test_call_names_what_does_not_fit(arguments: tuple, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    with pytest.raises(InputError, match=words):
+        compile_function(shift_function())(*arguments)
+
+
+def test_unknown_names_are_answered_with_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    v = casadi.SX.sym("v")
+    compiled = compile_function(casadi.Function("f", [v], [v], ["velocity"], ["momentum"]))
+    with pytest.raises(InputError, match="Did you mean velocity"):
+        compiled.input("velocty")
+    with pytest.raises(InputError, match="Did you mean momentum"):
+        compiled.output("momentums")
+
+
+def test_clone_has_its_own_buffers_and_outlives_the_original(way: str) -> None:
+    original = compile_function(shift_function())
+    original.input("x")[:] = [1.0, 2.0]
+    twin = original.clone()
+    original.input("x")[:] = 9.0
+    original.run()
+    del original
+    gc.collect()
+    twin.run()
+    np.testing.assert_array_equal(twin.output("y"), [2.0, 3.0])
+
+
+@needs_compiler
+def test_clones_run_in_parallel_threads() -> None:
+    master = compile_map(scalar_function(), 200)
+
+    def work(seed: int) -> bool:
+        mine: CompiledFunction = master.clone()
+        x = np.random.default_rng(seed).normal(size=(200, 3))
+        mine.input("x")[...], mine.input("a")[...] = x, np.eye(3)
+        mine.run()
+        first = mine.output("p").copy()
+        for _ in range(50):
+            mine.run()
+            if not np.array_equal(first, mine.output("p")):
+                return False
+        return bool(np.allclose(first[:, 0], np.sin(x[:, 0]) * np.cos(x[:, 1]) + np.sqrt(x[:, 2] ** 2 + 1)))
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(work, range(8)))
+
+
+def test_several_functions_come_back_in_order(way: str) -> None:
+    compiled = compile_functions([shift_function(float(k), f"shift{k}") for k in range(4)])
+    assert [f(0.0)[0][0] for f in compiled] == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_densify_leaves_dense_functions_alone() -> None:
+    dense, sparse = shift_function(), scalar_function()
+    assert densify_function(dense) is dense
+    filled = densify_function(sparse)
+    assert filled.name() == "scalars" and filled.is_a("SXFunction")
+    assert filled.sparsity_in(1).is_dense() and filled.sparsity_out(1).is_dense()
+
+
+# Horizons
+
+
+@pytest.mark.parametrize("stages", [1, 7])
+@pytest.mark.parametrize("make", [scalar_function, matrix_function])
+def test_horizon_equals_its_stages(make, stages: int, way: str) -> None:
+    function = make()
+    one, whole = compile_function(function), compile_map(function, stages, shared=["x"])
+    rng = np.random.default_rng(1)
+    whole.input("x")[:] = rng.normal(size=3)
+    matrix = whole.inputs[1]
+    matrix[...] = rng.normal(size=matrix.shape)
+    assert matrix.shape == (stages, 3, 3) and whole.input("x").shape == (3,)
+    whole.run()
+    for k in range(stages):
+        for got, want in zip(whole.outputs, one(whole.input("x"), matrix[k]), strict=True):
+            np.testing.assert_allclose(got[k], want, rtol=1e-14, atol=1e-14)
+
+
+@needs_compiler
+def test_another_horizon_compiles_nothing(cache: Path) -> None:
+    compile_function(shift_function())
+    told: list[str] = []
+    whole = compile_map(shift_function(), 300, progress=told.append)
+    assert told == [] and len(libraries(cache)) == 1
+    np.testing.assert_array_equal(whole(np.arange(600.0).reshape(300, 2))[0].ravel(), np.arange(600.0) + 1.0)
+
+
+def test_mapped_casadi_function_keeps_names_and_code_size() -> None:
+    short, long = (map_function(scalar_function(), n, shared=["a"]) for n in (10, 1000))
+    assert long.name() == "scalars_map1000" and long.name_in() == ["x", "a"] and long.name_out() == ["p", "d", "s"]
+    assert long.size_in(0) == (3, 1000) and long.size_in(1) == (3, 3) and long.size_out(1) == (3, 3000)
+    assert len(generate_source(long)) < 1.05 * len(generate_source(short))
+
+
+def test_map_refuses_no_stages_and_unknown_shared_inputs() -> None:
+    with pytest.raises(InputError, match="stages: got 0"):
+        compile_map(shift_function(), 0)
+    with pytest.raises(InputError, match="shared input of 'shift'"):
+        map_function(shift_function(), 3, shared=["y"])
+
+
+# The cache
+
+
+@needs_compiler
+def test_second_time_comes_from_the_cache(cache: Path) -> None:
+    told: list[str] = []
+    compile_function(shift_function(), progress=told.append)
+    assert len(told) == 2 and "compiling 'shift'" in told[0] and "compiled 'shift' in" in told[1]
+    compile_function(shift_function(), progress=told.append)
+    assert len(told) == 2
+    assert [p.name.split("-")[0] for p in cache.iterdir()] == ["shift"], "nothing but the library stays behind"
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700
+
+
+@needs_compiler
+def test_expressions_and_flags_are_in_the_key(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_function(shift_function(1.0))
+    compile_function(shift_function(2.0))
+    assert len(libraries(cache)) == 2
+    monkeypatch.setenv("LGMPC_CFLAGS", "-O0")
+    assert compile_function(shift_function(2.0))(0.0)[0][0] == 2.0
+    assert len(libraries(cache)) == 3
+    monkeypatch.setenv("CC", "gcc -DANOTHER")
+    compile_function(shift_function(2.0))
+    assert len(libraries(cache)) == 4
+
+
+@needs_compiler
+@pytest.mark.parametrize("damage", ["truncated", "empty", "altered"])
+def test_damaged_entries_are_built_again(damage: str, cache: Path, caplog: pytest.LogCaptureFixture) -> None:
+    compile_function(shift_function())
+    (entry,) = libraries(cache)
+    whole = entry.read_bytes()
+    middle = len(whole) // 2
+    altered = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
+    # A new file, not the same one in place: the old bytes are mapped into this process.
+    entry.unlink()
+    entry.write_bytes({"truncated": whole[:middle], "empty": b"", "altered": altered}[damage])
+    assert inspect_cache(cache).damaged == (entry.name,)
+    with caplog.at_level(logging.WARNING, "lgmpc.compile"):
+        assert compile_function(shift_function())(1.0)[0][0] == 2.0
+    assert "damaged" in caplog.text
+    report = inspect_cache(cache)
+    assert (report.entries, report.damaged) == (1, ()) and report.size_bytes > 1000
+
+
+@needs_compiler
+def test_whole_entry_that_does_not_load_is_built_again(cache: Path, caplog: pytest.LogCaptureFixture) -> None:
+    from lgmpc.compile.cache import _digest
+
+    compile_function(shift_function())
+    (entry,) = libraries(cache)
+    entry.unlink()
+    foreign = cache / "foreign"
+    foreign.write_bytes(b"made for another machine")
+    foreign.rename(cache / f"{entry.stem.rpartition('-')[0]}-{_digest(foreign)}.so")
+    with caplog.at_level(logging.WARNING, "lgmpc.compile"):
+        assert compile_function(shift_function())(1.0)[0][0] == 2.0
+    assert "does not load" in caplog.text
+
+
+@needs_compiler
+def test_leavings_of_a_killed_compilation_are_removed_after_a_day(cache: Path) -> None:
+    cache.mkdir(mode=0o700)
+    old, young = cache / ".build-old", cache / ".build-young"
+    for folder in (old, young):
+        folder.mkdir()
+        (folder / "f.c").write_text("")
+    day_and_more = time.time() - 25 * 3600
+    os.utime(old, (day_and_more, day_and_more))
+    compile_function(shift_function())
+    assert young.exists() and not old.exists()
+
+
+WORKER = """
+import sys, time
+from pathlib import Path
+import casadi
+from lgmpc.compile import compile_function
+x = casadi.SX.sym("x", 2)
+function = casadi.Function("shift", [x], [x + 1], ["x"], ["y"])
+Path(sys.argv[1]).touch()
+while not Path(sys.argv[2]).exists():
+    time.sleep(0.005)
+compiled = compile_function(function, progress=print)
+assert compiled.compiled and compiled(1.0)[0][0] == 2.0
+"""
+
+
+@needs_compiler
+def test_processes_at_once_build_once_and_all_succeed(cache: Path, tmp_path: Path) -> None:
+    calls = tmp_path / "calls"
+    slow = tmp_path / "slow-cc"
+    slow.write_text(f'#!/bin/sh\n[ "$1" = --version ] || {{ echo built >> {calls}; sleep 0.5; }}\nexec cc "$@"\n')
+    slow.chmod(0o755)
+    start = tmp_path / "start"
+    ready = [tmp_path / f"ready{k}" for k in range(3)]
+    environment = os.environ | {"CC": str(slow), "LGMPC_CACHE_DIR": str(cache)}
+    workers = [
+        subprocess.Popen(
+            [sys.executable, "-c", WORKER, str(flag), str(start)],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for flag in ready
+    ]
+    deadline = time.monotonic() + 60.0
+    while not all(flag.exists() for flag in ready) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    start.touch()
+    outputs = [worker.communicate(timeout=60)[0] for worker in workers]
+    assert [worker.returncode for worker in workers] == [0, 0, 0], outputs
+    assert calls.read_text().split() == ["built"]
+    assert "waiting for another process" in "".join(outputs)
+    assert [p.suffix for p in cache.iterdir()] == [".so"]
+
+
+# Cache folders that are refused
+
+
+def assert_refused(words: str) -> None:
+    with pytest.raises(InputError, match=words) as refusal:
+        compile_function(shift_function())
+    assert "LGMPC_CACHE_DIR" in str(refusal.value), "the message says what to do"
+
+
+@needs_compiler
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o722])
+@pytest.mark.parametrize("linked", [False, True])
+def test_folder_that_others_may_write_to_is_refused(mode: int, linked: bool, cache: Path, tmp_path: Path) -> None:
+    real = tmp_path / "real" if linked else cache
+    real.mkdir()
+    real.chmod(mode)
+    if linked:
+        cache.symlink_to(real)
+    assert_refused(f"others may write to.*{mode:04o}.*chmod 700")
+    assert list(real.iterdir()) == []
+    real.chmod(0o755)
+    assert cache_folder() == real.resolve()
+
+
+@needs_compiler
+def test_folder_that_others_may_replace_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(shared / "mine"))
+    assert_refused("others may replace")
+    shared.chmod(0o1777)  # sticky, as /tmp: only the owner of an entry may rename it
+    assert cache_folder() == shared / "mine"
+
+
+@needs_compiler
+def test_folder_of_another_user_is_refused(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if os.geteuid() == 0:
+        cache.mkdir(mode=0o700)
+        os.chown(cache, 12345, -1)
+    else:
+        monkeypatch.setenv("LGMPC_CACHE_DIR", "/usr")
+    assert_refused("belongs to another user")
+
+
+@needs_compiler
+def test_folder_that_cannot_be_made_is_refused(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache.write_text("a file")
+    assert_refused("cannot be created")
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(cache / "below"))
+    assert_refused("cannot be created")
+
+
+# Compilers
+
+
+def test_without_compiler_functions_are_interpreted_with_one_warning(cache: Path, tmp_path: Path) -> None:
+    script = """
+import sys, warnings
+sys.modules["ziglang"] = None
+import casadi
+from lgmpc.compile import compile_function, compile_map
+x = casadi.SX.sym("x")
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    for k in range(3):
+        compiled = compile_function(casadi.Function("f", [x], [x + k]))
+        assert not compiled.compiled and compiled(1.0)[0][0] == 1.0 + k
+    assert compile_map(casadi.Function("f", [x], [2 * x]), 3)(2.0)[0].tolist() == [[4.0]] * 3
+print(len(caught), caught[0].category.__name__, caught[0].filename, caught[0].message)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=os.environ | {"PATH": str(tmp_path)}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("1 RuntimeWarning <string> no C compiler found"), done.stdout
+    assert not cache.exists()
+
+
+def test_jit_can_be_switched_off_without_a_warning(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    assert not compile_function(shift_function()).compiled
+    assert not cache.exists()
+    monkeypatch.setenv("LGMPC_JIT", "maybe")
+    with pytest.raises(InputError, match="LGMPC_JIT: got 'maybe'"):
+        compile_function(shift_function())
+
+
+@pytest.mark.parametrize("program", ["no-such-compiler-here", "false"])
+def test_compiler_that_does_not_run_is_bad_input(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", program)
+    with pytest.raises(InputError, match=f"CC: got '{program}'"):
+        compile_function(shift_function())
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast"])
+def test_flags_that_break_arithmetic_are_refused(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_CFLAGS", f"-g {flag}")
+    with pytest.raises(InputError, match=f"LGMPC_CFLAGS: got {flag}"):
+        find_compiler()
+
+
+@needs_compiler
+def test_failed_compilation_shows_the_log_and_leaves_nothing(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_CFLAGS", "-fno-such-flag")
+    with pytest.raises(CompileError, match="compiling 'shift' failed") as failure:
+        compile_function(shift_function())
+    assert "-fno-such-flag" in failure.value.log and "shift.c" in failure.value.command
+    assert list(cache.iterdir()) == []
+
+
+@needs_compiler
+def test_function_without_c_code_is_named() -> None:
+    class Python(casadi.Callback):
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct("python", {})
+
+        def eval(self, arg):
+            return [2 * arg[0]]
+
+    python, x = Python(), casadi.MX.sym("x")
+    with pytest.raises(CompileError, match="'wrapper' failed: CasADi code generation\\nCallbackInternal has no C code"):
+        compile_function(casadi.Function("wrapper", [x], [python(x)]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,10 +48,8 @@ def check_state(model: pin.Model, x: Array) -> tuple[Array, Array]:
 
 def check_torque(tau: Array, size: int) -> None:
     """Refuse torques that are not ``size`` finite numbers; cheap, because it runs at every step."""
-    if np.shape(tau) != (size,) or not math.isfinite(np.dot(tau, tau)):
+    if np.shape(tau) != (size,) or not np.isfinite(tau).all():
         _vector("tau", tau, size)
-        # Each element is finite, but not the sum of their squares.
-        raise InputError("tau", "numbers beyond 1e150", "torques in N.m")
 
 
 class BodyWrenches:

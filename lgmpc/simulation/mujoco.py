@@ -253,7 +253,9 @@ def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantPar
         body.mass, body.ipos = inertia.mass, inertia.lever
         body.fullinertia = moment[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
         bodies.append(body)
-        subspace = pin.computeJointJacobian(model, data, neutral, index)[:, joint.idx_v : joint.idx_v + joint.nv]
+        # Pinocchio gives a plain vector where there is one degree of freedom in all.
+        jacobian = pin.computeJointJacobian(model, data, neutral, index).reshape(6, model.nv)
+        subspace = jacobian[:, joint.idx_v : joint.idx_v + joint.nv]
         kind = _joint_type(joint, subspace)
         if kind is None or (kind == mujoco.mjtJoint.mjJNT_FREE and not placement.isIdentity()):
             problems.append(f"joint '{model.names[index]}' ({joint.shortname()}) has no twin in MuJoCo")

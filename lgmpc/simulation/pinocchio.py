@@ -7,8 +7,8 @@ One step finds the velocity at its end and the contact impulses together (Signor
     |lambda_t| <= mu lambda_n,   0 <= lambda_n  perpendicular to  u_n + phi >= 0   with u = J v+,
 
 and a contact that slides resists with all its friction, opposite to u_t. ``phi`` is height over dt for a foot that may
-still descend, and a fraction of it for one that has sunk in. Joint damping enters M (it is implicit); joint friction
-enters the solver as bounded impulses on the joints.
+still descend, and a bounded fraction of it for one that has sunk in. Joint damping enters M (it is implicit); joint
+friction enters the solver as bounded impulses on the joints.
 
 [1] D. E. Stewart and J. C. Trinkle, "An implicit time-stepping scheme for rigid body dynamics with inelastic collisions
     and Coulomb friction", 1996.
@@ -35,10 +35,12 @@ if TYPE_CHECKING:
 __all__ = ["PinocchioPlant"]
 
 _FASTEST = 10.0  # m/s; what cannot reach the floor in a step at this speed is left out of that step's problem
-_RECOVERY = 0.2  # fraction of a penetration that one step removes
+_RECOVERY = 0.2  # fraction of a penetration that one step removes, ...
+_RISE = 0.01  # m/s; ... but no faster than this, because the speed outlives the penetration
 _CREEP = 1e-3  # rad/s; speed of a stuck joint under all of its friction, without which problems become too stiff
-_GAUSS_SEIDEL = (100, 1e-8)  # most sweeps, tolerance in m/s and N.s
-_ADMM = (1000, 1e-7)  # likewise
+# Most iterations, tolerance of velocities and impulses (m/s, N.s), and of their products (J).
+_GAUSS_SEIDEL = (100, 1e-8, 1e-10)
+_ADMM = (1000, 1e-7, 1e-9)
 
 
 class PinocchioPlant:
@@ -125,7 +127,7 @@ class PinocchioPlant:
             jacobian = self._jacobian(near)
             response = minverse @ jacobian.T
             drift = jacobian @ free
-            drift[2 : 3 * len(near) : 3] += [(z if z > 0 else _RECOVERY * z) / dt for z in heights]
+            drift[2 : 3 * len(near) : 3] += [z / dt if z > 0 else max(_RECOVERY * z / dt, -_RISE) for z in heights]
             self._v = free + response @ self._solver.solve(near, jacobian @ response, drift)
         else:
             self._solver.clear()
@@ -162,6 +164,7 @@ class PinocchioPlant:
     def _generalized(self, joint: int, wrench: Array) -> Array:
         """Return the generalized force (nv,) of a wrench at the centre of mass of the body that ``joint`` moves."""
         jacobian = pin.getJointJacobian(self._model, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
+        jacobian = jacobian.reshape(6, self._model.nv)  # Pinocchio gives a plain vector where nv is 1
         arm = self._data.oMi[joint].rotation @ self._model.inertias[joint].lever
         force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
         return force
@@ -180,6 +183,7 @@ class PinocchioPlant:
         rows = np.zeros((count + (self._robot.nu if self._friction else 0), self._model.nv))
         for k, i in enumerate(near):
             frame = pin.getFrameJacobian(self._model, self._data, self._frames[i], pin.LOCAL_WORLD_ALIGNED)
+            frame = frame.reshape(6, self._model.nv)
             row = rows[3 * k : 3 * k + 3]
             row[:] = frame[:3]
             # The point lies r below the centre: its velocity is that of the centre + r z x omega.
@@ -210,10 +214,10 @@ class _ContactSolver:
         self._compliance = _CREEP / (params.joint_friction * params.timestep) if params.joint_friction else 0.0
         self._problems: dict[int, tuple[Any, Any]] = {}
         self._settings = pin.PGSSolverSettings(), pin.ADMMSolverSettings()
-        for settings, (iterations, tolerance) in zip(self._settings, (_GAUSS_SEIDEL, _ADMM), strict=True):
-            settings.max_iterations = iterations
-            settings.absolute_feasibility_tol = settings.relative_feasibility_tol = tolerance
-            settings.absolute_complementarity_tol = settings.relative_complementarity_tol = tolerance
+        for settings, limits in zip(self._settings, (_GAUSS_SEIDEL, _ADMM), strict=True):
+            settings.max_iterations, feasibility, complementarity = limits
+            settings.absolute_feasibility_tol = settings.relative_feasibility_tol = feasibility
+            settings.absolute_complementarity_tol = settings.relative_complementarity_tol = complementarity
         self._settings[1].admm_update_rule = pin.ADMMUpdateRule.SPECTRAL
         self.reset()
 

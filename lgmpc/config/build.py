@@ -36,6 +36,9 @@ __all__ = [
     "prepare",
 ]
 
+_CREDIBLE_PUSH = 3.0
+"""Weights of the robot: what the observer takes for a stronger push than this is a fault."""
+
 
 def build_gate(config: Config) -> Gate:
     """Return the limits of section ``gate``."""
@@ -138,13 +141,14 @@ def build_planner(config: Config, robot: Robot, reference: ComReference, notify:
         sqp_iterations=section.sqp_iterations,
     )
     mpc = CentroidalMpc(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=notify)
-    observer = WrenchObserver(robot.mass, robot.gravity, 1.0 / config.wbc.rate_hz, section.observer_time_s)
+    period = 1.0 / config.wbc.rate_hz
+    observer = WrenchObserver(period, section.observer_time_s, force_limit=_CREDIBLE_PUSH * robot.mass * 9.81)
     following = PlannerSettings(
         every=round(config.wbc.rate_hz / section.rate_hz),
         wrench_decay_time=section.wrench_decay_s,
         uprighting_rate=section.uprighting_rate_hz,
     )
-    return CentroidalPlanner(mpc, observer, reference, following)
+    return CentroidalPlanner(mpc, observer, reference, period, following)
 
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:

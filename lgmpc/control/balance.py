@@ -68,7 +68,7 @@ class BalanceController:
             planning = self.planner.spent
         self.wbc.solve(self._tracked)
         if self.planner is not None:
-            self.planner.observe(terms, self.wbc.forces)
+            self.planner.expect(terms, self.wbc.acceleration)
         command = Command(self.wbc.tau.copy(), q[self.robot.joint_q], np.zeros(self.robot.nu), 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - planning)
         return command

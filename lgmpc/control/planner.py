@@ -11,7 +11,7 @@ import pinocchio as pin
 from lgmpc.control.reference import ComReference
 from lgmpc.errors import InputError
 from lgmpc.estimation import WrenchObserver
-from lgmpc.mpc import CentroidalMpc, CentroidalPlan, MpcStatus
+from lgmpc.mpc import CentroidalMpc, CentroidalPlan, CentroidalSample, MpcStatus
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
 
@@ -55,6 +55,7 @@ class CentroidalPlanner:
         mpc: the receding-horizon controller.
         observer: estimates the external wrench.
         reference: offset of the centre of mass over time.
+        tick_period: time between two updates, s.
         settings: see :class:`PlannerSettings`.
 
     Attributes:
@@ -64,9 +65,10 @@ class CentroidalPlanner:
     """
 
     def __init__(
-        self, mpc: CentroidalMpc, observer: WrenchObserver, reference: ComReference, settings: PlannerSettings
+        self, mpc: CentroidalMpc, observer: WrenchObserver, reference: ComReference, tick_period: float, settings: PlannerSettings
     ) -> None:
         self.mpc = mpc
+        self._tick_times = tick_period * np.arange(settings.every)
         self.observer = observer
         self.settings = settings
         self.plan: CentroidalPlan | None = None
@@ -81,6 +83,7 @@ class CentroidalPlanner:
         self._mass = mpc.mass
         self._start_com = np.zeros(3)
         self._tick = 0
+        self._motion: CentroidalSample | None = None
 
     @property
     def horizon_com(self) -> Array:
@@ -105,35 +108,39 @@ class CentroidalPlanner:
         self._start_com[:] = terms.com
         self._tick = 0
         self.plan = None
+        self._motion = None
         self.mpc.reset()
         self.observer.reset()
 
-    def observe(self, terms: WholeBodyTerms, forces: Array) -> None:
-        """Tell the observer which contact forces (nc, 3) act from now to the next tick."""
-        self.observer.expect(terms.com, terms.contact_points, forces)
+    def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
+        """Tell the observer which acceleration (nv,) the whole-body QP gives the robot until the next tick."""
+        self.observer.expect(terms.momentum_matrix @ acceleration + terms.momentum_drift)
 
     def update(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference) -> None:
         """Observe, plan if it is time to, and write into ``tracked`` what the whole-body QP should follow."""
         wrench = self.observer.update(terms.momentum)
         tracked.external_wrench[:] = wrench
-        self.planned = self._tick % self.settings.every == 0
+        row = self._tick % self.settings.every
+        self.planned = row == 0
         self._tick += 1
         self.spent = 0.0
         if self.planned:
             started = perf_counter()
-            self._plan(time, terms, tracked, wrench)
+            self.plan = self._plan(time, terms, tracked, wrench)
+            # All ticks until the next plan in one call: NumPy's cost per call is that of a hundred rows.
+            self._motion = self.plan.sample_at(time + self._tick_times)
             self.spent = perf_counter() - started
-        if self.plan is not None and self.plan.status is not MpcStatus.STALE:
-            self._follow(self.plan, time, tracked)
+        if self._motion is not None and self.status is not MpcStatus.STALE:
+            self._follow(self._motion, row, tracked)
 
-    def _plan(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, wrench: Array) -> None:
+    def _plan(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, wrench: Array) -> CentroidalPlan:
         offset, velocity, _ = self._reference.sample(time + self._node_times)
         reference = self._x_reference
         np.add(self._start_com, offset, out=reference[:, :3])
         np.multiply(velocity, self._mass, out=reference[:, 3:6])
-        tilt = terms.rotation @ pin.log3(terms.rotation.T @ tracked.base_rotation)
-        reference[:, 6:9] = self._uprighting * (terms.rotational_inertia @ tilt)
-        self.plan = self.mpc.update(
+        tilt = pin.log3(terms.rotation.T @ tracked.base_rotation)  # body axes, towards upright
+        reference[:, 6:9] = self._uprighting * (terms.momentum_matrix[3:, 3:6] @ tilt)
+        return self.mpc.update(
             time,
             terms.com,
             terms.momentum[:3],
@@ -145,11 +152,10 @@ class CentroidalPlanner:
         )
 
     @staticmethod
-    def _follow(plan: CentroidalPlan, time: float, tracked: WholeBodyReference) -> None:
-        now = plan.sample(time)
-        tracked.com[:] = now.com
-        tracked.com_velocity[:] = now.com_velocity
-        tracked.com_acceleration[:] = now.com_acceleration
-        tracked.angular_momentum[:] = now.angular_momentum
-        tracked.angular_momentum_rate[:] = now.angular_momentum_rate
-        tracked.contact_forces[:] = now.forces
+    def _follow(motion: CentroidalSample, row: int, tracked: WholeBodyReference) -> None:
+        tracked.com[:] = motion.com[row]
+        tracked.com_velocity[:] = motion.com_velocity[row]
+        tracked.com_acceleration[:] = motion.com_acceleration[row]
+        tracked.angular_momentum[:] = motion.angular_momentum[row]
+        tracked.angular_momentum_rate[:] = motion.angular_momentum_rate[row]
+        tracked.contact_forces[:] = motion.forces[row]

@@ -113,11 +113,11 @@ def simulate(
     Returns:
         Number of ticks that were simulated.
     """
-    nothing = Disturbance(np.zeros(6), np.zeros(3))
+    disturber = _Disturber(plant, pushes)
     for index in range(rates.ticks):
         sample = plant.sense()
         command = controller.update(sample.time, sample.q, sample.v)
-        disturbance = _disturb(plant, pushes, sample.time, nothing)
+        disturbance = disturber.apply(sample.time)
         nu = command.tau.size
         torque = command.torque(sample.q[-nu:], sample.v[-nu:])
         if not on_tick(Tick(index, sample, command, torque, disturbance)):
@@ -125,16 +125,27 @@ def simulate(
         plant.step(torque)
         for _ in range(rates.substeps - 1):
             now = plant.sense()
-            _disturb(plant, pushes, now.time, nothing)
+            disturber.apply(now.time)
             plant.step(command.torque(now.q[-nu:], now.v[-nu:]))
     return rates.ticks
 
 
-def _disturb(plant: Plant, pushes: PushSchedule, time: float, nothing: Disturbance) -> Disturbance:
-    """Apply the pushes of the step that begins now; of several bodies pushed at once, tell the first."""
-    told = nothing
-    for body, wrench in pushes.wrenches(time).items():
-        plant.set_wrench(body, wrench)
-        if told is nothing and wrench.any():
-            told = Disturbance(wrench, plant.body_point(body))
-    return told
+class _Disturber:
+    """Applies the pushes of a schedule, and touches the plant only while there are any."""
+
+    def __init__(self, plant: Plant, pushes: PushSchedule) -> None:
+        self._plant, self._pushes = plant, pushes
+        self._nothing = Disturbance(np.zeros(6), np.zeros(3))
+        self._pushing = False
+
+    def apply(self, time: float) -> Disturbance:
+        """Apply the pushes of the step that begins now; of several bodies pushed at once, tell the first."""
+        told = self._nothing
+        active = self._pushes.is_active(time)
+        if active or self._pushing:
+            for body, wrench in self._pushes.wrenches(time).items():
+                self._plant.set_wrench(body, wrench)
+                if told is self._nothing and wrench.any():
+                    told = Disturbance(wrench, self._plant.body_point(body))
+        self._pushing = active
+        return told

@@ -36,7 +36,8 @@ class WholeBodyLimits:
         friction_facets: sides of the pyramid inscribed in the friction cone.
         normal_force_min: N, each stance foot.
         normal_force_max: N, each stance foot.
-        joint_horizon: s; a joint is slowed so that within this time it passes neither its position nor velocity limit.
+        joint_horizon: s; a joint nears its position limits no faster than ``exp(-2 t / joint_horizon)`` and its velocity
+            limits no faster than ``exp(-t / joint_horizon)``, so that it passes neither.
         joint_acceleration_max: rad/s^2, bound that the joint limits may ask for at most.
     """
 
@@ -80,10 +81,17 @@ def friction_pyramid(friction: float, facets: int) -> Array:
 class QpAssembly:
     """The QP's matrices in preallocated buffers.
 
+    Args:
+        robot: the robot.
+        stack: its tasks.
+        limits: hard limits.
+        force_weight: weight of staying near the reference contact forces.
+        acceleration_weight: regularisation of joint-space accelerations.
+
     Attributes:
         hessian: (n, n) with n = nv + 3 nc.
         gradient: (n,).
-        equality: (ne, n) and equality_rhs (ne,): floating-base dynamics (ne = 6, or nv - nu in general).
+        equality: (6, n) and equality_rhs (6,): floating-base dynamics.
         inequality: (m, n) with lower (m,) and upper (m,): torques, then friction.
         box_lower, box_upper: (n,).
     """
@@ -99,38 +107,39 @@ class QpAssembly:
         nv, nu, nc = robot.nv, robot.nu, len(robot.contact_ids)
         n, base = nv + 3 * nc, nv - nu
         facets = limits.friction_facets
-        self._nv, self._base = nv, base
+        rows = nu + facets * nc
+        self._nv, self._nu, self._base = nv, nu, base
         self._stack, self._limits = stack, limits
-        self._force_weight = force_weight
-        self._effort = robot.effort_limit
-        self._velocity_limit = robot.velocity_limit
+        self._force_weight, self._acceleration_weight = force_weight, acceleration_weight
+        self._effort, self._negative_effort = robot.effort_limit, -robot.effort_limit
         self._joint_lower, self._joint_upper = robot.joint_lower, robot.joint_upper
+        self._speeding = robot.velocity_limit / limits.joint_horizon
         self.hessian = np.zeros((n, n))
         self.gradient = np.zeros(n)
-        self.equality = np.zeros((base, n))
+        # The dynamics' rows [M, -J_c^T] are written at once: the base's are equalities, the joints' limit torques.
+        constraints = np.zeros((base + rows, n))
+        self.equality, self.inequality = constraints[:base], constraints[base:]
+        self._mass_block, self._force_block = constraints[:nv, :nv], constraints[:nv, nv:]
         self.equality_rhs = np.zeros(base)
-        self.inequality = np.zeros((nu + facets * nc, n))
-        self.lower = np.full(nu + facets * nc, -_UNBOUNDED)
-        self.upper = np.zeros(nu + facets * nc)
+        self.lower = np.full(rows, -_UNBOUNDED)
+        self.upper = np.zeros(rows)
         self.box_lower = np.full(n, -_UNBOUNDED)
         self.box_upper = np.full(n, _UNBOUNDED)
-        self._base_force = np.zeros(base)
+        self._task_hessian = self.hessian[:nv, :nv]
+        self._task_diagonal = np.einsum("ii->i", self._task_hessian)  # a view
         self._weighted = np.zeros_like(stack.jacobian)
-        self._regularisation = acceleration_weight * np.eye(nv)
+        self._wrench = np.zeros((2, 3))
+        self._wrench_on_base = np.zeros((2, 3))
         self.hessian[nv:, nv:] = force_weight * np.eye(3 * nc)
         pyramid = friction_pyramid(limits.friction, facets)
         for i in range(nc):
             self.inequality[nu + facets * i : nu + facets * (i + 1), nv + 3 * i : nv + 3 * i + 3] = pyramid
+        self._joint_box_lower, self._joint_box_upper = self.box_lower[base:nv], self.box_upper[base:nv]
         self._normal_lower, self._normal_upper = self.box_lower[nv + 2 :: 3], self.box_upper[nv + 2 :: 3]
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the QP of this tick; the task stack must have been updated."""
-        nv = self._nv
-        stack = self._stack
-        np.multiply(stack.jacobian, stack.weight[:, None], out=self._weighted)
-        np.add(self._weighted.T @ stack.jacobian, self._regularisation, out=self.hessian[:nv, :nv])
-        np.negative(stack.rhs @ self._weighted, out=self.gradient[:nv])
-        np.multiply(reference.contact_forces.ravel(), -self._force_weight, out=self.gradient[nv:])
+        self._objective(reference)
         self._dynamics(terms, reference)
         self._joint_bounds(terms)
         np.multiply(reference.stance, self._limits.normal_force_min, out=self._normal_lower)
@@ -138,48 +147,59 @@ class QpAssembly:
 
     def torques(self, terms: WholeBodyTerms, solution: Array) -> Array:
         """Joint torques (nu,) that produce the QP's accelerations and forces: ``M_j a + h_j - J_cj^T f``."""
-        rows = self._effort.size
-        torques: Array = self.inequality[:rows] @ solution + terms.bias[self._base :]
+        torques: Array = np.dot(self.inequality[: self._nu], solution)
+        torques += terms.bias[self._base :]
         return torques
+
+    def _objective(self, reference: WholeBodyReference) -> None:
+        nv, stack, weighted = self._nv, self._stack, self._weighted
+        np.multiply(stack.jacobian, stack.weight[:, None], out=weighted)
+        self._task_hessian[:] = np.dot(weighted.T, stack.jacobian)
+        self._task_diagonal += self._acceleration_weight
+        np.dot(stack.rhs, weighted, out=self.gradient[:nv])
+        self.gradient[nv:] = reference.contact_forces.ravel()
+        self.gradient[nv:] *= self._force_weight
+        np.negative(self.gradient, out=self.gradient)
+
+    def _dynamics(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
+        nu, base, bias = self._nu, self._base, terms.bias
+        self._mass_block[:] = terms.mass_matrix
+        np.negative(terms.contact_jacobian.T, out=self._force_block)
+        np.subtract(self._external_force(terms, reference), bias[:base], out=self.equality_rhs)
+        np.subtract(self._negative_effort, bias[base:], out=self.lower[:nu])
+        np.subtract(self._effort, bias[base:], out=self.upper[:nu])
 
     def _external_force(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> Array:
         """Generalised force on the base of the external wrench, which is given about the centre of mass."""
-        force, moment = reference.external_wrench[:3], reference.external_wrench[3:]
-        x, y, z = terms.com - terms.q[:3]
-        about_base = moment + (y * force[2] - z * force[1], z * force[0] - x * force[2], x * force[1] - y * force[0])
-        generalised = self._base_force
-        np.dot(force, terms.rotation, out=generalised[:3])
-        np.dot(about_base, terms.rotation, out=generalised[3:])
-        return generalised
-
-    def _dynamics(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        nv, base, nu = self._nv, self._base, self._effort.size
-        self.equality[:, :nv] = terms.mass_matrix[:base]
-        self.equality[:, nv:] = terms.contact_jacobian[:, :base].T
-        self.equality[:, nv:] *= -1.0
-        np.subtract(self._external_force(terms, reference), terms.bias[:base], out=self.equality_rhs)
-        torque_rows = self.inequality[:nu]
-        torque_rows[:, :nv] = terms.mass_matrix[base:]
-        torque_rows[:, nv:] = terms.contact_jacobian[:, base:].T
-        torque_rows[:, nv:] *= -1.0
-        bias = terms.bias[base:]
-        np.subtract(-self._effort, bias, out=self.lower[:nu])
-        np.subtract(self._effort, bias, out=self.upper[:nu])
+        wrench = self._wrench
+        wrench.ravel()[:] = reference.external_wrench
+        x, y, z = (terms.com - terms.q[:3]).tolist()
+        fx, fy, fz = wrench[0].tolist()
+        wrench[1] += (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)  # now about the base
+        np.dot(wrench, terms.rotation, out=self._wrench_on_base)
+        return self._wrench_on_base.ravel()
 
     def _joint_bounds(self, terms: WholeBodyTerms) -> None:
-        """Acceleration bounds that keep each joint within its limits over ``joint_horizon``.
+        """Acceleration bounds that keep each joint within its limits.
 
-        ``a <= (v_max - v) / T`` and ``q + v T + a T^2 / 2 <= q_max``, and the same from below. A joint already past a
-        limit is asked for at most ``joint_acceleration_max``, and the two sides never cross.
+        With ``T`` the joint horizon: ``a <= (v_max - v) / T`` and ``a <= 4 (q_max - q - v T) / T^2``, and the same from
+        below. The second is the approach ``(d/dt + 2 / T)^2 (q_max - q) >= 0``, critically damped: whatever begins no
+        faster than ``2 (q_max - q) / T`` never passes the limit. A joint already past a limit is asked for at most
+        ``joint_acceleration_max``, and the two sides never cross.
         """
-        nu, horizon, cap = self._effort.size, self._limits.joint_horizon, self._limits.joint_acceleration_max
-        joints, rates = terms.q[-nu:], terms.v[-nu:]
-        ahead = joints + horizon * rates
-        gain = 2.0 / horizon**2
-        upper = np.minimum((self._velocity_limit - rates) / horizon, gain * (self._joint_upper - ahead))
-        lower = np.maximum((-self._velocity_limit - rates) / horizon, gain * (self._joint_lower - ahead))
-        box = slice(self._base, self._nv)
-        np.maximum(np.minimum(upper, cap), -cap, out=upper)
-        np.maximum(np.minimum(np.minimum(lower, upper), cap), -cap, out=lower)
-        self.box_upper[box] = upper
-        self.box_lower[box] = lower
+        horizon, cap = self._limits.joint_horizon, self._limits.joint_acceleration_max
+        joints, rates = terms.q[-self._nu :], terms.v[-self._nu :]
+        ahead = rates * horizon
+        ahead += joints
+        slowing = rates / horizon
+        gain = 4.0 / horizon**2
+        upper, lower = self._joint_box_upper, self._joint_box_lower
+        np.subtract(self._joint_upper, ahead, out=upper)
+        upper *= gain
+        np.minimum(upper, self._speeding - slowing, out=upper)
+        np.maximum(upper, -cap, out=upper)
+        np.subtract(self._joint_lower, ahead, out=lower)
+        lower *= gain
+        np.maximum(lower, -self._speeding - slowing, out=lower)
+        np.minimum(lower, cap, out=lower)
+        np.minimum(lower, upper, out=lower)

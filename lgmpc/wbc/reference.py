@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
@@ -64,20 +65,19 @@ class WholeBodyReference:
             contact_points: (nc, 3) where the feet stand.
         """
         nc = len(robot.contact_ids)
-        quaternion = robot.q_reference[3:7]
         forces = np.zeros((nc, 3))
-        forces[:, 2] = robot.mass * 9.81 / nc
+        forces[:, 2] = robot.mass * -robot.gravity[2] / nc
         return cls(
             com=com.copy(),
             com_velocity=np.zeros(3),
             com_acceleration=np.zeros(3),
             base_position=robot.q_reference[:3].copy(),
             base_velocity=np.zeros(3),
-            base_rotation=_rotation(quaternion),
+            base_rotation=pin.Quaternion(robot.q_reference[3:7]).matrix(),
             base_angular_velocity=np.zeros(3),
             angular_momentum=np.zeros(3),
             angular_momentum_rate=np.zeros(3),
-            joint_position=robot.q_reference[7:].copy(),
+            joint_position=robot.q_reference[robot.joint_q].copy(),
             joint_velocity=np.zeros(robot.nu),
             contact_forces=forces,
             external_wrench=np.zeros(6),
@@ -86,14 +86,3 @@ class WholeBodyReference:
             foot_velocity=np.zeros((nc, 3)),
             foot_acceleration=np.zeros((nc, 3)),
         )
-
-
-def _rotation(quaternion: Array) -> Array:
-    x, y, z, w = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -13,6 +13,8 @@ from lgmpc.wbc.assembly import QpAssembly
 __all__ = ["QpStatus", "WholeBodySolver"]
 
 _PROXQP = proxsuite.proxqp
+_INFEASIBILITY_TOLERANCE = 1e-10
+_PROXIMAL_WEIGHT = 1e-8
 
 
 class QpStatus(Enum):
@@ -41,6 +43,24 @@ class WholeBodySolver:
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
         settings.max_iter = max_iterations
+        # The problem's scales are known and fit the solver's own; scaling it, or a proximal weight of the size of the
+        # regularisation (the default), takes more iterations.
+        settings.compute_preconditioner = False
+        settings.default_rho = _PROXIMAL_WEIGHT
+        # At the default 1e-4, ProxQP takes feasible ticks for infeasible ones when the active set changes abruptly.
+        settings.eps_primal_inf = settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
+        a = assembly
+        self._data = (
+            a.hessian,
+            a.gradient,
+            a.equality,
+            a.equality_rhs,
+            a.inequality,
+            a.lower,
+            a.upper,
+            a.box_lower,
+            a.box_upper,
+        )
         self._fresh = True
 
     def reset(self) -> None:
@@ -48,23 +68,33 @@ class WholeBodySolver:
         self._fresh = True
 
     def solve(self) -> QpStatus:
-        """Solve the assembly's current QP; the result is in :attr:`solution`."""
-        qp, a = self._qp, self._assembly
-        # The gradient and the torque bounds depend on every input: NaN or infinity anywhere shows in these sums.
-        if not math.isfinite(a.gradient @ a.gradient + a.lower @ a.lower):
+        """Solve the assembly's current QP; the result is in :attr:`solution`.
+
+        A warm start that leads nowhere (the active set changed too much since the last tick) is followed by one cold
+        start on the same problem.
+        """
+        a = self._assembly
+        # These vectors depend on every input: NaN or infinity anywhere shows in the sum of their squares.
+        if not math.isfinite(a.gradient @ a.gradient + a.lower @ a.lower + a.equality_rhs @ a.equality_rhs):
             self._fresh = True
             return QpStatus.NOT_FINITE
-        data = (a.hessian, a.gradient, a.equality, a.equality_rhs, a.inequality, a.lower, a.upper, a.box_lower, a.box_upper)
-        if self._fresh:
-            qp.settings.initial_guess = _PROXQP.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
-            qp.init(*data, True)
-        else:
-            qp.settings.initial_guess = _PROXQP.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-            qp.update(*data, False)
-        qp.solve()
-        status = self._read_status()
+        status = self._cold_start() if self._fresh else self._warm_start()
+        if status is not QpStatus.SOLVED and not self._fresh:
+            status = self._cold_start()
         self._fresh = status is not QpStatus.SOLVED
         return status
+
+    def _cold_start(self) -> QpStatus:
+        self._qp.settings.initial_guess = _PROXQP.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        self._qp.init(*self._data, False)
+        self._qp.solve()
+        return self._read_status()
+
+    def _warm_start(self) -> QpStatus:
+        self._qp.settings.initial_guess = _PROXQP.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        self._qp.update(*self._data, False)
+        self._qp.solve()
+        return self._read_status()
 
     @property
     def solution(self) -> Array:

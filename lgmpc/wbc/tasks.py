@@ -1,7 +1,9 @@
 r"""Tasks in the TSID sense: each asks for ``J a = a_des - J' v`` and says how much it matters.
 
-A task supplies its Jacobian, its drift and its error; what the QP makes of them (``1/2 ||J a - rhs||_W^2``) is the same
-for all and lives in :mod:`lgmpc.wbc.assembly`. To add a task, subclass :class:`Task` and write ``update``.
+A task supplies its Jacobian, its error and what else its acceleration has (feed-forward, drift). The feedback ``rhs =
+acceleration + kp error + kd rate`` is the same for all and made by :class:`TaskStack` at once; what the QP makes of the
+rows (``1/2 ||J a - rhs||_W^2``) lives in :mod:`lgmpc.wbc.assembly`. To add a task, subclass :class:`Task` and write
+``update``.
 
 Source: A. Del Prete et al., "Implementing torque control with high-ratio gear boxes and without joint-torque sensors",
 IJHR 2016, section 3, for the form; Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot", 2013, for ``A_G``.
@@ -11,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +33,7 @@ __all__ = [
     "Gain",
     "PostureTask",
     "Task",
+    "TaskRows",
     "TaskStack",
 ]
 
@@ -40,8 +43,8 @@ class Gain:
     """Feedback of a task: ``a_des = a_ff + kp * error + kd * error rate``.
 
     Attributes:
-        kp: 1/s^2 (one number, or one per row).
-        kd: 1/s (one number, or one per row).
+        kp: 1/s^2, one number or one per row.
+        kd: 1/s, one number or one per row.
     """
 
     kp: float | tuple[float, ...]
@@ -53,160 +56,201 @@ class Gain:
         return cls(kp, 2.0 * ratio * float(np.sqrt(kp)))
 
 
-class Task(ABC):
-    """One block of rows ``jacobian @ a = rhs`` with weights.
-
-    Attributes:
-        name: what it is called in logs and configs.
-        dim: number of rows.
-        jacobian: (dim, nv) view into the stack.
-        rhs: (dim,) view into the stack: desired task acceleration minus drift.
-        weight: (dim,) view into the stack.
-    """
-
-    jacobian: Array
-    rhs: Array
-    weight: Array
-
-    def __init__(self, name: str, dim: int, weight: float | Sequence[float]) -> None:
-        self.name = name
-        self.dim = dim
-        self._initial_weight = np.broadcast_to(np.asarray(weight, dtype=float), (dim,))
-        if not np.all(np.isfinite(self._initial_weight)) or np.any(self._initial_weight < 0):
-            raise InputError(f"weight of task '{name}'", weight, "finite, not negative")
-
-    def bind(self, jacobian: Array, rhs: Array, weight: Array) -> None:
-        """Give the task the rows of the stack that it writes to."""
-        self.jacobian, self.rhs, self.weight = jacobian, rhs, weight
-        self.weight[:] = self._initial_weight
-
-    @abstractmethod
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write ``jacobian`` and ``rhs`` (and ``weight``, if it changes) for this tick."""
-
-
-class TaskStack:
-    """All tasks' rows in one matrix, so that the QP's Hessian is one product.
+@dataclass(frozen=True)
+class TaskRows:
+    """Rows of a :class:`TaskStack` (views, m rows each) that a task writes to.
 
     Attributes:
         jacobian: (m, nv).
-        rhs: (m,).
+        error: (m,) target minus position, 0 where only rates are fed back.
+        rate: (m,) target velocity minus velocity.
+        acceleration: (m,) feed-forward minus drift: the acceleration asked for at zero error, less ``J' v``.
+        kp: (m,) gain of the error, 1/s^2.
+        kd: (m,) gain of the rate, 1/s.
+        weight: (m,).
+    """
+
+    jacobian: Array
+    error: Array
+    rate: Array
+    acceleration: Array
+    kp: Array
+    kd: Array
+    weight: Array
+
+    def part(self, rows: slice) -> TaskRows:
+        """Return views of some of the rows."""
+        return TaskRows(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+
+class Task(ABC):
+    """One block of rows ``jacobian @ a = acceleration + kp error + kd rate`` with weights.
+
+    Args:
+        name: what it is called in messages.
+        dim: number of rows.
+        gain: feedback.
+        weight: one number, or one per row.
+
+    Attributes:
+        name: as given.
+        dim: as given.
+        rows: the rows of the stack that are this task's, once it is in one.
+
+    Raises:
+        InputError: if a weight is negative or not finite, or there are not as many gains or weights as rows.
+    """
+
+    rows: TaskRows
+
+    def __init__(self, name: str, dim: int, gain: Gain, weight: float | Sequence[float]) -> None:
+        self.name = name
+        self.dim = dim
+        self._kp = _per_row(f"kp of task '{name}'", gain.kp, dim)
+        self._kd = _per_row(f"kd of task '{name}'", gain.kd, dim)
+        self._weight = _per_row(f"weight of task '{name}'", weight, dim)
+
+    def bind(self, rows: TaskRows) -> None:
+        """Take the rows of the stack, all zero, and write what never changes."""
+        self.rows = rows
+        rows.kp[:], rows.kd[:], rows.weight[:] = self._kp, self._kd, self._weight
+
+    @abstractmethod
+    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
+        """Write what changed in :attr:`rows` since the last tick."""
+
+
+def _per_row(name: str, value: float | Sequence[float], dim: int) -> Array:
+    numbers = np.asarray(value, dtype=float)
+    if numbers.shape not in ((), (dim,)):
+        raise InputError(name, value, f"one number or {dim}")
+    if not np.isfinite(numbers).all() or (numbers < 0).any():
+        raise InputError(name, value, "finite, not negative")
+    return numbers
+
+
+class TaskStack:
+    """All tasks' rows in one matrix, so that the feedback is one expression and the QP's Hessian one product.
+
+    Attributes:
+        tasks: in the order of their rows.
+        rows: all tasks' rows.
+        jacobian: (m, nv).
+        rhs: (m,) ``acceleration + kp error + kd rate``.
         weight: (m,).
     """
 
     def __init__(self, tasks: Sequence[Task], nv: int) -> None:
-        rows = sum(task.dim for task in tasks)
+        m = sum(task.dim for task in tasks)
         self.tasks = tuple(tasks)
-        self.jacobian = np.zeros((rows, nv))
-        self.rhs = np.zeros(rows)
-        self.weight = np.zeros(rows)
+        self.rows = TaskRows(np.zeros((m, nv)), *np.zeros((6, m)))
+        self.jacobian, self.weight = self.rows.jacobian, self.rows.weight
+        self.rhs = np.zeros(m)
+        self._damping = np.zeros(m)
         start = 0
         for task in tasks:
-            block = slice(start, start + task.dim)
-            task.bind(self.jacobian[block], self.rhs[block], self.weight[block])
+            task.bind(self.rows.part(slice(start, start + task.dim)))
             start += task.dim
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Let every task write its rows."""
+        """Let every task write its rows, and add the feedback."""
         for task in self.tasks:
             task.update(terms, reference)
+        rows, rhs = self.rows, self.rhs
+        np.multiply(rows.kp, rows.error, out=rhs)
+        np.multiply(rows.kd, rows.rate, out=self._damping)
+        rhs += self._damping
+        rhs += rows.acceleration
 
 
 class ComTask(Task):
     """Centre of mass: ``(A_G[lin] / m) a = c''_des - (A_G' v)[lin] / m``."""
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("com", 3, weight)
+        super().__init__("com", 3, gain, weight)
         self._inverse_mass = 1.0 / robot.mass
-        self._kp, self._kd = np.asarray(gain.kp, dtype=float), np.asarray(gain.kd, dtype=float)
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        inverse_mass = self._inverse_mass
-        np.multiply(terms.momentum_matrix[:3], inverse_mass, out=self.jacobian)
-        velocity = terms.momentum[:3] * inverse_mass
-        self.rhs[:] = (
-            reference.com_acceleration
-            + self._kp * (reference.com - terms.com)
-            + self._kd * (reference.com_velocity - velocity)
-            - inverse_mass * terms.momentum_drift[:3]
-        )
+        rows, inverse_mass = self.rows, self._inverse_mass
+        np.multiply(terms.momentum_matrix[:3], inverse_mass, out=rows.jacobian)
+        np.subtract(reference.com, terms.com, out=rows.error)
+        np.multiply(terms.momentum[:3], -inverse_mass, out=rows.rate)
+        np.add(rows.rate, reference.com_velocity, out=rows.rate)
+        np.multiply(terms.momentum_drift[:3], -inverse_mass, out=rows.acceleration)
+        np.add(rows.acceleration, reference.com_acceleration, out=rows.acceleration)
 
 
 class BaseOrientationTask(Task):
-    """Orientation of the base by the logarithm: ``omega' = kp log(R^T R_d) + kd (R^T R_d omega_d - omega)``, body axes."""
+    """Orientation of the base, body axes: error ``log(R^T R_d)``, rate ``R^T R_d omega_d - omega``."""
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("base_orientation", 3, weight)
-        self._kp, self._kd = np.asarray(gain.kp, dtype=float), np.asarray(gain.kd, dtype=float)
+        super().__init__("base_orientation", 3, gain, weight)
 
-    def bind(self, jacobian: Array, rhs: Array, weight: Array) -> None:
+    def bind(self, rows: TaskRows) -> None:
         """Take the rows; the Jacobian is constant, because ``v`` holds the body angular velocity itself."""
-        super().bind(jacobian, rhs, weight)
-        self.jacobian[:, 3:6] = np.eye(3)
+        super().bind(rows)
+        rows.jacobian[:, 3:6] = np.eye(3)
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        to_target = terms.rotation.T @ reference.base_rotation
-        self.rhs[:] = self._kp * pin.log3(to_target)
-        self.rhs += self._kd * (to_target @ reference.base_angular_velocity - terms.v[3:6])
+        rows = self.rows
+        to_target = np.dot(terms.rotation.T, reference.base_rotation)
+        rows.error[:] = pin.log3(to_target)
+        np.subtract(np.dot(to_target, reference.base_angular_velocity), terms.v[3:6], out=rows.rate)
 
 
 class BasePositionTask(Task):
     """Position of the base's origin, world axes: ``R (v_lin' + omega x v_lin) = p''_des``."""
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("base_position", 3, weight)
-        self._kp, self._kd = np.asarray(gain.kp, dtype=float), np.asarray(gain.kd, dtype=float)
+        super().__init__("base_position", 3, gain, weight)
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        rotation, linear, angular = terms.rotation, terms.v[:3], terms.v[3:6]
-        self.jacobian[:, :3] = rotation
-        self.rhs[:] = (
-            self._kp * (reference.base_position - terms.q[:3])
-            + self._kd * (reference.base_velocity - rotation @ linear)
-            - rotation @ np.cross(angular, linear)
-        )
+        rows, rotation, linear = self.rows, terms.rotation, terms.v[:3]
+        rows.jacobian[:, :3] = rotation
+        np.subtract(reference.base_position, terms.q[:3], out=rows.error)
+        np.subtract(reference.base_velocity, rotation @ linear, out=rows.rate)
+        rows.acceleration[:] = rotation @ (pin.skew(linear) @ terms.v[3:6])
 
 
 class AngularMomentumTask(Task):
-    """Centroidal angular momentum: ``A_G[ang] a = k'_des + kp (k_des - k) - (A_G' v)[ang]``."""
+    """Centroidal angular momentum: ``A_G[ang] a = k'_des + kd (k_des - k) - (A_G' v)[ang]``.
 
-    def __init__(self, robot: Robot, kp: float, weight: float | Sequence[float]) -> None:
-        super().__init__("angular_momentum", 3, weight)
-        self._kp = kp
+    It has no error: ``gain`` (1/s) feeds back the momentum, which is a rate itself.
+    """
+
+    def __init__(self, robot: Robot, gain: float, weight: float | Sequence[float]) -> None:
+        super().__init__("angular_momentum", 3, Gain(0.0, gain), weight)
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        self.jacobian[:] = terms.momentum_matrix[3:]
-        self.rhs[:] = (
-            reference.angular_momentum_rate
-            + self._kp * (reference.angular_momentum - terms.momentum[3:])
-            - terms.momentum_drift[3:]
-        )
+        rows = self.rows
+        rows.jacobian[:] = terms.momentum_matrix[3:]
+        np.subtract(reference.angular_momentum, terms.momentum[3:], out=rows.rate)
+        np.subtract(reference.angular_momentum_rate, terms.momentum_drift[3:], out=rows.acceleration)
 
 
 class PostureTask(Task):
     """Joint positions near the reference posture."""
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("posture", robot.nu, weight)
-        self._kp, self._kd = np.asarray(gain.kp, dtype=float), np.asarray(gain.kd, dtype=float)
+        super().__init__("posture", robot.nu, gain, weight)
 
-    def bind(self, jacobian: Array, rhs: Array, weight: Array) -> None:
+    def bind(self, rows: TaskRows) -> None:
         """Take the rows; the Jacobian is the constant selector of the joints."""
-        super().bind(jacobian, rhs, weight)
-        self.jacobian[:, -self.dim :] = np.eye(self.dim)
+        super().bind(rows)
+        rows.jacobian[:, -self.dim :] = np.eye(self.dim)
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        joints, rates = terms.q[-self.dim :], terms.v[-self.dim :]
-        self.rhs[:] = self._kp * (reference.joint_position - joints) + self._kd * (reference.joint_velocity - rates)
+        np.subtract(reference.joint_position, terms.q[-self.dim :], out=self.rows.error)
+        np.subtract(reference.joint_velocity, terms.v[-self.dim :], out=self.rows.rate)
 
 
 class FootTask(Task):
-    """Contact points: a stance foot keeps still, a swing foot follows its target.
+    """Feet: the contact point of a stance foot keeps still, the lowest point of a swing foot follows its target.
 
     A stance foot is held by a heavy weight instead of an equality, because equal rows turn infeasible with the torque
     limits near stretched legs; and only its velocity is fed back, because a rolling sphere's contact point moves.
@@ -215,25 +259,43 @@ class FootTask(Task):
     def __init__(
         self, robot: Robot, stance_damping: float, swing_gain: Gain, stance_weight: float, swing_weight: float
     ) -> None:
-        super().__init__("feet", 3 * len(robot.contact_ids), stance_weight)
-        self._stance_damping = stance_damping
-        self._swing = swing_gain
-        self._stance_weight, self._swing_weight = stance_weight, swing_weight
+        super().__init__("feet", 3 * len(robot.contact_ids), Gain(0.0, stance_damping), stance_weight)
+        self._swing_kp = _per_row("kp of swing feet", swing_gain.kp, 3)
+        self._swing_kd = _per_row("kd of swing feet", swing_gain.kd, 3)
+        self._swing_weight = _per_row("weight of swing feet", swing_weight, 3)
+        self._stance: list[bool] = []
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
         """Write the rows for this tick."""
-        self.jacobian[:] = terms.contact_jacobian
-        velocity = terms.contact_jacobian @ terms.v
-        self.rhs[:] = -self._stance_damping * velocity - terms.contact_drift
-        if reference.stance.all():
-            self.weight[:] = self._stance_weight
-            return
-        swing = np.repeat(~reference.stance, 3)
-        self.weight[:] = np.where(swing, self._swing_weight, self._stance_weight)
-        follow = (
-            reference.foot_acceleration.ravel()
-            + self._swing.kp * (reference.foot_position - terms.contact_points).ravel()
-            + self._swing.kd * (reference.foot_velocity.ravel() - velocity)
-            - terms.contact_drift
-        )
-        self.rhs[swing] = follow[swing]
+        rows = self.rows
+        stance = reference.stance.tolist()
+        if stance != self._stance:
+            self._stance = stance
+            self._switch()
+        rows.jacobian[:] = terms.contact_jacobian
+        np.dot(terms.contact_jacobian, terms.v, out=rows.rate)
+        np.negative(rows.rate, out=rows.rate)
+        np.negative(terms.contact_drift, out=rows.acceleration)
+        for foot, held in enumerate(stance):
+            if not held:
+                self._follow(foot, terms, reference)
+
+    def _switch(self) -> None:
+        """Write gains and weights of the feet that stand and of those that swing."""
+        super().bind(self.rows)
+        for foot, held in enumerate(self._stance):
+            block = self._block(foot)
+            block.error[:] = 0.0
+            if not held:
+                block.kp[:], block.kd[:], block.weight[:] = self._swing_kp, self._swing_kd, self._swing_weight
+
+    def _follow(self, foot: int, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
+        block = self._block(foot)
+        jacobian, drift = terms.foot_centre(foot)
+        block.jacobian[:] = jacobian
+        block.error[:] = reference.foot_position[foot] - terms.contact_points[foot]
+        block.rate[:] = reference.foot_velocity[foot] - jacobian @ terms.v
+        block.acceleration[:] = reference.foot_acceleration[foot] - drift
+
+    def _block(self, foot: int) -> TaskRows:
+        return self.rows.part(slice(3 * foot, 3 * foot + 3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
@@ -18,7 +19,11 @@ class WholeBodyTerms:
     slipping holds the velocity of that material point at zero, ``v_frame + omega x (-r e_z) = 0``; as ``-r e_z`` does
     not move, its derivative is ``a_frame + alpha x (-r e_z) = 0``, which gives the Jacobian and the drift used here.
 
+    Args:
+        robot: a robot with a floating base, joints of one coordinate each, and contact frames.
+
     Attributes:
+        robot: as given.
         q: (nq,) configuration of the last update.
         v: (nv,) velocity of the last update.
         mass_matrix: (nv, nv) joint-space inertia, armature included.
@@ -27,33 +32,43 @@ class WholeBodyTerms:
         momentum: (6,) centroidal momentum [linear; angular], world axes.
         momentum_drift: (6,) ``A_G' v``.
         com: (3,) centre of mass, world.
+        rotation: (3, 3) base orientation, body to world.
         contact_jacobian: (3 nc, nv) of the contact points, world axes.
         contact_drift: (3 nc,) acceleration of the contact points at zero joint-space acceleration.
         contact_points: (nc, 3) world positions of the contact points.
-        rotation: (3, 3) base orientation, body to world.
+
+    Raises:
+        InputError: if the robot has no floating base, no contact frames, or joints that ``v`` does not differentiate.
     """
 
     def __init__(self, robot: Robot) -> None:
-        nc, nv = len(robot.contact_ids), robot.nv
+        _check(robot)
+        nc, nv, radius = len(robot.contact_ids), robot.nv, robot.contact_radius
         self.robot = robot
         self._data = data = robot.create_data()
         self._no_acceleration = np.zeros(nv)
-        self._radius = robot.contact_radius
-        self._frame_jacobians = np.zeros((nc, 6, nv))
-        self._frame_drifts = np.zeros((nc, 6))
         self.q = robot.q_reference.copy()
         self.v = np.zeros(nv)
         # Pinocchio writes these in place, so views of its memory are always current and cost nothing.
         self.mass_matrix: Array = data.M
         self.bias: Array = data.nle
         self.momentum_matrix: Array = data.Ag
+        self.momentum: Array = data.hg.np
+        self.momentum_drift: Array = data.dhg.np
         self.com: Array = data.com[0]
-        self.momentum = np.zeros(6)
-        self.momentum_drift = np.zeros(6)
+        self.rotation: Array = data.oMi[1].rotation
+        self._joint_jacobian: Array = data.J
+        self._frame_positions: list[Array] = [data.oMf[frame].translation for frame in robot.contact_ids]
+        self.contact_points = np.zeros((nc, 3))
         self.contact_jacobian = np.zeros((3 * nc, nv))
         self.contact_drift = np.zeros(3 * nc)
-        self.contact_points = np.zeros((nc, 3))
-        self.rotation = np.eye(3)
+        # v_p = v_origin + omega x p = [1, -[p]x] twist: the identities stay, the p are written at every tick.
+        self._shift = np.zeros((nc, 3, 6))
+        self._shift[:, :, :3] = np.eye(3)
+        self._support = np.repeat([_support(robot, frame) for frame in robot.contact_ids], 3, axis=0)
+        self._frame_drifts = np.zeros((nc, 6))
+        # [a_frame; alpha] @ this = a_frame + alpha x (-r e_z) = a_frame + (-r alpha_y, r alpha_x, 0)
+        self._to_contact = np.vstack([np.eye(3), [[0.0, radius, 0.0], [-radius, 0.0, 0.0], [0.0, 0.0, 0.0]]])
         self.update(self.q, self.v)
 
     def update(self, q: Array, v: Array) -> None:
@@ -61,36 +76,58 @@ class WholeBodyTerms:
         model, data = self.robot.model, self._data
         self.q[:] = q
         self.v[:] = v
-        pin.crba(model, data, q)
+        # In world convention, crba leaves the joint Jacobian, A_G and the centre of mass as well. The last but one is
+        # h' at zero acceleration, A_G' v, and leaves h and the spatial accelerations of the bodies.
+        pin.crba(model, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model, data, q, v)
-        np.dot(pin.dccrba(model, data, q, v), v, out=self.momentum_drift)
-        np.dot(self.momentum_matrix, v, out=self.momentum)
-        pin.forwardKinematics(model, data, q, v, self._no_acceleration)
-        pin.computeJointJacobians(model, data, q)
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._no_acceleration)
         pin.updateFramePlacements(model, data)
-        self.rotation[:] = data.oMi[1].rotation
         self._update_contacts()
 
-    @property
-    def rotational_inertia(self) -> Array:
-        """(3, 3) inertia about the centre of mass of the robot as one rigid body, world axes, kg.m2."""
-        inertia: Array = self._data.Ig.inertia
-        return inertia
+    def foot_centre(self, foot: int) -> tuple[Array, Array]:
+        """Return Jacobian (3, nv) and drift (3,) of the centre of a foot's sphere, world axes.
+
+        They differentiate ``contact_points[foot]`` of a foot in the air: the lowest point of a turning sphere moves as
+        its centre does, not as the material point that happens to be lowest.
+        """
+        frame = self.robot.contact_ids[foot]
+        jacobian: Array = pin.getFrameJacobian(self.robot.model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+        return jacobian, self._frame_drifts[foot, :3]
 
     def _update_contacts(self) -> None:
         model, data, aligned = self.robot.model, self._data, pin.LOCAL_WORLD_ALIGNED
-        frames, jacobians, drifts = data.oMf, self._frame_jacobians, self._frame_drifts
+        points, drifts, shift = self.contact_points, self._frame_drifts, self._shift
         for i, frame in enumerate(self.robot.contact_ids):
-            jacobians[i] = pin.getFrameJacobian(model, data, frame, aligned)
             drifts[i] = pin.getFrameClassicalAcceleration(model, data, frame, aligned).np
-            self.contact_points[i] = frames[frame].translation
-        self.contact_points[:, 2] -= self._radius
-        # omega x (-r e_z) = (-r omega_y, r omega_x, 0), for the Jacobian's columns and for the drift alike
-        jacobian = self.contact_jacobian.reshape(-1, 3, self.v.size)
-        jacobian[:] = jacobians[:, :3]
-        jacobian[:, 0] -= self._radius * jacobians[:, 4]
-        jacobian[:, 1] += self._radius * jacobians[:, 3]
-        drift = self.contact_drift.reshape(-1, 3)
-        drift[:] = drifts[:, :3]
-        drift[:, 0] -= self._radius * drifts[:, 4]
-        drift[:, 1] += self._radius * drifts[:, 3]
+            points[i] = self._frame_positions[i]
+        points[:, 2] -= self.robot.contact_radius
+        x, y, z = points.T
+        shift[:, 0, 4] = z
+        shift[:, 1, 5] = x
+        shift[:, 2, 3] = y
+        np.negative(z, out=shift[:, 1, 3])
+        np.negative(y, out=shift[:, 0, 5])
+        np.negative(x, out=shift[:, 2, 4])
+        np.dot(shift.reshape(-1, 6), self._joint_jacobian, out=self.contact_jacobian)
+        self.contact_jacobian *= self._support
+        np.dot(drifts, self._to_contact, out=self.contact_drift.reshape(-1, 3))
+
+
+def _support(robot: Robot, frame: int) -> Array:
+    """Return (nv,) ones for the degrees of freedom that move ``frame``, zeros for the others."""
+    model = robot.model
+    support = np.zeros(robot.nv)
+    for joint in model.supports[model.frames[frame].parentJoint]:
+        start = model.idx_vs[joint]
+        support[start : start + model.nvs[joint]] = 1.0
+    return support
+
+
+def _check(robot: Robot) -> None:
+    """Refuse robots that the whole-body QP is not made for."""
+    if not robot.floating_base:
+        raise InputError("robot", f"{robot.name} with a fixed base", "a robot with a floating base")
+    if robot.nq - 7 != robot.nu:
+        raise InputError("robot", f"{robot.name} with continuous or spherical joints", "joints of one coordinate each")
+    if not robot.contact_ids:
+        raise InputError("robot", f"{robot.name} without contact frames", "a robot with contact frames")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,7 +37,10 @@ class Mesh:
 
 
 def shade(vertices: Array, triangles: IntArray) -> Mesh:
-    """Give every corner the area-weighted mean normal of the faces around it that meet its own without a crease.
+    """Give every corner the mean normal of the faces around it that meet its own without a crease.
+
+    Each face counts by its angle at the corner (Thürmer and Wüthrich 1998), so the normals do not depend on how a flat
+    part is cut into triangles.
 
     Args:
         vertices: (n, 3) m.
@@ -46,8 +50,10 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     area_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(area_normal, axis=1)
     solid = length > 0.0
-    triangles, area_normal, length = triangles[solid], area_normal[solid], length[solid]
-    unit = area_normal / length[:, None]
+    triangles, corners, unit = triangles[solid], corners[solid], area_normal[solid] / length[solid, None]
+    along = np.roll(corners, -1, axis=1) - corners
+    along /= np.linalg.norm(along, axis=2)[:, :, None]
+    angle = np.arccos(np.clip(-np.einsum("ikj,ikj->ik", along, np.roll(along, 1, axis=1)), -1.0, 1.0)).ravel()
 
     # Every pair (i, j) of corners that share a vertex, ordered by i.
     vertex = triangles.ravel()
@@ -60,7 +66,7 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     i = np.repeat(np.arange(len(vertex)), repeats)
     j = order[starts[vertex[i]] + np.arange(len(i)) - first[i]]
     smooth = np.einsum("ij,ij->i", unit[face[i]], unit[face[j]]) > np.cos(np.radians(CREASE_DEG))
-    normals = np.add.reduceat(np.where(smooth[:, None], area_normal[face[j]], 0.0), first, axis=0)
+    normals = np.add.reduceat((smooth * angle[j])[:, None] * unit[face[j]], first, axis=0)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
 
     # Corners with the same vertex and the same normal become one again.
@@ -118,11 +124,11 @@ def disc(radius: float, height: float = 0.0) -> Mesh:
 
 def sphere(radius: float, stretch: float = 0.0) -> Mesh:
     """Return a sphere; with ``stretch`` > 0 a capsule about z whose cylindrical part is ``2 stretch`` long."""
-    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)
-    profile = [(radius * np.cos(a), radius * np.sin(a) + np.copysign(stretch, a)) for a in angles if a < 0.0]
-    profile += [(radius * np.cos(a), radius * np.sin(a) + stretch) for a in angles if a >= 0.0]
-    profile[0], profile[-1] = (0.0, -radius - stretch), (0.0, radius + stretch)
-    return lathe(profile)
+    angles = np.linspace(0.0, 0.5 * np.pi, 7)
+    upper = [(radius * math.cos(a), stretch + radius * math.sin(a)) for a in angles[:-1]] + [(0.0, stretch + radius)]
+    lower = [(r, -z) for r, z in reversed(upper)]
+    # Without a cylinder between them, the two halves share their equator.
+    return lathe(lower + (upper if stretch > 0.0 else upper[1:]))
 
 
 def box(half: Array) -> Mesh:

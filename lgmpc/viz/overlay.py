@@ -127,7 +127,7 @@ def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> No
 def _add_com(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
     size = 0.085 * scale.length
     com, target = log.com[frames.ticks], log.com_reference[frames.ticks]
-    known = np.isfinite(target).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(target).all(axis=1))
     target = np.where(known[:, None], target, com)
     shadow = disc(0.8 * size, 0.002)
     for name, color, path, ball, where, shown in (
@@ -151,7 +151,8 @@ def _add_com(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
 def _add_horizon(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
     """Beads along the prediction that was valid at each picture, tapering towards its end."""
     update = np.searchsorted(log.mpc_time, log.time[frames.ticks], side="right") - 1
-    known = (update >= 0) & np.isfinite(log.mpc_horizon_com[np.maximum(update, 0)]).all(axis=(1, 2))
+    finite: BoolArray = np.asarray(np.isfinite(log.mpc_horizon_com).all(axis=(1, 2)))
+    known: BoolArray = (update >= 0) & finite[np.maximum(update, 0)]
     beads = np.where(known[:, None, None], log.mpc_horizon_com[np.maximum(update, 0)], 0.0)
     nodes = beads.shape[1]
     material = Material(COLORS["horizon"], on_top=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ _X, _Y, _Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: told apart by col
 _LIMIT, _PUSH, _EXTRA = "#D55E00", "#D55E00", "#CC79A7"
 _INK, _SOFT = "#1d2733", "#5b6877"
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "figure.dpi": 130,
     "figure.facecolor": "white",
     "font.size": 10,
@@ -106,7 +106,9 @@ def _base(figure: Figure, log: RunLog) -> bool:
     position.set(title="Base displacement", ylabel="mm")
     height.set(title="Base height", ylabel="mm")
     tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
-    _finish(log, position, height, tilt)
+    _finish(log, position, height, span=2.0)
+    _finish(log, tilt)
+    _label_pushes(log, position)
     _legend(position)
     return True
 
@@ -121,8 +123,9 @@ def _com(figure: Figure, log: RunLog) -> bool:
         axes.plot(log.time, 1e3 * log.com_reference[:, axis], color=_INK, lw=1.0, ls="--", label="target")
         axes.plot(log.time, 1e3 * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, mm")
-        _finish(log, axes)
+        _finish(log, axes, span=2.0)
     assert first is not None
+    _label_pushes(log, first)
     first.set_title("Centre of mass and its target")
     _legend(first)
     figure.axes[2].set_xlabel("time, s")
@@ -152,40 +155,46 @@ def _forces(figure: Figure, log: RunLog) -> bool:
         right.plot(log.time, tangential, color=_LIMIT, label="tangential force")
         _finish(log, left, right)
     rows[0, 0].set_title("Normal force")
-    rows[0, 1].set_title(f"Tangential force and the friction cone, µ = {log.friction:g}")
+    rows[0, 1].set_title(f"Friction, µ = {log.friction:g}")
     for axes in rows[-1]:
         axes.set_xlabel("time, s")
+    _label_pushes(log, *rows[0])
     _legend(*rows[0])
     return True
 
 
 def _torques(figure: Figure, log: RunLog) -> bool:
-    """Torques as a share of their limits, in the rows that the joints form: every third joint of a leg, or all."""
-    joints = log.tau.shape[1]
-    if joints == 0:
+    """Torques against their limits: a row for each kind of joint that the legs share, else shares of the limit."""
+    names: list[str] = log.joint_names.tolist()
+    if not names:
         return False
-    per_leg = joints // len(log.contact_frames) if len(log.contact_frames) else 0
-    groups = per_leg if per_leg and per_leg * len(log.contact_frames) == joints and per_leg <= 4 else 1
-    figure.set_size_inches(8.0, 1.2 + 1.7 * groups)
-    rows = figure.subplots(groups, 1, sharex=True, squeeze=False)[:, 0]
-    colors = (_X, _Y, _Z, _EXTRA)
-    for group, axes in enumerate(rows):
-        members = range(group, joints, groups)
-        for count, joint in enumerate(members):
-            named = groups > 1
-            label = f"{log.contact_frames[count]}" if named else f"joint {joint + 1}"
-            axes.plot(log.time, log.tau[:, joint], color=colors[count % 4], lw=1.1, label=label if group == 0 else None)
-        limit = float(max(log.effort_limit[joint] for joint in members))
-        for sign in (-1.0, 1.0):
-            axes.axhline(sign * limit, color=_LIMIT, ls="--", lw=1.1)
-        axes.annotate(f"limit {limit:g} N.m", (0.995, limit), xycoords=("axes fraction", "data"), color=_LIMIT,
-                      ha="right", va="top", fontsize=8.5)  # fmt: skip
-        axes.set_ylabel("N.m")
-        axes.set_title(f"Torque of each leg's joint {group + 1}" if groups > 1 else "Joint torques")
+    kinds: dict[str, list[int]] = {}
+    for joint, name in enumerate(names):
+        kinds.setdefault(name.partition("_")[2], []).append(joint)
+    alike = len(kinds) <= 4 and all(2 <= len(joints) <= 4 for joints in kinds.values())
+    rows: dict[str, list[int]] = kinds if alike else {"": list(range(len(names)))}
+    figure.set_size_inches(8.0, 1.2 + (1.7 if alike else 3.0) * len(rows))
+    all_axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
+        scale = np.ones(len(names)) if alike else log.effort_limit
+        for count, joint in enumerate(joints):
+            color = (_X, _Y, _Z, _EXTRA)[count % 4]
+            label = names[joint].partition("_")[0] if alike else names[joint]
+            axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
+        limits = sorted({float(limit) for limit in (log.effort_limit / scale)[joints]})
+        for limit in limits:
+            axes.axhline(limit, color=_LIMIT, ls="--", lw=1.1)
+            axes.axhline(-limit, color=_LIMIT, ls="--", lw=1.1)
+        text = f"limit {limits[-1]:g} N.m" if alike else "limit"
+        where = (0.995, limits[-1])
+        axes.annotate(text, where, xycoords=("axes fraction", "data"), color=_LIMIT, ha="right", va="top", fontsize=8.5)
+        axes.set_ylabel("N.m" if alike else "share of the limit")
+        axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
         _finish(log, axes)
-    rows[-1].set_xlabel("time, s")
-    if joints // groups <= 8:
-        _legend(rows[0])
+    all_axes[-1].set_xlabel("time, s")
+    _label_pushes(log, all_axes[0])
+    if len(names) <= 12:
+        _legend(all_axes[0])
     return True
 
 
@@ -205,8 +214,11 @@ def _timing(figure: Figure, log: RunLog) -> bool:
         figure.subplots(1, len(parts), squeeze=False)[0], parts, strict=True
     ):
         low, high = max(float(milliseconds.min()), 1e-4), max(float(milliseconds.max()), 1.1e-4)
-        axes.hist(milliseconds, bins=np.geomspace(0.95 * low, 1.05 * high, 60), color=color, alpha=0.85)
-        axes.set_xscale("log")
+        wide = high > 10.0 * low
+        bins = (np.geomspace if wide else np.linspace)(0.95 * low, 1.05 * high, 60)
+        counts, _, _ = axes.hist(milliseconds, bins=bins, color=color, alpha=0.85)
+        axes.set_xscale("log" if wide else "linear")
+        axes.set_ylim(0.0, 1.45 * float(np.max(counts)))
         if high > 0.2 * period:
             axes.axvline(period, color=_LIMIT, ls="--", lw=1.2, label=f"period {period:g} ms")
         p50, p99 = np.percentile(milliseconds, [50.0, 99.0])
@@ -227,22 +239,27 @@ FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
 """What :func:`plot_run` draws: file name without ``.png`` -> drawing, which returns whether there was data."""
 
 
-def _finish(log: RunLog, *all_axes: Axes) -> None:
-    """Shade the pushes and fit the time axis."""
+def _finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
+    """Shade the pushes, fit the time axis, and show at least ``span`` of the vertical one: no magnified rounding."""
     for axes in all_axes:
         for push in push_intervals(log):
             axes.axvspan(push.start, push.end, color=_PUSH, alpha=0.15, lw=0.0, zorder=0)
         axes.set_xlim(float(log.time[0]), float(log.time[-1]))
+        low, high = axes.get_ylim()
+        if high - low < span:
+            axes.set_ylim(0.5 * (low + high - span), 0.5 * (low + high + span))
+
+
+def _label_pushes(log: RunLog, *all_axes: Axes) -> None:
+    """Write each push's impulse above it, unless they are too many to read."""
     pushes = push_intervals(log)
-    for push in pushes if len(pushes) <= 8 else ():
-        all_axes[0].annotate(
-            f"{np.linalg.norm(push.impulse):.2g} N.s",
-            (push.start, 1.0),
-            xycoords=("data", "axes fraction"),
-            va="bottom",
-            fontsize=8,
-            color=_PUSH,
-        )
+    for axes in all_axes if len(pushes) <= 8 else ():
+        for push in pushes:
+            text = f"{np.linalg.norm(push.impulse):.2g} N.s"
+            where = (0.5 * (push.start + push.end), 0.97)
+            axes.annotate(
+                text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=_PUSH
+            )
 
 
 def _legend(*all_axes: Axes) -> None:

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.robot import ModelSource
+from lgmpc.viz.body import load_body
+from lgmpc.viz.scene import Scene
+
+from .test_scene import tracks, unpack
+
+
+def test_solo12_has_its_meshes_and_its_size(solo12) -> None:
+    body = load_body(solo12)
+    assert len(body.parts) == 17
+    assert len({id(part.mesh) for part in body.parts}) == 10  # legs share theirs
+    lowest, highest = body.bounds(solo12.q_reference)
+    assert abs(lowest[2]) < 0.005  # the feet stand on the floor
+    assert 0.2 < highest[2] < 0.35
+    assert 0.3 < highest[0] - lowest[0] < 0.7
+
+
+def test_joints_are_where_pinocchio_has_them(solo12) -> None:
+    rng = np.random.default_rng(5)
+    q = np.array([pin.integrate(solo12.model, solo12.q_reference, 0.3 * rng.normal(size=18)) for _ in range(4)])
+    scene, data = Scene(), solo12.create_data()
+    body = load_body(solo12)
+    body.animate(scene, np.arange(4.0), q)
+    content = unpack(scene.pack({}))
+    for joint in {part.joint for part in body.parts}:
+        moved = tracks(content, f"/robot/{solo12.model.names[joint]}")
+        position = moved[".position"]["values"].reshape(-1, 3)
+        quaternion = moved[".quaternion"]["values"].reshape(-1, 4)
+        for k in range(4):
+            pin.forwardKinematics(solo12.model, data, q[k])
+            np.testing.assert_allclose(position[k], data.oMi[joint].translation, atol=2e-5)
+            rotation = pin.Quaternion(quaternion[k].astype(np.float64)).normalized().toRotationMatrix()
+            np.testing.assert_allclose(rotation, data.oMi[joint].rotation, atol=1e-4)
+
+
+def test_quaternions_never_jump_to_their_other_sign(solo12) -> None:
+    """A full turn passes every chart of the quaternion; the keys have to stay on one side."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 40)
+    q = np.tile(solo12.q_reference, (40, 1))
+    q[:, 3:7] = np.column_stack((0 * turns, 0 * turns, np.sin(turns / 2), np.cos(turns / 2)))
+    q[20:, 3:7] *= -1.0
+    scene = Scene()
+    load_body(solo12).animate(scene, np.arange(40.0), q)
+    keys = tracks(unpack(scene.pack({})), "/robot/root_joint")[".quaternion"]["values"].reshape(-1, 4)
+    assert np.all(np.sum(keys[1:] * keys[:-1], axis=1) > 0.9)
+
+
+def test_a_robot_without_meshes_is_a_stick_figure(solo12, tmp_path) -> None:
+    bare = tmp_path / "bare.urdf"
+    text = solo12.source.urdf.read_text()
+    bare.write_text(text.replace("package://", "package://nowhere/"))
+    body = load_body(replace(solo12, source=ModelSource(bare)))
+    assert {part.name.partition("_")[0] for part in body.parts} == {"ball", "bar"}
+    _, highest = body.bounds(solo12.q_reference)
+    assert 0.2 < highest[2] < 0.35
+
+
+def test_the_trunk_is_measured_in_its_own_axes(solo12) -> None:
+    half = load_body(solo12).trunk_half_sides()
+    assert 0.15 < half[0] < 0.3
+    assert 0.05 < half[1] < 0.2
+    assert 0.02 < half[2] < 0.08

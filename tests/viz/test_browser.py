@@ -1,0 +1,157 @@
+"""What a browser shows: pictures of a real pushed run, looked at pixel by pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from lgmpc.errors import InputError
+from lgmpc.viz.replay import export_html
+from lgmpc.viz.snapshot import find_chromium, headless_chromium, snapshots
+
+pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium"),
+    # Playwright's event loop leaves its closed pipes to the garbage collector.
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+SIZE = (640, 480)
+BEFORE, PUSHED = 0.1, 0.46
+
+
+@dataclass
+class Picture:
+    """A screenshot as numbers, 0 to 255."""
+
+    rgb: np.ndarray
+
+    @classmethod
+    def of(cls, png: bytes) -> Picture:
+        return cls(np.round(255.0 * imread(BytesIO(png))[:, :, :3]).astype(int))
+
+    @property
+    def robot(self) -> np.ndarray:
+        """Pixels in the robot's dark greys: floor, shadow and grid are brighter, everything else has a colour."""
+        return (self.rgb.max(axis=2) < 150) & (np.ptp(self.rgb, axis=2) < 45)
+
+    @property
+    def push_arrow(self) -> np.ndarray:
+        """Pixels in the solid orange of the push; the cones' orange is translucent, so paler."""
+        red, green, blue = np.moveaxis(self.rgb, 2, 0)
+        return (red > 130) & (green < 0.55 * red) & (blue < 0.3 * red)
+
+
+@pytest.fixture(scope="module")
+def page(solo12, pushed_run, tmp_path_factory) -> Path:
+    return export_html(solo12, pushed_run, tmp_path_factory.mktemp("page") / "replay.html")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with headless_chromium() as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="module")
+def pictures(browser, page) -> tuple[Picture, Picture]:
+    before, pushed = snapshots(browser, page, (BEFORE, PUSHED), size=SIZE, panels=False)
+    return Picture.of(before), Picture.of(pushed)
+
+
+def test_the_robot_fills_a_good_part_of_the_picture(pictures) -> None:
+    for picture in pictures:
+        assert picture.robot.mean() > 0.05
+        rows, columns = np.nonzero(picture.robot)
+        assert np.ptp(columns) > 0.45 * SIZE[0]
+        assert np.ptp(rows) > 0.45 * SIZE[1]
+        # In the middle, and with all of it inside.
+        assert abs(columns.mean() / SIZE[0] - 0.5) < 0.1
+        assert abs(rows.mean() / SIZE[1] - 0.5) < 0.2
+        assert columns.min() > 5 and columns.max() < SIZE[0] - 5 and rows.min() > 5 and rows.max() < SIZE[1] - 5
+
+
+def test_the_push_arrow_is_there_while_the_robot_is_pushed(pictures) -> None:
+    before, pushed = pictures
+    assert before.push_arrow.sum() == 0
+    assert pushed.push_arrow.sum() > 150
+
+
+def test_the_robot_has_moved_under_the_push(pictures) -> None:
+    before, pushed = pictures
+    moved = before.robot ^ pushed.robot
+    assert moved.sum() > 0.05 * before.robot.sum()
+
+
+def test_what_was_taken_for_the_robot_is_the_robot(browser, page) -> None:
+    """Without the robot, hardly any of its pixels are left; and nothing is asked from a network."""
+    asked: list[str] = []
+    tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.goto(f"{page.as_uri()}#t={BEFORE}")
+    tab.evaluate("lgmpc.ready")
+    tab.evaluate("document.body.classList.add('clean')")
+    robot = Picture.of(tab.screenshot()).robot.sum()
+    tab.evaluate(
+        "() => { lgmpc.viewer.scene_tree.find(['robot']).object.visible = false; lgmpc.viewer.set_dirty();"
+        " return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done))); }"
+    )
+    assert Picture.of(tab.screenshot()).robot.sum() < 0.1 * robot
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    tab.close()
+
+
+def test_the_panels_work(browser, page) -> None:
+    tab = browser.new_page(viewport={"width": 1280, "height": 720})
+    problems: list[str] = []
+    tab.on("pageerror", lambda error: problems.append(str(error)))
+    tab.goto(page.as_uri())
+    tab.evaluate("lgmpc.ready")
+    assert tab.inner_text("#name") == "solo12_pushed"
+    assert tab.inner_text("#verdict").lower() == "pass"
+    assert tab.evaluate("document.getElementById('play').classList.contains('playing')")
+    # Space pauses; the time line seeks to where it is clicked; the push tells itself.
+    tab.keyboard.press("Space")
+    assert not tab.evaluate("document.getElementById('play').classList.contains('playing')")
+    line = tab.locator("#timeline").bounding_box()
+    tab.mouse.click(line["x"] + line["width"] * 0.4 / 1.2, line["y"] + 30)
+    assert float(tab.inner_text("#now")) == pytest.approx(0.4, abs=0.02)
+    assert tab.inner_text("#badge") == "push 5 N for 0.2 s"
+    tab.keyboard.press("Shift+ArrowRight")
+    assert float(tab.inner_text("#now")) == pytest.approx(0.6, abs=0.02)
+    # Each entry of the legend hides what it names.
+    hidden = "path => lgmpc.viewer.scene_tree.find(path).object.visible"
+    assert tab.evaluate(hidden, ["overlay", "cones"])
+    tab.get_by_text("friction cones").click()
+    assert not tab.evaluate(hidden, ["overlay", "cones"])
+    assert not tab.evaluate(hidden, ["overlay", "planned"])
+    tab.get_by_text("planned forces").click()
+    assert tab.evaluate(hidden, ["overlay", "planned"])
+    assert problems == []
+    tab.close()
+
+
+def test_a_page_that_is_no_replay_is_refused(browser, tmp_path) -> None:
+    page = tmp_path / "other.html"
+    page.write_text("<!DOCTYPE html><p>hello")
+    with pytest.raises(InputError, match="this is none"):
+        snapshots(browser, page, (0.0,))
+
+
+def test_a_damaged_page_tells_the_reader(browser, page, tmp_path) -> None:
+    damaged = tmp_path / "damaged.html"
+    text = page.read_text(encoding="utf-8")
+    middle = text.index('<script id="payload"') + 5000
+    damaged.write_text(text[:middle] + text[middle + 40000 :], encoding="utf-8")
+    tab = browser.new_page()
+    tab.goto(damaged.as_uri())
+    tab.evaluate("lgmpc.ready.catch(() => null)")
+    assert tab.inner_text("#trouble")
+    tab.close()

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from lgmpc.errors import InputError, RunFolderError
+from lgmpc.runs import Recorder
+from lgmpc.viz import plots
+from lgmpc.viz.plots import plot_run
+
+ORANGE = (213, 94, 0)
+
+
+def pixels(path) -> np.ndarray:
+    return np.round(255.0 * imread(BytesIO(path.read_bytes()))[:, :, :3]).astype(int)
+
+
+def count(image: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((np.abs(image - color).max(axis=2) <= 2).sum())
+
+
+def only(monkeypatch, *names: str) -> None:
+    """Draw these figures alone: the others take their time and are looked at elsewhere."""
+    monkeypatch.setattr(plots, "FIGURES", {name: plots.FIGURES[name] for name in names})
+
+
+@pytest.fixture(scope="module")
+def figures(pushed_run, tmp_path_factory):
+    out = tmp_path_factory.mktemp("figures")
+    return {path.stem: path for path in plot_run(pushed_run, out)}
+
+
+def test_all_figures_are_drawn(figures) -> None:
+    assert list(figures) == ["base", "com", "forces", "torques", "timing"]
+    for path in figures.values():
+        image = pixels(path)
+        assert image.shape[0] > 300 and image.shape[1] > 700
+        assert 0.01 < np.mean(image.min(axis=2) < 250) < 0.6  # something is drawn, and the page is not full of it
+
+
+def test_the_push_is_shaded_where_it_was(figures) -> None:
+    """From 0.3 to 0.5 of 1.2 s: a sixth of the time axis is shaded, and begins at a quarter of it."""
+    image = pixels(figures["base"])
+    shade = np.flatnonzero((np.abs(image - (249, 231, 217)).max(axis=2) <= 3).sum(axis=0) > 200)
+    spine = np.abs(image - (185, 194, 204)).max(axis=2) <= 3
+    axis = np.flatnonzero(spine[np.argmax(spine.sum(axis=1))])
+    left, right = axis.min(), axis.max()
+    assert (shade.min() - left) / (right - left) == pytest.approx(0.3 / 1.2, abs=0.02)
+    assert (shade.max() - left) / (right - left) == pytest.approx(0.5 / 1.2, abs=0.02)
+
+
+def test_limits_are_in_the_warning_colour(figures) -> None:
+    assert count(pixels(figures["torques"]), ORANGE) > 500
+    assert count(pixels(figures["forces"]), ORANGE) > 200
+
+
+def test_the_run_folder_takes_the_figures_by_default(pushed_run, monkeypatch) -> None:
+    only(monkeypatch, "timing")
+    paths = plot_run(pushed_run)
+    assert {path.parent for path in paths} == {pushed_run.path / "figures"}
+
+
+def test_figures_without_data_are_left_out(pushed_run, tmp_path, monkeypatch) -> None:
+    only(monkeypatch, "forces", "timing")
+    empty = np.zeros(0)
+    log = replace(
+        pushed_run.log,
+        mpc_time=empty,
+        mpc_horizon_com=np.zeros((0, 1, 3)),
+        mpc_forces=np.zeros((0, 4, 3)),
+        mpc_status=np.zeros(0, dtype=np.int8),
+        mpc_ms=empty,
+    )
+    contacts = {
+        name: np.zeros((log.ticks, 0, 3)) for name in ("contact_forces", "contact_forces_desired", "contact_points")
+    }
+    bare = replace(log, contact_frames=np.zeros(0, dtype=np.str_), mpc_forces=np.zeros((0, 0, 3)), **contacts)
+    # The whole-body ticks were timed; there was no MPC and there are no contacts.
+    assert [path.stem for path in plot_run(replace(pushed_run, log=bare), tmp_path)] == ["timing"]
+
+
+def test_a_run_that_blew_up_is_drawn(pushed_run, tmp_path) -> None:
+    log = pushed_run.log
+    arrays = {name: getattr(log, name).copy() for name in ("q", "v", "com", "tau", "contact_forces")}
+    for array in arrays.values():
+        array[300:] = np.nan
+    assert len(plot_run(replace(pushed_run, log=replace(log, **arrays)), tmp_path)) == 5
+
+
+def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkeypatch) -> None:
+    only(monkeypatch, "torques")
+    names = np.array([f"motor{k}" for k in range(12)])
+    (path,) = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=names)), tmp_path)
+    assert count(pixels(path), ORANGE) > 200
+
+
+def test_what_cannot_be_drawn_or_written_is_told(pushed_run, tmp_path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(RunFolderError, match="cannot make .*file"):
+        plot_run(pushed_run, file)
+    empty = Recorder(
+        nq=7, nv=6, effort_limit=[], contact_frames=(), friction=1.0, contact_radius=0.0, control_period_s=1.0, ticks=0
+    ).log()
+    with pytest.raises(InputError, match="0 ticks"):
+        plot_run(replace(pushed_run, log=empty), tmp_path)

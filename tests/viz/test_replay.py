@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import base64
+import os
+import re
+import signal
+import socket
+import threading
+import urllib.error
+import urllib.request
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError, RunFolderError
+from lgmpc.robot import RobotSpec, load_robot
+from lgmpc.runs import Outcome, Verdict
+from lgmpc.runs.log import CHANNELS
+from lgmpc.viz import replay
+from lgmpc.viz.replay import ReplayServer, export_html, play, replay_page
+
+from .test_scene import unpack
+
+
+@pytest.fixture(scope="module")
+def page(solo12, pushed_run) -> str:
+    return replay_page(solo12, pushed_run)
+
+
+def content_of(page: str) -> dict:
+    payload = re.search(r'<script id="payload"[^>]*>([^<]*)</script>', page)
+    assert payload is not None
+    return unpack(base64.b64decode(payload.group(1)))
+
+
+def test_the_page_is_one_file_of_moderate_size(page) -> None:
+    assert len(page) < 3e6
+    assert not re.search(r"""<(script|link|img|iframe)[^>]+(src|href)=""", page)
+    assert "@import" not in page and "url(http" not in page
+
+
+def test_the_page_tells_the_run(page, pushed_run) -> None:
+    content = content_of(page)
+    assert content["name"] == "solo12_pushed"
+    assert content["verdict"] == "pass"
+    assert ["base moved", f"{1e3 * pushed_run.result.metrics.max_displacement_m:.1f} mm"] in content["facts"]
+    (push,) = content["pushes"]
+    assert push["impulse"] == "1 N·s"
+    assert push["label"] == "push 5 N for 0.2 s"
+    assert (push["start"], push["end"]) == pytest.approx((0.3, 0.5), abs=0.0021)
+    assert max(content["series"]["moved"]) == pytest.approx(
+        1e3 * pushed_run.result.metrics.max_displacement_m, abs=0.05
+    )
+    labels = [entry["label"] for entry in content["legend"]]
+    assert "contact forces" in labels and "predicted path" in labels and "push" in labels
+
+
+def test_the_pages_title_cannot_become_markup(solo12, pushed_run) -> None:
+    name = "</title></script><script>alert(1)</script>"
+    result = replace(pushed_run.result, name=name, verdict=Verdict(Outcome.FAIL, (name,)))
+    page = replay_page(solo12, replace(pushed_run, result=result))
+    assert "alert(1)</script>" not in page
+    assert content_of(page)["reasons"] == [name]
+
+
+def test_a_run_that_blew_up_is_shown_up_to_there(solo12, pushed_run) -> None:
+    log = pushed_run.log
+    arrays = {name: getattr(log, name).copy() for name in ("q", "v", "com", "contact_forces", "contact_points")}
+    for array in arrays.values():
+        array[300:] = np.nan
+    page = replay_page(solo12, replace(pushed_run, log=replace(log, **arrays)))
+    assert content_of(page)["duration"] == pytest.approx(log.time[299] - log.time[0])
+
+
+def test_a_run_without_figures_is_shown(solo12, pushed_run) -> None:
+    result = replace(pushed_run.result, metrics=None, verdict=Verdict(Outcome.INTERRUPTED, ("interrupted",)))
+    assert content_of(replay_page(solo12, replace(pushed_run, result=result)))["facts"] == []
+
+
+def test_a_run_of_one_tick_is_a_picture(solo12, pushed_run) -> None:
+    one = {name: getattr(pushed_run.log, name)[:1] for name in CHANNELS}
+    page = replay_page(solo12, replace(pushed_run, log=replace(pushed_run.log, **one)))
+    assert content_of(page)["animations"] == []
+
+
+def test_a_run_of_another_robot_or_of_nothing_is_refused(solo12, pushed_run) -> None:
+    with pytest.raises(InputError, match=r"nq = 19.*a run of panda"):
+        replay_page(load_robot(RobotSpec(model="panda", effort_limit=80.0, velocity_limit=2.0)), pushed_run)
+    log = replace(pushed_run.log, q=np.full_like(pushed_run.log.q, np.nan))
+    with pytest.raises(InputError, match="none finite"):
+        replay_page(solo12, replace(pushed_run, log=log))
+
+
+def test_the_page_is_written_whole_or_not_at_all(solo12, pushed_run, tmp_path, monkeypatch) -> None:
+    file = export_html(solo12, pushed_run, tmp_path / "replay.html")
+    before = file.read_bytes()
+    assert before.startswith(b"<!DOCTYPE html>") and before.rstrip().endswith(b"</html>")
+    with pytest.raises(RunFolderError, match="no such file"):
+        export_html(solo12, pushed_run, tmp_path / "nowhere" / "replay.html")
+
+    def interrupted(robot, run):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(replay, "replay_page", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        export_html(solo12, pushed_run, file)
+    assert file.read_bytes() == before
+    assert [child.name for child in tmp_path.iterdir()] == ["replay.html"]
+
+
+def test_the_server_serves_this_machine_only() -> None:
+    with ReplayServer("<html>µ</html>") as server:
+        assert server.url.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(server.url, timeout=5) as response:
+            assert response.read().decode() == "<html>µ</html>"
+        with pytest.raises(urllib.error.HTTPError) as error:
+            urllib.request.urlopen(server.url + "../../etc/passwd", timeout=5)
+        error.value.close()
+        assert error.value.code == 404
+        port = server._server.server_address[1]
+        assert server._server.socket.getsockname()[0] == "127.0.0.1"
+        with pytest.raises(InputError, match=rf"port: got {port}; expected a free TCP port \(address already in use\)"):
+            ReplayServer("x", port)
+    with pytest.raises(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+        pass
+
+
+def test_a_port_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="out of range"):
+        ReplayServer("x", 70000)
+
+
+def test_playing_tells_the_address_and_ends_with_ctrl_c(solo12, pushed_run) -> None:
+    told: list[str] = []
+    pages: list[bytes] = []
+
+    def look_and_press(message: str) -> None:
+        told.append(message)
+        threading.Thread(target=look, args=(message,)).start()
+
+    def look(message: str) -> None:
+        try:
+            url = re.search(r"http://127\.0\.0\.1:\d+/", message)
+            assert url is not None
+            with urllib.request.urlopen(url.group(0), timeout=5) as response:
+                pages.append(response.read())
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    play(solo12, pushed_run, notify=look_and_press)
+    assert len(told) == 1
+    assert b"solo12_pushed" in pages[0]

@@ -1,9 +1,21 @@
 """Robots: loading, checking, and symbolic rigid-body algorithms over any ``pin.Model``."""
 
 from lgmpc.robot.checks import ModelReport
+from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
 from lgmpc.robot.spec import RobotSpec
 
-__all__ = ["ModelReport", "ModelSource", "Robot", "RobotSpec", "available_models", "check_model", "load_robot"]
+__all__ = [
+    "ContactPhase",
+    "ContactSchedule",
+    "ModelReport",
+    "ModelSource",
+    "Robot",
+    "RobotSpec",
+    "Swing",
+    "available_models",
+    "check_model",
+    "load_robot",
+]

@@ -46,10 +46,12 @@ class ActuatedJoint:
 
 
 def actuated_joints(model: pin.Model) -> tuple[ActuatedJoint, ...]:
-    """Return all joints of ``model`` but the floating base, in order."""
+    """Return all joints of ``model`` but the floating base (and any other free-flyer), in order."""
     joints = []
     for index in range(2 if is_floating(model) else 1, model.njoints):
         joint = model.joints[index]
+        if joint.nv == 6:
+            continue
         joints.append(
             ActuatedJoint(
                 model.names[index],

@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import nearest
+from lgmpc.errors import ModelError, nearest
 from lgmpc.robot.actuators import ActuatedJoint
 from lgmpc.robot.model import is_floating
+from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array, BoolArray
 
 __all__ = [
     "ModelReport",
     "check_contact_frames",
     "check_inertias",
+    "check_joints",
     "check_limits",
     "check_mass_matrix",
     "check_mimic",
@@ -67,13 +69,29 @@ def check_contact_frames(model: pin.Model, frames: Sequence[str]) -> list[str]:
             f"contact_frames are given ({_some(frames)}) but the base is fixed: a robot on feet needs a free-flyer"
             " (floating_base: true)"
         )
-    if is_floating(model):
-        for parent, name, joint in zip(model.parents[2:], model.names[2:], model.joints[2:], strict=True):
-            if parent == 1 and joint.shortname() == "JointModelFreeFlyer":
-                problems.append(
-                    f"the URDF's root has a floating joint of its own, '{name}': a second free-flyer above it makes the"
-                    " dynamics singular (floating_base: false)"
-                )
+    return problems
+
+
+def check_joints(model: pin.Model, root_added: bool) -> list[str]:
+    """Return a problem for each joint of an unsupported kind, and for each free-flyer other than the base's.
+
+    Args:
+        model: the model.
+        root_added: whether joint 1 is a free-flyer that is not in the URDF.
+    """
+    problems: list[str] = []
+    try:
+        configuration_blocks(model)
+    except ModelError as error:
+        problems += error.problems
+    for parent, name, joint in zip(model.parents[2:], model.names[2:], model.joints[2:], strict=True):
+        if joint.shortname() == "JointModelFreeFlyer" and parent == 1 and root_added:
+            problems.append(
+                f"the URDF's root has a floating joint of its own, '{name}': a second free-flyer above it makes the"
+                " dynamics singular (floating_base: false)"
+            )
+        elif joint.shortname() == "JointModelFreeFlyer":
+            problems.append(f"joint '{name}' floats inside the robot: only the base may, no actuator moves it")
     return problems
 
 
@@ -114,14 +132,16 @@ def check_mass_matrix(model: pin.Model, q: Array, joints: Iterable[ActuatedJoint
     mass_matrix = pin.crba(model, model.createData(), q)
     mass_matrix = np.triu(mass_matrix) + np.triu(mass_matrix, 1).T
     diagonal = np.diag(mass_matrix)
-    idle = [joint.name for joint in joints if (diagonal[joint.v] < 1e-12).any()]
+    idle = [joint.name for joint in joints if (np.abs(diagonal[joint.v]) < 1e-12).any()]
     if idle:
         return [
             f"joints that move no inertia: {_some(idle)}; give the links after them an <inertial>, or the joints an"
             " armature"
         ]
-    if model.nv and float(np.linalg.eigvalsh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))[0]) < 1e-12:
-        return ["its mass matrix is singular in the reference posture: some links lack inertia"]
+    if model.nv and (
+        diagonal.min() <= 0 or np.linalg.eigvalsh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] < 1e-12
+    ):
+        return ["its mass matrix is not positive definite in the reference posture: some links lack inertia"]
     return []
 
 

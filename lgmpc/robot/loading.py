@@ -25,7 +25,7 @@ def load_robot(spec: RobotSpec) -> Robot:
 
     Raises:
         InputError: the robot's name is unknown (the nearest are named), or a file does not exist.
-        ModelError: the URDF cannot be read, or the model lacks something; all problems are listed.
+        ModelError: the URDF or SRDF cannot be read, or the model lacks something; all problems are listed.
     """
     robot, report = _load(spec)
     if report.problems:
@@ -38,7 +38,7 @@ def check_model(spec: RobotSpec) -> checks.ModelReport:
 
     Raises:
         InputError: the robot's name is unknown, or a file does not exist.
-        ModelError: the URDF cannot be read at all.
+        ModelError: the URDF or SRDF cannot be read at all.
     """
     return _load(spec)[1]
 
@@ -65,8 +65,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
     frame_problems = checks.check_contact_frames(model, spec.contact_frames)
     problems = [*actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
     problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
-    if not inertia_problems:
-        problems += checks.check_mass_matrix(model, q, joints)
+    problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
     ids = () if frame_problems else tuple(frame_index(model, frame) for frame in spec.contact_frames)
     q = put_on_ground(model, q, ids, spec.contact_radius)
@@ -99,12 +98,17 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
 
 
 def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
-    if source.files.srdf is not None:
-        path = str(source.files.srdf)
+    """Add reference configurations and, from rotor parameters, armature to the model."""
+    if source.files.srdf is None:
+        return
+    path = str(source.files.srdf)
+    try:
+        pin.loadReferenceConfigurations(model, path, False)
         if "<rotor_params" in source.files.srdf.read_text(encoding="utf-8", errors="replace"):
             pin.loadRotorParameters(model, path, False)
             model.armature = np.asarray(model.rotorInertia) * np.asarray(model.rotorGearRatio) ** 2
-        pin.loadReferenceConfigurations(model, path, False)
+    except (RuntimeError, ValueError) as error:
+        raise ModelError(source.name, [f"{path}: {' '.join(str(error).split())}"]) from error
 
 
 def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
+
+if TYPE_CHECKING:
+    from lgmpc.robot.symbolic import SymbolicModel
 
 __all__ = ["ModelSource", "Robot"]
 
@@ -78,6 +82,13 @@ class Robot:
     def create_data(self) -> pin.Data:
         """Return a new workspace for Pinocchio's algorithms on ``model``."""
         return self.model.createData()
+
+    @cached_property
+    def symbolic(self) -> SymbolicModel:
+        """The rigid-body algorithms of this robot as CasADi expressions."""
+        from lgmpc.robot.symbolic import SymbolicModel
+
+        return SymbolicModel(self.model)
 
     @property
     def nq(self) -> int:

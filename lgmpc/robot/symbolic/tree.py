@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import ModelError
+from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array
 
 __all__ = ["Joint", "JointKind", "Tree", "read_tree"]
@@ -115,14 +115,7 @@ def read_tree(model: pin.Model) -> Tree:
     Raises:
         ModelError: a joint is of another kind than :class:`JointKind`; all such are listed.
     """
-    problems = [
-        f"joint '{name}' is a {joint.shortname()}; supported are free-flyer, spherical, revolute, continuous and"
-        " prismatic joints"
-        for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
-        if joint.shortname() not in _KINDS
-    ]
-    if problems:
-        raise ModelError(model.name, problems)
+    configuration_blocks(model)  # refuses what is not in _KINDS
     joints = tuple(_read_joint(model, index) for index in range(1, model.njoints))
     gravity = ca.DM(np.asarray(model.gravity.linear))
     return Tree(joints, gravity, int(model.nq), int(model.nv), sum(joint.mass for joint in joints))

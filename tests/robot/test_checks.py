@@ -1,0 +1,144 @@
+"""The checks name what a model lacks, all of it at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lgmpc.errors import ModelError
+from lgmpc.robot import RobotSpec, check_model, load_robot
+
+
+def problems(spec: RobotSpec) -> tuple[str, ...]:
+    """What the error of load_robot lists, which is what check_model reports."""
+    with pytest.raises(ModelError) as caught:
+        load_robot(spec)
+    report = check_model(spec)
+    assert report.problems == caught.value.problems
+    assert not report.ok
+    return report.problems
+
+
+def test_a_good_robot_has_no_problems(solo_spec) -> None:
+    report = check_model(solo_spec)
+    assert report.ok
+    assert report.notes == ("position limits wider than a full turn: FL_HAA, FL_HFE, FL_KFE, FR_HAA and 8 more",)
+
+
+def test_limits_that_never_bind() -> None:
+    assert problems(RobotSpec(model="solo12")) == (
+        "the URDF's effort limit of FL_HAA, FL_HFE, FL_KFE, FR_HAA and 8 more never binds (1000 N.m): give"
+        " effort_limit",
+        "the URDF's velocity limit of FL_HAA, FL_HFE, FL_KFE, FR_HAA and 8 more never binds (1000 rad/s): give"
+        " velocity_limit",
+    )
+
+
+def test_only_the_joints_that_were_not_given_are_blamed(solo_spec) -> None:
+    (problem,) = problems(replace(solo_spec, effort_limit={"?L_*": 1.8, "FR_*": 1.8, "HR_H??": 1.8}))
+    assert problem == "the URDF's effort limit of HR_KFE never binds (1000 N.m): give effort_limit"
+
+
+def test_zero_limits_forbid_motion() -> None:
+    first, second = problems(RobotSpec(model="double_pendulum"))
+    assert first == "the URDF's effort limit of joint1, joint2 forbids all motion (0 N.m): give effort_limit"
+    assert second.startswith("the URDF's velocity limit of joint1, joint2 forbids all motion")
+
+
+def test_infinite_limits(tmp_path, data_dir) -> None:
+    path = tmp_path / "endless.urdf"
+    text = (data_dir / "tripod.urdf").read_text()
+    path.write_text(
+        text.replace('<limit effort="2" velocity="50"/>', "").replace('lower="0.1" upper="0.4"', 'upper="inf"')
+    )
+    effort, velocity, position = problems(RobotSpec(urdf=path))
+    assert effort == "the URDF's effort limit of spin never binds (infinite): give effort_limit"
+    assert velocity == "the URDF's velocity limit of spin never binds (infinite): give velocity_limit"
+    assert position == "no finite position limits: slide_a, slide_b, slide_c: give position_limit"
+    given = RobotSpec(urdf=path, effort_limit={"spin": 2.0}, velocity_limit={"spin": 50.0}, position_limit=(0.1, 0.4))
+    assert load_robot(given).joint_upper[:3].tolist() == [0.4, 0.4, 0.4]
+
+
+def test_missing_contact_frames_name_the_nearest(solo_spec) -> None:
+    (problem,) = problems(replace(solo_spec, contact_frames=("FL_FOOT", "FR_FOT")))
+    assert problem.startswith("contact frame 'FR_FOT' is not in the model; did you mean FR_FOOT or")
+    (problem,) = problems(replace(solo_spec, contact_frames=("qqq",)))
+    assert "there are root_joint, base_link, FL_HAA" in problem
+
+
+def test_feet_need_a_free_flyer(solo_spec) -> None:
+    (problem,) = problems(replace(solo_spec, floating_base=False))
+    assert problem == (
+        "contact_frames are given (FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT) but the base is fixed: a robot on feet needs a"
+        " free-flyer (floating_base: true)"
+    )
+
+
+def test_bodies_that_cannot_exist(data_dir) -> None:
+    assert problems(RobotSpec(urdf=data_dir / "impossible.urdf")) == (
+        "link 'balloon': its mass is negative, -0.5 kg",
+        "link 'saddle': its inertia is not positive definite; moments -0.01, 0.01, 0.03 kg.m2",
+        "link 'needle': its inertia violates the triangle inequality, as no body's can; moments 0.1, 0.1, 0.5 kg.m2",
+        "joints that move no inertia: j4; give the links after them an <inertial>, or the joints an armature",
+    )
+
+
+def test_missing_inertia(data_dir) -> None:
+    spec = RobotSpec(urdf=data_dir / "zero_mass.urdf")
+    assert problems(spec) == (
+        "link 'base': the floating base has no mass (missing <inertial>?)",
+        "joints that move no inertia: wave; give the links after them an <inertial>, or the joints an armature",
+    )
+    fixed = load_robot(replace(spec, floating_base=False, armature={"wave": 1e-3}))
+    assert fixed.notes == ("no mass: link 'bracket', link 'flag'",)
+
+
+def test_singular_for_another_reason() -> None:
+    (problem,) = problems(RobotSpec(model="icub"))
+    assert problem.startswith("its mass matrix is not positive definite in the reference posture")
+
+
+def test_a_second_free_flyer(data_dir) -> None:
+    spec = RobotSpec(urdf=data_dir / "floating_root.urdf")
+    assert any("the URDF's root has a floating joint of its own, 'drift'" in problem for problem in problems(spec))
+    robot = load_robot(replace(spec, floating_base=False))
+    assert robot.floating_base and robot.nu == 2
+
+
+def test_a_free_flyer_inside(tmp_path, data_dir) -> None:
+    path = tmp_path / "inside.urdf"
+    text = (data_dir / "floating_root.urdf").read_text()
+    path.write_text(text.replace('name="left_finger" type="revolute"', 'name="left_finger" type="floating"'))
+    found = problems(RobotSpec(urdf=path, floating_base=False))
+    assert "joint 'left_finger' floats inside the robot: only the base may, no actuator moves it" in found
+
+
+def test_unsupported_joints(tmp_path, data_dir) -> None:
+    path = tmp_path / "planar.urdf"
+    text = (data_dir / "tripod.urdf").read_text()
+    path.write_text(text.replace('name="spin" type="continuous"', 'name="spin" type="planar"'))
+    assert any(
+        problem.startswith("joint 'spin' is a JointModelPlanar; supported are")
+        for problem in problems(RobotSpec(urdf=path))
+    )
+
+
+def test_what_is_unusual_is_noted(data_dir) -> None:
+    robot = load_robot(RobotSpec(urdf=data_dir / "floating_root.urdf", floating_base=False))
+    assert robot.notes == (
+        "joints that mimic another in the URDF move on their own here: right_finger",
+        "position limits wider than a full turn: left_finger",
+    )
+
+
+def test_keys_that_match_nothing(solo_spec) -> None:
+    spec = replace(solo_spec, effort_limit={"*": 1.8, "FL_KFX": 1.0}, posture={"*_KNEE": 1.0})
+    first, second = problems(spec)
+    assert first.startswith("effort_limit: 'FL_KFX' matches no joint; there are FL_KFE")
+    assert second.startswith("posture: '*_KNEE' matches no joint; there are")
+
+
+def test_position_limits_only_where_there_are_positions(data_dir) -> None:
+    (problem,) = problems(RobotSpec(urdf=data_dir / "tripod.urdf", position_limit={"spin": (0.0, 1.0)}))
+    assert problem.startswith("position_limit: 'spin' matches no joint that can have position limits; there are")

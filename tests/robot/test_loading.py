@@ -1,0 +1,185 @@
+"""Robots are loaded as their files and the config say, without a mesh, and complaints carry the evidence."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import example_robot_data
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.errors import InputError, ModelError
+from lgmpc.robot import RobotSpec, available_models, load_robot
+
+
+def test_solo12_as_built(solo_spec) -> None:
+    robot = load_robot(solo_spec)
+    assert (robot.name, robot.nq, robot.nv, robot.nu, robot.nc) == ("solo12", 19, 18, 12, 4)
+    assert robot.floating_base
+    assert robot.mass == pytest.approx(2.5, abs=1e-2)
+    assert robot.joint_names[:3] == ("FL_HAA", "FL_HFE", "FL_KFE")
+    assert [robot.model.frames[i].name for i in robot.contact_ids] == list(solo_spec.contact_frames)
+    assert (robot.effort_limit == 1.8).all() and (robot.model.effortLimit[6:] == 1.8).all()
+    assert (robot.velocity_limit == 30).all() and (robot.model.velocityLimit[6:] == 30).all()
+    assert (robot.armature == 3.6e-4).all() and (robot.model.armature == [0] * 6 + [3.6e-4] * 12).all()
+    assert (robot.joint_lower == -10).all() and (robot.joint_upper == 10).all()
+    assert robot.q_reference[robot.joint_q].shape == robot.x_reference[19:][robot.joint_v].shape == (12,)
+    assert robot.gravity.tolist() == [0, 0, -9.81]
+
+
+def test_model_is_that_of_the_official_loader(solo_spec, close) -> None:
+    robot, official = load_robot(replace(solo_spec, armature=0.0)), example_robot_data.load("solo12")
+    rng = np.random.default_rng(0)
+    q = pin.integrate(robot.model, official.q0, rng.normal(size=18))
+    v, a = rng.normal(size=(2, 18))
+    expected = pin.rnea(official.model, official.data, q, v, a)
+    close(pin.rnea(robot.model, robot.create_data(), q, v, a), expected, 1e-14)
+    assert np.abs(robot.q_reference[7:] - official.q0[7:]).max() == 0
+    assert robot.source.urdf.samefile(official.urdf)
+
+
+def test_meshes_are_found_through_the_source(solo_spec) -> None:
+    source = load_robot(solo_spec).source
+    text = source.urdf.read_text()
+    address = text[text.index("package://") + len("package://") :].split('"')[0]
+    assert any((folder / address).is_file() for folder in source.package_dirs)
+
+
+def test_loading_reads_no_mesh_and_takes_milliseconds(solo_spec, data_dir) -> None:
+    load_robot(RobotSpec(urdf=data_dir / "tripod.urdf"))  # its meshes do not exist
+    started = time.perf_counter()
+    load_robot(solo_spec)
+    assert time.perf_counter() - started < 0.5
+
+
+def test_arrays_are_read_only(solo_spec) -> None:
+    robot = load_robot(solo_spec)
+    for values in (robot.q_reference, robot.x_reference, robot.effort_limit, robot.joint_lower, robot.gravity):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1.0
+
+
+def test_bodies_for_pushes(solo_spec) -> None:
+    robot = load_robot(solo_spec)
+    assert robot.body_names[0] == "base_link" and "universe" not in robot.body_names
+    frame = robot.model.frames[robot.body_frame("FL_LOWER_LEG")]
+    assert (frame.name, robot.model.names[frame.parentJoint]) == ("FL_LOWER_LEG", "FL_KFE")
+    with pytest.raises(InputError, match="body: got base_lnk; .*Did you mean base_link"):
+        robot.body_frame("base_lnk")
+
+
+def test_frames_that_share_their_name_with_a_joint() -> None:
+    robot = load_robot(RobotSpec(model="anymal_c"))
+    assert robot.model.frames[robot.frame("LF_HAA")].name == "LF_HAA"
+    assert robot.model.frames[robot.body_frame("LF_HAA")].type == pin.BODY
+    with pytest.raises(InputError, match="frame: got LF_HAX"):
+        robot.frame("LF_HAX")
+
+
+def test_values_by_name_pattern_and_default() -> None:
+    spec = RobotSpec(
+        model="anymal_c",
+        effort_limit={"LF_KFE": 7.0, "*": 50.0, "*_KFE": 60.0},
+        velocity_limit={"?H_*": 5.0},
+        armature={"*_HAA": 0.2},
+        position_limit={"*_HFE": (-1.0, 2.0)},
+        posture={"*_HFE": 0.5, "LH_HFE": -0.5},
+    )
+    robot = load_robot(spec)
+    value = dict(zip(robot.joint_names, robot.effort_limit, strict=True))
+    assert (value["LF_KFE"], value["RF_KFE"], value["RF_HFE"]) == (7.0, 60.0, 50.0)
+    speed = dict(zip(robot.joint_names, robot.velocity_limit, strict=True))
+    assert (speed["LH_HAA"], speed["LF_HAA"]) == (5.0, 7.5)
+    assert sorted(set(robot.armature)) == [0.0, 0.2]
+    names = list(robot.joint_names)
+    hip = names.index("LF_HFE")
+    assert (robot.joint_lower[hip], robot.joint_upper[hip]) == (-1.0, 2.0)
+    assert robot.model.lowerPositionLimit[7 + hip] == -1.0
+    assert robot.joint_upper[names.index("LF_HAA")] == 0.49
+    joints = dict(zip(names, robot.q_reference[7:], strict=True))
+    assert (joints["LF_HFE"], joints["LH_HFE"], joints["LF_KFE"]) == (0.5, -0.5, 0.0)
+
+
+def test_rotor_parameters_of_the_srdf_are_the_armature_unless_given() -> None:
+    talos = load_robot(RobotSpec(model="talos"))
+    expected = talos.model.rotorInertia * talos.model.rotorGearRatio**2
+    assert (talos.armature == expected[6:]).all() and talos.armature.max() > 0.05
+    assert (load_robot(RobotSpec(model="talos", armature=0.0)).armature == 0).all()
+
+
+def test_base_as_the_named_model_has_it_unless_given() -> None:
+    assert not load_robot(RobotSpec(model="panda")).floating_base
+    assert load_robot(RobotSpec(model="panda", floating_base=True)).nu == 9
+    assert load_robot(RobotSpec(model="iris")).nu == 0
+
+
+def test_joints_without_scalar_position(data_dir) -> None:
+    robot = load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", posture={"spin": 0.5}))
+    assert robot.joint_names == ("slide_a", "slide_b", "slide_c", "spin")
+    assert robot.joint_lower.tolist() == [0.1, 0.1, 0.1, -np.inf]
+    assert robot.q_reference[-2:].tolist() == [np.cos(0.5), np.sin(0.5)]
+
+
+@pytest.mark.parametrize("name", ["cassie", "talos_legs"])
+def test_models_that_are_more_than_a_urdf_are_not_offered(name: str) -> None:
+    assert name not in available_models()
+    with pytest.raises(InputError, match=f"model: got {name}; expected a robot of example-robot-data"):
+        load_robot(RobotSpec(model=name))
+
+
+def test_unknown_robot_names_the_nearest() -> None:
+    with pytest.raises(InputError, match="Did you mean solo12") as caught:
+        load_robot(RobotSpec(model="solo21"))
+    assert caught.value.argument == "model"
+
+
+def test_missing_files_name_the_nearest(data_dir) -> None:
+    with pytest.raises(InputError, match="urdf: got .*tripot.urdf; expected a file that exists. Did you mean tripod"):
+        load_robot(RobotSpec(urdf=data_dir / "tripot.urdf"))
+    with pytest.raises(InputError, match="srdf: got"):
+        load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", srdf=data_dir / "none.srdf"))
+    with pytest.raises(InputError, match="srdf: got"):
+        load_robot(RobotSpec(model="solo12", srdf=data_dir / "none.srdf"))
+
+
+def test_a_urdf_that_cannot_be_read_is_quoted_by_its_parser(tmp_path, capfd) -> None:
+    path = tmp_path / "broken.urdf"
+    path.write_text('<robot name="r"><link name="a"/><link name="b"/></robot>')
+    with pytest.raises(ModelError, match="Two root links found") as caught:
+        load_robot(RobotSpec(urdf=path))
+    assert caught.value.robot == "broken" and len(caught.value.problems) == 1
+    path.write_text("<robot")
+    with pytest.raises(ModelError, match=r"broken\.urdf: .*XML"):
+        load_robot(RobotSpec(urdf=path))
+    assert capfd.readouterr().err == ""
+
+
+def test_an_srdf_that_cannot_be_read(tmp_path, data_dir) -> None:
+    path = tmp_path / "broken.srdf"
+    path.write_text("<robot")
+    with pytest.raises(ModelError, match=r"broken\.srdf: "):
+        load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", srdf=path))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model": None}, "model, urdf: got neither; expected exactly one"),
+        ({"urdf": "a.urdf"}, "model, urdf: got model='solo12' and urdf='a.urdf'"),
+        ({"contact_radius": -0.01}, "contact_radius: got -0.01; expected a length >= 0"),
+        ({"contact_radius": float("nan")}, "contact_radius: got nan"),
+        ({"contact_frames": ("a", "b", "a")}, "contact_frames: got a; expected each frame once"),
+        ({"effort_limit": 0.0}, "effort_limit: got 0.0; expected a torque > 0"),
+        ({"effort_limit": {"*_KFE": float("inf")}}, r"effort_limit\['\*_KFE'\]: got inf"),
+        ({"velocity_limit": True}, "velocity_limit: got True"),
+        ({"armature": -1.0}, "armature: got -1.0"),
+        ({"posture": {"FL_HAA": float("nan")}}, r"posture\['FL_HAA'\]: got nan"),
+        ({"position_limit": (1.0, -1.0)}, r"position_limit: got \(1.0, -1.0\); expected two finite numbers"),
+        ({"position_limit": {"a": (0.0, float("inf"))}}, r"position_limit\['a'\]"),
+    ],
+)
+def test_values_that_no_robot_could_have(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        RobotSpec(**{"model": "solo12", **changes})

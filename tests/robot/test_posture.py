@@ -1,0 +1,108 @@
+"""The reference posture, and how it stands on the ground."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.errors import ModelError
+from lgmpc.robot import Robot, RobotSpec, load_robot
+
+FEET = ("foot_a", "foot_b", "foot_c")
+
+
+def contact_points(robot: Robot) -> np.ndarray:
+    data = robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, robot.q_reference)
+    return np.array([data.oMf[i].translation - [0, 0, robot.contact_radius] for i in robot.contact_ids])
+
+
+def test_solo_stands_on_four_feet(solo_spec) -> None:
+    robot = load_robot(solo_spec)
+    assert np.abs(contact_points(robot)[:, 2]).max() < 1e-15
+    assert robot.q_reference[:2].tolist() == [0, 0]
+    assert robot.q_reference[3:7].tolist() == [0, 0, 0, 1]
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.016])
+def test_the_contact_points_touch_the_ground(solo_spec, radius: float) -> None:
+    robot = load_robot(replace(solo_spec, contact_radius=radius, posture="straight_standing"))
+    assert contact_points(robot)[:, 2].min() == pytest.approx(0, abs=1e-15)
+
+
+def test_uneven_legs_tilt_the_base_until_all_feet_touch(data_dir) -> None:
+    spec = RobotSpec(
+        urdf=data_dir / "tripod.urdf",
+        contact_frames=FEET,
+        contact_radius=0.02,
+        posture={"slide_a": 0.3, "slide_b": 0.2},
+    )
+    robot = load_robot(spec)
+    assert np.abs(contact_points(robot)[:, 2]).max() < 1e-15
+    rotation = pin.Quaternion(robot.q_reference[3:7])
+    assert abs(rotation.toRotationMatrix()[2, 2]) < 0.999
+    assert rotation.z == pytest.approx(0, abs=1e-12)  # the smallest rotation: no yaw
+    assert np.linalg.norm(robot.q_reference[3:7]) == pytest.approx(1, abs=1e-15)
+    assert robot.notes == ()
+
+
+def test_feet_that_cannot_all_touch_are_noted(data_dir) -> None:
+    robot = load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=(*FEET, "foot_d")))
+    assert robot.notes == ("in the reference posture the contact points differ by 200.0 mm in height",)
+    assert contact_points(robot)[:, 2].min() == pytest.approx(0, abs=1e-15)
+    assert robot.q_reference[6] == 1
+
+
+def test_two_feet_leave_the_base_upright(data_dir) -> None:
+    spec = RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=FEET[:2], posture={"slide_a": 0.3})
+    robot = load_robot(spec)
+    assert robot.q_reference[6] == 1 and "differ by 200.0 mm" in robot.notes[0]
+
+
+def test_a_steep_plane_of_hands_and_feet_is_left_alone(data_dir, tmp_path) -> None:
+    path = tmp_path / "wall.urdf"
+    text = (data_dir / "tripod.urdf").read_text()
+    path.write_text(
+        text.replace(
+            '<parent link="leg_a"/><child link="foot_a"/><origin xyz="0 0 -0.2"/>',
+            '<parent link="leg_a"/><child link="foot_a"/><origin xyz="0 0 1.2"/>',
+        )
+    )
+    assert load_robot(RobotSpec(urdf=path, contact_frames=FEET)).q_reference[6] == 1
+
+
+def test_named_postures(data_dir, solo_spec) -> None:
+    spec = RobotSpec(urdf=data_dir / "tripod.urdf", srdf=data_dir / "tripod.srdf", posture="tall")
+    robot = load_robot(spec)
+    assert robot.q_reference[7:10].tolist() == [0.35] * 3
+    assert robot.armature.tolist() == [0, 0, 0, 2e-5 * 100]
+    with pytest.raises(ModelError, match="posture: no reference configuration is named 'tal'; there are tall"):
+        load_robot(replace(spec, posture="tal"))
+    with pytest.raises(ModelError, match="named 'tall'; the model has none"):
+        load_robot(replace(spec, srdf=None))
+    assert load_robot(solo_spec).q_reference[8] == 0.8  # the named model's own
+
+
+def test_joints_not_named_stay_inside_their_limits() -> None:
+    robot = load_robot(RobotSpec(model="panda", posture={"panda_joint1": 1.0}))
+    assert robot.q_reference[:4].tolist() == [1.0, 0.0, 0.0, -0.0698]
+
+
+def test_a_posture_outside_the_limits() -> None:
+    with pytest.raises(ModelError) as caught:
+        load_robot(RobotSpec(model="panda", posture={"panda_joint4": 0.1}))
+    assert caught.value.problems == (
+        "the reference posture has panda_joint4 at 0.1, outside its limits [-3.072, -0.0698]",
+    )
+
+
+def test_a_models_own_posture_is_moved_into_the_limits() -> None:
+    robot = load_robot(RobotSpec(model="kinova"))
+    (note,) = robot.notes
+    assert note.startswith("its own posture 'arm_up' is outside the limits of j2s6s200_joint_3; ")
+    lower, upper = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    joint = robot.model.joints[robot.model.getJointId("j2s6s200_joint_3")].idx_q
+    assert lower[joint] <= robot.q_reference[joint] <= upper[joint]

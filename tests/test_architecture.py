@@ -1,0 +1,233 @@
+"""The rooms of lgmpc and who may import whom, read from the source of every module.
+
+The arrows:
+
+    lie -> state -> robot -> costs -> actions -> ocp -> solvers -> mpc
+    robot -> wbc, simulation      lie, robot -> estimation      lie -> mechanics      parts -> control
+    everything -> config -> cli
+"""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
+LONGEST_MODULE = 450
+
+# Every room may import these: they are about no robot, no problem and no solver.
+FOUNDATION = "errors typing compile"
+
+_PROBLEMS = "lie state robot costs actions ocp"
+_PARTS = f"{_PROBLEMS} solvers mpc wbc estimation simulation"
+
+# Room (or one module of it, which then has its own row) -> the rooms that it may import, besides the foundation.
+ARROWS: dict[str, str] = {
+    "lie": "",
+    "state": "lie",
+    "robot": "lie state",
+    "costs": "lie state robot",
+    "actions": "lie state robot costs",
+    "ocp": "lie state robot costs actions",
+    "solvers": _PROBLEMS,
+    "mpc": f"{_PROBLEMS} solvers",
+    "wbc": "lie state robot",
+    "simulation": "lie state robot",
+    "estimation": "lie state robot",
+    "mechanics": "lie",
+    "control": _PARTS,
+    "runs": "",
+    "viz": "lie state robot runs",
+    # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
+    "config": "",
+    "config.robots": "robot",
+    "config.build": f"{_PARTS} control runs",
+    "config.closed_loop": f"{_PARTS} control runs",
+    "config.execution": "runs",
+    "config.session": "runs",
+    "doctor": f"{_PARTS} viz",
+    "cli": "config robot runs viz doctor",
+    "__main__": "cli",
+    # The foundation itself, and the package's own front page.
+    "errors": "",
+    "typing": "errors",
+    "compile": "errors typing",
+    "": "",
+}
+
+# Outside package -> the only modules (or rooms) that may import it.
+OWNERS: dict[str, str] = {
+    "mujoco": "simulation.mujoco doctor",
+    "crocoddyl": "",
+    "meshcat": "viz",
+    "matplotlib": "viz",
+    "playwright": "viz",
+    "proxsuite": "solvers wbc doctor",
+    "osqp": "solvers doctor",
+    "piqp": "solvers doctor",
+    "pydantic": "config",
+    "yaml": "config",
+    "typer": "cli",
+    "rich": "cli",
+}
+
+# What must not be loaded by importing the package or a room that computes: it is slow, or wants a display.
+HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
+COMPUTING = (
+    "compile lie state robot costs actions ocp solvers mpc wbc estimation simulation mechanics control runs doctor"
+)
+
+
+def modules(package: Path) -> Iterator[tuple[str, Path]]:
+    """Dotted name within the package, and file, of every module."""
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package).with_suffix("").parts
+        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
+
+
+def imports(module: str, path: Path, package: str) -> Iterator[tuple[int, str]]:
+    """Line and absolute dotted name of everything that a module imports, wherever in it, for types only included."""
+    folder = f"{package}.{module}".rstrip(".").split(".")
+    if path.name != "__init__.py":
+        folder = folder[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = folder[: len(folder) - node.level + 1] if node.level else []
+            origin = ".".join([*base, *filter(None, [node.module])])
+            # `from lgmpc import wbc` names a room; `from lgmpc.wbc import x` may name no module, but its room is known.
+            yield from ((node.lineno, f"{origin}.{alias.name}") for alias in node.names)
+
+
+def row(module: str, table: dict[str, str]) -> str | None:
+    """The entry of the module itself, or of the nearest package around it."""
+    while module and module not in table:
+        module = module.rpartition(".")[0] if "." in module else ""
+        if not module:
+            return None
+    return table.get(module)
+
+
+def inside(module: str, rooms: str) -> bool:
+    return any(module == room or module.startswith(f"{room}.") for room in rooms.split())
+
+
+def offences(package: Path) -> list[str]:
+    """Every import that the tables forbid, as ``module:line imports name``."""
+    found = []
+    for module, path in modules(package):
+        allowed = row(module, ARROWS)
+        own = module.partition(".")[0]
+        if allowed is None:
+            found.append(f"{module} belongs to no room in the table")
+            continue
+        foundation = "" if inside(module, FOUNDATION) or module == "" else FOUNDATION
+        for line, name in imports(module, path, package.name):
+            outside, _, within = name.partition(".")
+            if outside == package.name:
+                room = within.partition(".")[0]
+                fine = room == own or room.startswith("__") or room in f"{allowed} {foundation}".split()
+            else:
+                fine = outside not in OWNERS or inside(module, OWNERS[outside])
+            if not fine:
+                found.append(f"{module or package.name}:{line} imports {name}")
+    return found
+
+
+def test_no_arrow_points_the_wrong_way() -> None:
+    assert offences(PACKAGE) == []
+
+
+def test_every_module_was_read() -> None:
+    names = dict(modules(PACKAGE))
+    assert {"", "errors", "compile", "compile.native", "doctor"} <= set(names)
+    seen = {name for module, path in names.items() for _, name in imports(module, path, "lgmpc")}
+    assert {"lgmpc.errors.InputError", "lgmpc.compile.function.CompiledFunction", "casadi"} <= seen
+
+
+def test_the_table_has_no_cycle() -> None:
+    rooms: dict[str, set[str]] = {}
+    for module, allowed in ARROWS.items():
+        own = module.partition(".")[0]
+        foundation = set() if inside(module, FOUNDATION) or module == "" else set(FOUNDATION.split())
+        rooms.setdefault(own, set()).update(set(allowed.split()) | foundation)
+    order = list(graphlib.TopologicalSorter(rooms).static_order())
+    chain = ["lie", "state", "robot", "costs", "actions", "ocp", "solvers", "mpc", "control", "config", "cli"]
+    assert [room for room in order if room in chain] == chain
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("lie/so3.py", "from lgmpc.robot import Robot"),
+        ("lie/so3.py", "from lgmpc import wbc"),
+        ("lie/so3.py", "import lgmpc.mpc.plan as plan"),
+        ("lie/symbolic/so3.py", "from ...state import base"),
+        ("state/__init__.py", "from ..robot.model import Robot"),
+        ("robot/model.py", "def late():\n    from lgmpc.simulation import loop"),
+        ("wbc/tasks.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from lgmpc.mpc import plan"),
+        ("simulation/loop.py", "from lgmpc.wbc import controller"),
+        ("mechanics/tops.py", "from lgmpc.state import base"),
+        ("config/schema/root.py", "from lgmpc.robot import Robot"),
+        ("compile/native.py", "from lgmpc.lie import so3"),
+        ("errors.py", "from lgmpc.typing import Array"),
+        ("typing.py", "import lgmpc.compile"),
+        ("__init__.py", "from lgmpc.viz import replay"),
+        ("simulation/loop.py", "import mujoco"),
+        ("wbc/solver.py", "from matplotlib import pyplot"),
+        ("solvers/fddp.py", "import crocoddyl"),
+        ("runs/log.py", "import rich.console"),
+        ("attic/old.py", "import numpy"),
+    ],
+)
+def test_a_planted_offence_is_found(module: str, line: str, tmp_path: Path) -> None:
+    path = tmp_path / "lgmpc" / module
+    path.parent.mkdir(parents=True)
+    path.write_text(f"import numpy\n{line}\n")
+    assert len(offences(tmp_path / "lgmpc")) == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("state/multibody.py", "from lgmpc.lie import so3"),
+        ("state/multibody.py", "from .base import State"),
+        ("ocp/problem.py", "from ..compile import compile_function"),
+        ("mpc/plan.py", "from lgmpc import errors, solvers"),
+        ("simulation/mujoco.py", "import mujoco"),
+        ("config/build.py", "from lgmpc.control import balance"),
+        ("cli/app.py", "from lgmpc import __version__"),
+    ],
+)
+def test_a_rightful_import_is_no_offence(module: str, line: str, tmp_path: Path) -> None:
+    path = tmp_path / "lgmpc" / module
+    path.parent.mkdir(parents=True)
+    path.write_text(f"{line}\n")
+    assert offences(tmp_path / "lgmpc") == []
+
+
+def test_computing_loads_no_viewer_and_no_physics_engine() -> None:
+    rooms = [room for room in COMPUTING.split() if (PACKAGE / room).exists() or (PACKAGE / f"{room}.py").exists()]
+    assert {"compile", "lie", "robot", "simulation"} <= set(rooms)
+    script = f"""
+import importlib, sys
+for name in ["lgmpc", *("lgmpc." + room for room in {rooms!r})]:
+    importlib.import_module(name)
+    loaded = [heavy for heavy in {HEAVY!r} if heavy in sys.modules]
+    if loaded:
+        sys.exit(f"import {{name}} loads {{loaded}}")
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_module_is_too_long() -> None:
+    lengths = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in modules(PACKAGE)}
+    assert {module: length for module, length in lengths.items() if length > LONGEST_MODULE} == {}

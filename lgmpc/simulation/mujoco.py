@@ -61,20 +61,18 @@ class MujocoPlant:
         self.model = _compile(robot, source, params)
         self.data = mujoco.MjData(self.model)
         self._dt = params.timestep
-        self._nq, self._nv, self._nu = robot.nq, robot.nv, robot.nu
+        self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
-        self._effort = np.asarray(robot.effort_limit)
+        self._effort = robot.effort_limit
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
         # Contacts of other geometries than feet are collected in a last row that is cut off.
-        nc = len(robot.contact_frames)
-        self._foot_of_geom = np.full(self.model.ngeom, nc)
+        self._foot_of_geom = np.full(self.model.ngeom, self._nc)
         for i, name in enumerate(robot.contact_frames):
             self._foot_of_geom[self.model.geom(f"foot {name}").id] = i
-        self._nc = nc
         # Views into the engine's memory, which stays where it is; looking them up costs more than using them.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
-        self._joint_force = self.data.qfrc_applied[self._nv - self._nu :]
+        self._joint_force = self.data.qfrc_applied[robot.joint_v]
         self._applied = self.data.xfrc_applied
         self._tau = np.zeros(self._nu)
         self._steps = 0
@@ -154,9 +152,9 @@ class MujocoPlant:
         count = self.data.ncon
         if count:
             contact = self.data.contact
-            first = contact.efc_address[0]
-            # Rows of an elliptic contact: normal, two tangents; the frame's rows are those axes, from floor to robot.
-            local = self.data.efc_force[first : first + 3 * count].reshape(count, 1, 3)
+            # Contacts come last. Rows of an elliptic contact: normal, two tangents; its frame's rows are those axes,
+            # the normal from the floor to the robot.
+            local = self.data.efc_force[-3 * count :].reshape(count, 1, 3)
             # A sphere touches a plane once, so no foot occurs twice and assigning is summing.
             forces[self._foot_of_geom[contact.geom[:, 1]]] = (local @ contact.frame.reshape(count, 3, 3))[:, 0]
         return forces[: self._nc]
@@ -248,10 +246,12 @@ def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantPar
         body = bodies[model.parents[index]].add_body(
             name=model.names[index], pos=placement.translation, quat=_wxyz(placement.rotation)
         )
-        moment = inertia.inertia
+        # MuJoCo's own way to principal axes (fullinertia) was good to eight digits only before version 4.
+        moments, axes = np.linalg.eigh(inertia.inertia)
+        axes[:, 0] *= np.linalg.det(axes)
         body.explicitinertial = True
         body.mass, body.ipos = inertia.mass, inertia.lever
-        body.fullinertia = moment[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        body.inertia, body.iquat = moments, _wxyz(axes)
         bodies.append(body)
         # Pinocchio gives a plain vector where there is one degree of freedom in all.
         jacobian = pin.computeJointJacobian(model, data, neutral, index).reshape(6, model.nv)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lgmpc.errors import InputError
@@ -78,6 +78,7 @@ def test_swings_across_cycles() -> None:
     assert never.swing("HR", 0.3) == Swing(-math.inf, math.inf)
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.05, 2.0), st.sets(st.sampled_from(FEET))), min_size=1, max_size=5),
     st.floats(-10.0, 10.0),

@@ -125,7 +125,7 @@ def _check_compiler() -> Check:
     compiler = find_compiler()
     if compiler is None:
         slow = "none found: every function is interpreted, about 20 times slower, too slow for real time"
-        return Check("compiler", False, slow, "install gcc (apt install gcc) or clang, or name a compiler in CC")
+        return Check("compiler", False, slow, "apt install gcc, or without root: pip install ziglang")
     return Check("compiler", True, f"{compiler.name}: {' '.join((*compiler.command, *compiler.flags))}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +20,7 @@ from lgmpc.typing import Array
 __all__ = ["compile_function", "compile_functions", "compile_map", "densify_function", "map_function"]
 
 _warned = False
+_warning = threading.Lock()
 
 
 def compile_function(function: casadi.Function, *, progress: Progress | None = None) -> CompiledFunction:
@@ -138,11 +140,13 @@ def _compile(
 
 def _warn_once() -> None:
     global _warned
-    if not _warned:
-        _warned = True
+    with _warning:
+        first, _warned = not _warned, True
+    if first:
         warnings.warn(
-            "no C compiler found: functions are interpreted, 10 to 20 times slower. Install gcc (apt install gcc) or "
-            "clang, or name a compiler in CC; LGMPC_JIT=0 interprets without this warning",
+            "no C compiler found: functions are interpreted, about 20 times slower. Install gcc (apt install gcc), or "
+            "without root ziglang (pip install ziglang), or name a compiler in CC; LGMPC_JIT=0 interprets without this "
+            "warning",
             RuntimeWarning,
             stacklevel=4,
         )

@@ -129,10 +129,9 @@ class State(ABC):
 
 
 def _real(name: str, value: object, size: int) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(name, value, f"{size} real numbers") from None
+    array = _numeric(value)
+    if array is None:
+        raise InputError(name, value, f"{size} real numbers")
     if array.shape[-1:] != (size,):
         raise InputError(name, f"shape {array.shape}", f"shape (..., {size})")
     if not np.isfinite(array).all():
@@ -141,10 +140,21 @@ def _real(name: str, value: object, size: int) -> Array:
     return array
 
 
+def _numeric(value: object) -> Array | None:
+    """Convert to float64, or return None for text, complex numbers, ragged lists and the like."""
+    try:
+        raw = np.asarray(value)
+    except ValueError:
+        return None
+    return raw.astype(np.float64) if raw.dtype.kind in "fiu" else None
+
+
 def _frozen_bounds(ndx: int, lower: object, upper: object) -> tuple[Array, Array]:
     result = []
     for name, bound in (("lower", lower), ("upper", upper)):
-        array = np.array(bound, dtype=np.float64)
+        array = _numeric(bound)
+        if array is None:
+            raise InputError(name, bound, f"{ndx} numbers, none of them NaN")
         if array.shape != (ndx,) or np.isnan(array).any():
             raise InputError(name, f"{array if array.size < 9 else array.shape}", f"{ndx} numbers, none of them NaN")
         array.setflags(write=False)

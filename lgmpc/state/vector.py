@@ -25,8 +25,8 @@ class StateVector(State):
     """
 
     def __init__(self, n: int, lower: Array | None = None, upper: Array | None = None) -> None:
-        if n < 1:
-            raise InputError("n", n, "a dimension of at least 1")
+        if not isinstance(n, int) or n < 1:
+            raise InputError("n", n, "a whole number of at least 1")
         super().__init__(
             n,
             n,

@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +16,7 @@ from lgmpc.lie import quaternion, so3
 from lgmpc.lie.symbolic import quaternion as symbolic
 
 AXES = [np.array(axis) / np.linalg.norm(axis) for axis in ((1, 0, 0), (0, -1, 0), (0, 0, -1), (-1, 2, 3), (1, -1, 0))]
+unhurried = settings(deadline=None)  # a loaded machine is no failure
 entries = st.floats(-1.0, 1.0)
 quaternions = (
     st.tuples(entries, entries, entries, entries)
@@ -26,6 +27,7 @@ quaternions = (
 vectors = st.tuples(*[st.floats(-10.0, 10.0)] * 3).map(np.array)
 
 
+@unhurried
 @given(quaternions)
 def test_both_signs_are_the_same_rotation(q: np.ndarray) -> None:
     assert np.array_equal(quaternion.log(q), quaternion.log(-q))
@@ -33,6 +35,7 @@ def test_both_signs_are_the_same_rotation(q: np.ndarray) -> None:
     assert np.array_equal(quaternion.to_matrix(q), quaternion.to_matrix(-q))
 
 
+@unhurried
 @given(quaternions, quaternions, vectors)
 def test_the_double_cover_is_a_homomorphism(p: np.ndarray, q: np.ndarray, point: np.ndarray) -> None:
     product = quaternion.compose(p, q)
@@ -43,6 +46,7 @@ def test_the_double_cover_is_a_homomorphism(p: np.ndarray, q: np.ndarray, point:
     np.testing.assert_allclose(quaternion.compose(q, quaternion.inverse(q)), quaternion.identity(), atol=1e-15)
 
 
+@unhurried
 @given(quaternions)
 def test_matrix_and_back(q: np.ndarray) -> None:
     matrix = so3.from_quaternion(q)
@@ -53,11 +57,13 @@ def test_matrix_and_back(q: np.ndarray) -> None:
     np.testing.assert_allclose(so3.from_quaternion(back), matrix, atol=3e-15)
 
 
+@unhurried
 @given(vectors)
 def test_exp_through_quaternions_is_exp(phi: np.ndarray) -> None:
     np.testing.assert_allclose(quaternion.to_matrix(quaternion.exp(phi)), so3.exp(phi), atol=1e-14)
 
 
+@unhurried
 @given(vectors)
 def test_log_is_the_shortest_rotation_vector(phi: np.ndarray) -> None:
     angle = np.linalg.norm(phi)
@@ -118,6 +124,7 @@ def test_every_column_of_the_matrix_is_used() -> None:
         np.testing.assert_allclose(so3.to_quaternion(so3.from_quaternion(q)[None])[0], q, atol=2e-16)
 
 
+@unhurried
 @given(quaternions, quaternions, vectors)
 def test_casadi_twins(p: np.ndarray, q: np.ndarray, phi: np.ndarray) -> None:
     np.testing.assert_allclose(TWINS["compose"](p, q).full().ravel(), quaternion.compose(p, q), atol=2e-15)
@@ -148,6 +155,7 @@ def _twins() -> dict[str, ca.Function]:
 TWINS = _twins()
 
 
+@unhurried
 @given(quaternions, vectors)
 def test_project_returns_the_nearest_rotation(q: np.ndarray, noise: np.ndarray) -> None:
     rotation = so3.from_quaternion(q)

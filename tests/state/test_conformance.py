@@ -222,6 +222,10 @@ def test_check_names_what_is_wrong(state) -> None:
         state.check(x[:-1])
     with pytest.raises(InputError, match="real numbers"):
         state.check("upright")
+    with pytest.raises(InputError, match="real numbers"):
+        state.check(x + 1j)
+    with pytest.raises(InputError, match="real numbers"):
+        state.check([[1.0], [1.0, 2.0]])
     with pytest.raises(InputError, match="dx: got shape"):
         state.check_tangent(np.zeros(state.ndx + 1))
     with pytest.raises(InputError, match="dx: got nan"):

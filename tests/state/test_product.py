@@ -57,6 +57,10 @@ def test_what_cannot_be_built() -> None:
         ProductState()
     with pytest.raises(InputError, match="n: got 0"):
         StateVector(0)
+    with pytest.raises(InputError, match="n: got 2.5; expected a whole number"):
+        StateVector(2.5)
+    with pytest.raises(InputError, match="lower: .* expected 2 numbers"):
+        StateVector(2, lower=["low", "lower"])
     with pytest.raises(InputError, match="upper: .* expected 3 numbers"):
         StateVector(3, upper=np.ones(2))
     with pytest.raises(InputError, match="lower: got 1 at index 0; expected at most the upper bound, 0"):

@@ -12,4 +12,7 @@ Logarithms return rotation vectors of norm at most pi; at exactly pi, the one wi
 from lgmpc.lie import quaternion, se3, sek3, so3
 from lgmpc.lie.group import Group
 
-__all__ = ["Group", "quaternion", "se3", "sek3", "so3"]
+__all__ = ["GROUPS", "Group", "quaternion", "se3", "sek3", "so3"]
+
+GROUPS: tuple[Group, ...] = (so3, se3, sek3)
+"""The matrix groups; the type checker holds each module to the protocol."""

@@ -103,6 +103,11 @@ CASES = (
 )
 
 
+@pytest.fixture
+def cases() -> tuple[Case, ...]:
+    return CASES
+
+
 @pytest.fixture(params=CASES, ids=lambda case: case.name)
 def case(request: pytest.FixtureRequest) -> Case:
     return request.param

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from lgmpc.lie import GROUPS
+
 SYMBOLS = pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
 OF_TANGENTS = (
     "exp",
@@ -50,6 +52,11 @@ def assert_equal(got: Any, expected: np.ndarray, tolerance: float) -> None:
     """Absolute below 1, relative above."""
     expected = np.asarray(expected)
     np.testing.assert_allclose(np.asarray(got).reshape(expected.shape), expected, rtol=tolerance, atol=tolerance)
+
+
+def test_every_group_is_under_test(cases) -> None:
+    tested = {case.group.__name__ for case in cases}
+    assert tested == {group.__name__ for group in GROUPS}
 
 
 def test_exp_is_the_matrix_exponential(case, any_angle, length) -> None:

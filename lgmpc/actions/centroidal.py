@@ -46,7 +46,7 @@ __all__ = ["CentroidalAction"]
 class CentroidalAction(Action):
     """Centre of mass and momenta driven by contact forces, friction and normal force limited (see the module).
 
-    ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, contact after contact,
+    ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, for each contact,
     ``facets`` rows ``mu cos(pi/n) f_z - n_j . f >= 0`` and one row ``f_z``.
 
     Args:

@@ -32,9 +32,9 @@ class CentroidalMpc:
     """Plans contact forces over a horizon, from wherever the robot is, many times a second.
 
     Each :meth:`update` shifts the last plan to the present, takes the configured number of SQP steps from there and
-    returns the new plan. It does not raise on whatever numbers it is given: when an update fails, the last valid plan goes
-    on (its later part is for the present), with a status that says why; after several failures in a row the status is
-    STALE. The forces alone are constrained, so every update has a feasible solution.
+    returns the new plan. No numbers make it raise: when an update fails, the last valid plan goes on (its later part is
+    for the present), with a status that says why; after several failures in a row the status is STALE. The forces alone
+    are constrained, so every update has a feasible solution.
 
     Args:
         mass: of the robot, kg.
@@ -121,9 +121,10 @@ class CentroidalMpc:
             angular_momentum: (3,) about the centre of mass, N.m.s.
             contact_points: (nc, 3), or (N, nc, 3) an interval each, m.
             contact_flags: (nc,), or (N, nc): whether each foot is in contact.
-            x_reference: (9,), or (N+1, 9) a node each: [centre of mass; linear momentum; angular momentum] to stay near.
-            external_wrench: (6,), or (N, 6): [force; moment about the centre of mass] that acts on the robot besides the
-                contacts, as far as it is known; none if omitted.
+            x_reference: (9,), or (N+1, 9) a node each: [centre of mass; linear momentum; angular momentum] to stay
+                near.
+            external_wrench: (6,), or (N, 6): [force; moment about the centre of mass] that acts on the robot besides
+                the contacts, as far as it is known; none if omitted.
 
         Returns:
             The new plan, or after a failure the last valid one with the status that says why.
@@ -228,9 +229,16 @@ class CentroidalMpc:
         forces = self._u_reference[:n] * self._flags[:n, :, None]
         time_ = t if math.isfinite(t) else 0.0
         xs, forces = np.nan_to_num(np.tile(rest, (n + 1, 1))), np.nan_to_num(forces.reshape(n, nc, 3))
-        unknown = KktResidual(math.nan, math.nan, math.nan, math.nan)
         return CentroidalPlan(
-            time_, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, unknown, 0.0
+            time_,
+            self.settings.node_duration,
+            self.mass,
+            xs,
+            forces,
+            MpcStatus.NOT_FINITE,
+            0,
+            KktResidual.unknown(),
+            0.0,
         )
 
 

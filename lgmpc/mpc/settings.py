@@ -80,7 +80,7 @@ class CentroidalMpcSettings:
     facets: int = 8
     normal_force_min: float = 0.5
     normal_force_max: float = 30.0
-    qp_solver: str = "osqp"
+    qp_solver: str = "riccati"
     sqp_iterations: int = 1
     stale_after: int = 5
 

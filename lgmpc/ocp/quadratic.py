@@ -10,6 +10,7 @@ the whole problem in one pass and a solver picks its matrices' values with one i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -135,6 +136,17 @@ class KktResidual:
     constraint: float
     complementarity: float
 
+    @classmethod
+    def of(cls, output: Array) -> KktResidual:
+        """Read the output of a :func:`kkt_function`; all NaN if the point was not finite."""
+        *residuals, total = output.tolist()
+        return cls(*residuals) if math.isfinite(total) else cls.unknown()
+
+    @classmethod
+    def unknown(cls) -> KktResidual:
+        """The residual of no point: NaN."""
+        return cls(math.nan, math.nan, math.nan, math.nan)
+
     @property
     def largest(self) -> float:
         """The largest of the four; NaN if any is."""
@@ -150,7 +162,8 @@ def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
 
     Returns:
         ``(values (size, N), terminal_values, dxs (ndx, N+1), dus (nu, N), costates (ndx, N), multipliers (ng, N)) ->
-        residual (4,)``, in the order of :class:`KktResidual`.
+        residual (5,)``: the attributes of :class:`KktResidual`, and the sum of the point's numbers, which is finite
+        only if they are. :meth:`KktResidual.of` reads it.
     """
     n, ndx, nu, ng = structure.nodes, structure.ndx, structure.nu, structure.ng
     v, dx, dx_next = ca.SX.sym("v", structure.size), ca.SX.sym("dx", ndx), ca.SX.sym("dx_next", ndx)
@@ -162,12 +175,11 @@ def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
     gap = m["A"] @ dx + m["B"] @ du + m["b"] - dx_next
     row = m["C"] @ dx + m["D"] @ du
     above, below = m["upper"] - row, row - m["lower"]
-    outside = ca.fmax(ca.fmax(-above, -below), 0)
-    loose = ca.fmax(ca.fmin(ca.fmax(mu, 0), above), ca.fmin(ca.fmax(-mu, 0), below))
+    outside = _larger(_larger(-above, -below), ca.SX.zeros(ng))
+    loose = _larger(_smaller(_larger(mu, ca.SX.zeros(ng)), above), _smaller(_larger(-mu, ca.SX.zeros(ng)), below))
+    columns = (gradient_u, gap, outside, loose)
     stage = ca.Function(
-        f"{name}_kkt_stage",
-        [v, dx, dx_next, du, co, mu],
-        [gradient_x, *(_largest(e) for e in (gradient_u, gap, outside, loose))],
+        f"{name}_kkt_stage", [v, dx, dx_next, du, co, mu], [gradient_x, *(_largest(column) for column in columns)]
     )
     vs, vt = ca.MX.sym("values", structure.size, n), ca.MX.sym("terminal_values", structure.terminal_size)
     dxs, dus = ca.MX.sym("dxs", ndx, n + 1), ca.MX.sym("dus", nu, n)
@@ -176,15 +188,30 @@ def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
     t = {key: ca.MX(block.sparsity(), vt[block.where]) for key, block in structure.terminal_blocks.items()}
     gx_last = t["Q"] @ dxs[:, n] + t["q"]
     gx_inner = ca.horzcat(gx[:, 1:], gx_last) - cos
-    stationarity = ca.fmax(ca.mmax(ca.fabs(ca.vec(gx_inner))), ca.mmax(gu))
-    residual = ca.vertcat(stationarity, *(ca.mmax(e) for e in (gaps, outsides, looses)))
+    stationarity = ca.fmax(ca.norm_inf(ca.vec(gx_inner)), ca.mmax(gu))
+    # Comparisons and maxima pass over NaN; a sum does not.
+    total = sum((ca.sum1(ca.vec(point)) for point in (dxs, dus, cos, mus)), ca.MX(0))
+    residual = ca.vertcat(stationarity, *(ca.mmax(e) for e in (gaps, outsides, looses)), total)
     inputs = [vs, vt, dxs, dus, cos, mus]
     names = ["values", "terminal_values", "dxs", "dus", "costates", "multipliers"]
     return ca.Function(f"{name}_kkt_{n}", inputs, [residual], names, ["residual"])
 
 
+def _larger(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Elementwise maximum (by comparison: the C library's fmax is a call for each element)."""
+    return ca.if_else(a > b, a, b)
+
+
+def _smaller(a: ca.SX, b: ca.SX) -> ca.SX:
+    return ca.if_else(a < b, a, b)
+
+
 def _largest(column: ca.SX) -> ca.SX:
-    return ca.norm_inf(column) if column.numel() else ca.SX(0)
+    """Largest absolute value; 0 of an empty column."""
+    largest = ca.SX(0)
+    for entry in ca.vertsplit(column) if column.numel() else ():
+        largest = _larger(ca.fabs(entry), largest)
+    return largest
 
 
 def _blocks(function: ca.Function, names: tuple[str, ...]) -> tuple[dict[str, Block], int]:

@@ -11,7 +11,6 @@ dynamics' curvature times the costates; the limit satisfies the exact optimality
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -112,7 +111,7 @@ class SqpSolver:
     def __init__(
         self,
         problem: ShootingProblem,
-        qp_solver: str | Callable[[OcpQp], QpSolver] = "osqp",
+        qp_solver: str | Callable[[OcpQp], QpSolver] = "riccati",
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
@@ -123,7 +122,9 @@ class SqpSolver:
         self.us: Array = linearize.input("us").T
         self._parameters: Array = linearize.input("parameters").T
         self.qp = OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
-        self.qp_solver = make_qp_solver(qp_solver, self.qp) if isinstance(qp_solver, str) else qp_solver(self.qp)
+        self.qp_solver = (
+            make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
+        )
         self._preparation = 0.0
 
     def set_guess(self, trajectory: Trajectory) -> None:
@@ -168,7 +169,7 @@ class SqpSolver:
         """
         start = time.perf_counter()
         status = _AFTER_STEP[self._step(x0)]
-        kkt = self._residual(at_step=True) if status.usable else _UNKNOWN
+        kkt = self._residual(at_step=True) if status.usable else KktResidual.unknown()
         return self._result(status, 1, self.qp_solver.iterations, kkt, start, self._preparation)
 
     def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> SqpResult:
@@ -222,7 +223,7 @@ class SqpSolver:
         costates[...] = point.costates.T
         multipliers[...] = point.multipliers.T
         self._functions.kkt.run()
-        return KktResidual(*self._functions.kkt.outputs[0].tolist())
+        return KktResidual.of(self._functions.kkt.outputs[0])
 
     def _result(
         self, status: SqpStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
@@ -236,7 +237,6 @@ class SqpSolver:
         )
 
 
-_UNKNOWN = KktResidual(math.nan, math.nan, math.nan, math.nan)
 _AFTER_STEP = {
     QpStatus.SOLVED: SqpStatus.STEPPED,
     QpStatus.MAX_ITERATIONS: SqpStatus.INACCURATE,

@@ -10,6 +10,7 @@ from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
+from lgmpc.solvers.qp.riccati import RiccatiSettings, RiccatiSolver
 
 __all__ = [
     "QP_SOLVERS",
@@ -22,21 +23,30 @@ __all__ = [
     "QpSolution",
     "QpSolver",
     "QpStatus",
+    "RiccatiSettings",
+    "RiccatiSolver",
     "make_qp_solver",
 ]
 
-_MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {
-    "osqp": OsqpSolver,
-    "piqp": PiqpSolver,
-    "piqp_multistage": lambda qp: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
-    "proxqp": ProxqpSolver,
+_Progress = Callable[[str], None]
+_MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
+    "riccati": lambda qp, progress: RiccatiSolver(qp, progress=progress),
+    "piqp": lambda qp, _: PiqpSolver(qp),
+    "piqp_multistage": lambda qp, _: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
+    "osqp": lambda qp, _: OsqpSolver(qp),
+    "proxqp": lambda qp, _: ProxqpSolver(qp),
 }
 QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
 """Names that :func:`make_qp_solver` knows."""
 
 
-def make_qp_solver(name: str, qp: OcpQp) -> QpSolver:
+def make_qp_solver(name: str, qp: OcpQp, progress: Callable[[str], None] | None = None) -> QpSolver:
     """Make a solver with its standard settings, by the name that a config has.
+
+    Args:
+        name: one of :data:`QP_SOLVERS`.
+        qp: the problem.
+        progress: told what is being compiled, if something is.
 
     Raises:
         InputError: no such solver; names the nearest.
@@ -46,4 +56,4 @@ def make_qp_solver(name: str, qp: OcpQp) -> QpSolver:
         maker = _MAKERS[name]
     except KeyError:
         raise InputError("qp_solver", name, "a solver of quadratic programmes", QP_SOLVERS) from None
-    return maker(qp)
+    return maker(qp, progress)

@@ -23,7 +23,7 @@ from lgmpc.runs import PushInterval, Run, RunFolder, atomic_write, push_interval
 from lgmpc.viz.replay import export_html
 from lgmpc.viz.snapshot import headless_chromium, snapshots
 
-PANEL = (800, 600)
+PANEL = (800, 500)
 PAGE = """<!DOCTYPE html><meta charset="utf-8"><style>
 body {{ margin: 0; display: flex; gap: 4px; background: #fff; font: 22px system-ui, "DejaVu Sans", sans-serif; }}
 figure {{ margin: 0; width: {width}px; position: relative; }}
@@ -77,7 +77,8 @@ def draw(run: Run, pushes: tuple[PushInterval, ...]) -> bytes:
 def tell(run: Run, pushes: tuple[PushInterval, ...]) -> tuple[tuple[float, float], tuple[str, str]]:
     """Choose the two moments, s, and say what they show: the hardest push near its end, and the rest after it."""
     log = run.log
-    hardest = max(range(len(pushes)), key=lambda k: float(np.linalg.norm(pushes[k].impulse)))
+    # To three digits, so that of equally hard ones the first is taken, whatever the rounding of its components.
+    hardest = max(range(len(pushes)), key=lambda k: round(float(np.linalg.norm(pushes[k].impulse)), 3))
     push = pushes[hardest]
     pushed = push.start + 0.85 * (push.end - push.start)
     calm_until = pushes[hardest + 1].start if hardest + 1 < len(pushes) else float(log.time[-1])

@@ -148,8 +148,13 @@ def _measured(metrics: Metrics, field: str) -> float | None:
 
 def _sentence(words: _Words, value: float, limit: float, kind: str, field: str) -> str:
     bound = "at most" if kind == "max" else "at least"
-    shown, allowed = f"{words.scale * value:.3g}", f"{words.scale * limit:.3g}"
+    shown, allowed = _short(words.scale * value), _short(words.scale * limit)
     if shown == allowed:  # so close that three digits would read as a contradiction
         shown, allowed = f"{words.scale * value:.7g}", f"{words.scale * limit:.7g}"
     unit = f" {words.unit}" if words.unit else ""
     return f"{words.phrase} {shown}{unit}, allowed {bound} {allowed}{unit} ({field})"
+
+
+def _short(value: float) -> str:
+    """Three digits, but no exponent for what is merely large."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

@@ -67,7 +67,9 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     j = order[starts[vertex[i]] + np.arange(len(i)) - first[i]]
     smooth = np.einsum("ij,ij->i", unit[face[i]], unit[face[j]]) > np.cos(np.radians(CREASE_DEG))
     normals = np.add.reduceat((smooth * angle[j])[:, None] * unit[face[j]], first, axis=0)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    size = np.linalg.norm(normals, axis=1)
+    # The corner of a sliver may have no angle left in floating point: then its face's own normal.
+    normals = np.where((size > 1e-9)[:, None], normals / np.maximum(size, 1e-9)[:, None], unit[face])
 
     # Corners with the same vertex and the same normal become one again.
     key = np.column_stack((vertex, np.round(normals * 256.0).astype(np.int64)))

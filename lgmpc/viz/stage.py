@@ -16,6 +16,7 @@ FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the haze that it fades into."""
 
 _FIELD_OF_VIEW_DEG = 32.0
+_ASPECT = 1.6  # of a usual window: width over height
 _ELEVATION_DEG = 19.0
 _AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
 
@@ -79,18 +80,22 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
         impulses: (p, 3) of the pushes, N.s.
 
     Returns:
-        What the page needs, in the viewer's axes (y up): field of view, near and far planes, position, target, and for
-        each picture by how much to move both.
+        What the page needs, in the viewer's axes (y up): field of view, near and far planes, position, target, the
+        smallest ratio of width to height that this fits into, and for each picture by how much to move both.
     """
     size = float(np.linalg.norm(highest - lowest))
-    target = 0.5 * (lowest + highest)
-    away = 0.5 * size / math.sin(math.radians(0.5 * _FIELD_OF_VIEW_DEG)) * 1.02
     azimuths, elevation = np.radians(_AZIMUTHS_DEG), math.radians(_ELEVATION_DEG)
+    width, height = float(np.linalg.norm((highest - lowest)[:2])), float((highest - lowest)[2])
+    tangent = math.tan(math.radians(0.5 * _FIELD_OF_VIEW_DEG))
+    seen_height = height * math.cos(elevation) + width * math.sin(elevation)
+    # Its height may take three quarters of the picture, its width eight tenths; its near side looks larger.
+    middle = max(0.5 * seen_height / (0.75 * tangent), 0.5 * width / (0.8 * _ASPECT * tangent))
+    away = middle + 0.35 * width
     corners = np.column_stack((np.cos(azimuths), np.sin(azimuths)))
     corner = corners[np.argmin(corners @ impulses[:, :2].sum(axis=0))]
     offset = away * np.array([*(math.cos(elevation) * corner), math.sin(elevation)])
     # The time line covers the lower edge: the robot stands a little above the middle.
-    target = target - [0.0, 0.0, 0.1 * size]
+    target = 0.5 * (lowest + highest) - [0.0, 0.0, 0.16 * away * tangent]
     leaves = float(np.ptp(travel[:, :2], axis=0).max()) > 0.5 * size
     moves = (travel - travel[0]) * [1.0, 1.0, 0.0] if leaves else np.zeros((0, 3))
     return {
@@ -99,6 +104,7 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
         "far": 60.0 * size,
         "position": _y_up(target + offset).tolist(),
         "target": _y_up(target).tolist(),
+        "aspect": 0.5 * width / (0.8 * tangent * middle),
         "follow": np.round(_y_up(moves), 4).tolist(),
     }
 

@@ -59,7 +59,7 @@ def test_recording_costs_microseconds() -> None:
     tick = {name: np.zeros(recorder.log().arrays()[name].shape[1:]) for name in CHANNELS}
     tick["wbc_status"], tick["wbc_ms"], tick["time"] = 0, 0.1, 0.0
     best = min(_duration(recorder, tick) for _ in range(10))
-    assert best < 20e-6  # measured 2.5 us; the limit leaves room for a loaded machine
+    assert best < 20e-6  # measured 3.4 us; the limit leaves room for a loaded machine
 
 
 def _duration(recorder, tick) -> float:

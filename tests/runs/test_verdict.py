@@ -50,6 +50,11 @@ def test_a_value_on_the_limit_passes_and_a_hair_beyond_is_told_apart(standing) -
     assert reason == "the base tilted by 5.0001 deg, allowed at most 5 deg (max_tilt_deg)"
 
 
+def test_large_values_are_told_without_exponent(standing) -> None:
+    (reason,) = judge(replace(compute_metrics(standing), max_displacement_m=2.38), BALANCE).reasons
+    assert reason == "the base moved by 2380 mm, allowed at most 35 mm (max_displacement_m)"
+
+
 def test_a_fall_fails_an_empty_gate(changed) -> None:
     verdict = judge(compute_metrics(changed(lambda arrays: arrays["q"][620:, 2].fill(0.05))), Gate())
     assert verdict.reasons == ("the robot fell after 0.62 s",)

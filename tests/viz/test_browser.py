@@ -19,8 +19,6 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium"),
-    # Playwright's event loop leaves its closed pipes to the garbage collector.
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
 
 SIZE = (640, 480)
@@ -109,15 +107,18 @@ def test_what_was_taken_for_the_robot_is_the_robot(browser, page) -> None:
 
 
 def test_the_panels_work(browser, page) -> None:
-    tab = browser.new_page(viewport={"width": 1280, "height": 720})
+    tab = browser.new_page(viewport={"width": 800, "height": 570})
     problems: list[str] = []
     tab.on("pageerror", lambda error: problems.append(str(error)))
-    tab.goto(page.as_uri())
+    tab.goto(f"{page.as_uri()}#t=0.2")
     tab.evaluate("lgmpc.ready")
+    assert tab.inner_text("#now") == "0.20"
     assert tab.inner_text("#name") == "solo12_pushed"
     assert tab.inner_text("#verdict").lower() == "pass"
+    # Space plays and pauses; the time line seeks to where it is clicked; the push tells itself.
+    tab.keyboard.press("Space")
     assert tab.evaluate("document.getElementById('play').classList.contains('playing')")
-    # Space pauses; the time line seeks to where it is clicked; the push tells itself.
+    tab.wait_for_function("Number(document.getElementById('now').textContent) > 0.25")
     tab.keyboard.press("Space")
     assert not tab.evaluate("document.getElementById('play').classList.contains('playing')")
     line = tab.locator("#timeline").bounding_box()

@@ -71,6 +71,12 @@ def test_faces_of_no_area_are_left_out() -> None:
     assert np.isfinite(mesh.normals).all()
 
 
+def test_slivers_have_a_normal() -> None:
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1e-12, 0], [3, 0, 1e-17]])
+    mesh = shade(vertices, np.array([[0, 1, 2], [1, 2, 3]]))
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("geometry", "size"),
     [

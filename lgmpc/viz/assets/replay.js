@@ -21,8 +21,8 @@ async function start() {
   describe(content);
   addLegend(viewer, content.legend);
   const fit = () => {
-    // The framing was chosen for a landscape window; a narrower one steps back.
-    viewer.camera.zoom = Math.min(1, window.innerWidth / window.innerHeight / 1.35);
+    // A window too narrow for the framing steps back.
+    viewer.camera.zoom = Math.min(1, window.innerWidth / window.innerHeight / content.camera.aspect);
     viewer.set_dirty();
     player.draw();
   };
@@ -195,13 +195,14 @@ class Player {
     curve(series.moved, Math.max(...series.moved, 1), "#0072b2");
     curve(series.tilt, Math.max(...series.tilt, 0.1), "#8a5a9e");
     g.fillStyle = "#5b6877";
-    const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => duration / s <= 12) || 100;
+    const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => duration / s <= width / 60) || 100;
     for (let time = 0; time <= duration + 1e-9; time += step) {
       g.textAlign = time === 0 ? "left" : time > duration - 0.02 * duration ? "right" : "center";
       g.fillText(String(Number((this.content.start + time).toFixed(2))), x(time), height - 2);
     }
     g.fillStyle = "#1d2733";
     g.fillRect(x(this.time) - 1, 0, 2, bottom);
+    if (width < 400) return;
     g.textAlign = "right";
     g.fillStyle = "#0072b2";
     g.fillText(`moved, up to ${Math.max(...series.moved).toFixed(1)} mm`, width - 4, 24);

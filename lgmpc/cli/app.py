@@ -198,8 +198,11 @@ def check(
 @app.command()
 @guarded
 def doctor() -> None:
-    """Show what is installed, which compiler and cache are used, and test them."""
-    from lgmpc.cli.showing import show_diagnosis
+    """Show what is installed, which compiler and cache are used, and test them.
+
+    Exit code 0 if everything works, 1 if something is broken.
+    """
+    from lgmpc.cli.diagnosing import show_diagnosis
 
     raise typer.Exit(show_diagnosis())
 

@@ -146,7 +146,9 @@ def _figures(metrics: Metrics, gate: Gate) -> Table:
         highest = limit_name.startswith("max_")
         kept = value is not None and (value <= limit if highest else value >= limit)
         mark = Text("ok", "green") if kept else Text("broken", "bold red")
-        table.add_row(_name(limit_name), _number(value), f"{'<=' if highest else '>='} {_number(limit)}", mark)
+        name, scale = _name_and_scale(limit_name)
+        allowed = f"{'<=' if highest else '>='} {scale * limit:g}"
+        table.add_row(name, "-" if value is None else _number(scale * value), allowed, mark)
     for name, value in _always_shown(metrics):
         if value is not None:
             table.add_row(name, _number(value), "", "")
@@ -172,22 +174,22 @@ def _always_shown(metrics: Metrics) -> list[tuple[str, float | None]]:
 
 
 _UNITS = {
-    "n": "N",
-    "nm": "N.m",
-    "ms": "ms",
-    "m": "m",
-    "deg": "deg",
-    "s": "s",
+    "_rad_s": ("rad/s", 1.0),
+    "_deg": ("deg", 1.0),
+    "_nm": ("N.m", 1.0),
+    "_ms": ("ms", 1.0),
+    "_m": ("mm", 1e3),
+    "_n": ("N", 1.0),
 }
 
 
-def _name(limit: str) -> str:
-    """Return ``max_final_tilt_deg`` as "max final tilt / deg"."""
-    if limit.endswith("_rad_s"):
-        return f"{limit[:-6].replace('_', ' ')} / rad/s"
-    words, _, unit = limit.rpartition("_")
-    return f"{words.replace('_', ' ')} / {_UNITS[unit]}" if unit in _UNITS else limit.replace("_", " ")
+def _name_and_scale(limit: str) -> tuple[str, float]:
+    """Return ``max_slip_m`` as "max slip / mm" and 1000: the unit that its values read best in."""
+    for ending, (unit, scale) in _UNITS.items():
+        if limit.endswith(ending):
+            return f"{limit.removesuffix(ending).replace('_', ' ')} / {unit}", scale
+    return limit.replace("_", " "), 1.0
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+def _number(value: float) -> str:
+    return f"{value:.3g}" if value == 0 or abs(value) >= 1e-3 else f"{'<' if value > 0 else '>-'} 0.001"

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,8 @@ def test_a_run_that_keeps_its_gate_exits_with_0_and_can_be_repeated(result: Resu
     again = result("run", folder / "config.yaml", "--json", "--out", "again")
     content = json.loads(again.stdout)
     assert again.returncode == 0
-    assert content["verdict"] == "pass" and content["metrics"]["max_tilt_deg"] == run.result.metrics.max_tilt_deg  # type: ignore[union-attr]
-    assert RunFolder.load(tmp_path / content["folder"]).log.q.tobytes() == run.log.q.tobytes()
+    assert content["verdict"] == "pass"
+    assert RunFolder.load(tmp_path / content["folder"]).log.q.tobytes() == run.log.q.tobytes(), "not the same bits"
 
 
 def test_a_run_that_breaks_its_gate_exits_with_1_and_says_why(invoke: Invoke, tmp_path: Path) -> None:
@@ -52,6 +53,7 @@ def test_ctrl_c_saves_what_there_is_and_exits_with_130(start: Start, tmp_path: P
         assert process.stderr is not None and process.stdout is not None
         while "simulating" not in (line := process.stderr.readline()):
             assert line, "the run ended before it began"
+        time.sleep(0.5)
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130
         output, errors = process.stdout.read(), process.stderr.read()
@@ -69,4 +71,4 @@ def test_a_run_is_replayed_as_one_page(invoke: Invoke, tmp_path: Path) -> None:
     code, output = invoke("play", "latest", "--runs", tmp_path, "--html", page)
     assert code == 0
     assert str(page) in output
-    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert page.read_text(encoding="utf-8").lower().startswith("<!doctype html>")

@@ -58,7 +58,7 @@ BAD_VALUES = [
     ("mpc.enabled=1", "mpc.enabled: got 1; expected true or false"),
     ("mpc.nodes=2.5", "mpc.nodes: got 2.5; expected a whole number"),
     ("mpc.nodes=0", "mpc.nodes: got 0; expected a number not below 1"),
-    ("mpc.weights.com=-1", "mpc.weights.com: got -1; expected a number not below 0"),
+    ("mpc.weights.force=-1", "mpc.weights.force: got -1; expected a number not below 0"),
     ("mpc.normal_force_n=[5, 1]", "mpc.normal_force_n: got the list [5, 1]; expected [lowest, highest]"),
     ("wbc.friction_facets=2", "wbc.friction_facets: got 2; expected a number not below 3"),
     ("robot.effort_limit_nm=0", "robot.effort_limit_nm: got 0; expected a number greater than 0"),
@@ -95,7 +95,7 @@ def test_bad_values_say_where_what_came_and_what_was_expected(small: str, overri
 
 
 UNKNOWN_KEYS = [
-    ("mpc.rate_hzz=1", "mpc.rate_hzz: got an unknown key (value 1); expected a key of mpc. Did you mean mpc.rate_hz?"),
+    ("mpc.rate_hzz=1", "mpc.rate_hzz: got an unknown key (value 1); expected a key of mpc. Did you mean mpc.rate_hz"),
     ("plant.frction=1", "Did you mean plant.friction"),
     ("plant.Friction=1", "Did you mean plant.friction"),
     ("duration=5", "Did you mean duration_s?"),

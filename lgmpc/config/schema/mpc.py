@@ -17,7 +17,7 @@ class MpcWeights(Section):
     com: Vector3 = Field(default=(1e3, 1e3, 1e3), description="Position of the centre of mass [x, y, z], 1/m2.")
     linear_momentum: NonNegative = Field(default=10.0, description="Linear momentum, 1/(kg.m/s)2.")
     angular_momentum: NonNegative = Field(
-        default=1e3, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2."
+        default=10.0, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2."
     )
     force: NonNegative = Field(default=1e-3, description="Contact forces, from an even share of the weight, 1/N2.")
     terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
@@ -31,8 +31,8 @@ class MpcSection(Section):
     rate_hz: Positive = Field(default=100.0, description="Updates per second, Hz.")
     nodes: Count = Field(default=20, description="Number of nodes of the horizon.")
     node_s: Positive = Field(default=0.02, description="Time between nodes, s.")
-    qp_solver: Literal["osqp", "piqp", "proxqp"] = Field(
-        default="osqp", description="Solver of each quadratic programme."
+    qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
+        default="riccati", description="Solver of each quadratic programme."
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
@@ -42,7 +42,7 @@ class MpcSection(Section):
         default=(0.5, 30.0), description="[lowest, highest] normal force of a foot in contact, N."
     )
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=8, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+        default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     observer_time_s: Positive = Field(
         default=0.01, description="Time constant of the observer that estimates what pushes the robot, s."

@@ -27,9 +27,9 @@ class WbcWeights(Section):
     """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out."""
 
     com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
-    base_orientation: NonNegative = Field(default=1.0, description="Angular acceleration of the base.")
+    base_orientation: NonNegative = Field(default=0.1, description="Angular acceleration of the base.")
     base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
-    angular_momentum: NonNegative = Field(default=0.0, description="Rate of the centroidal angular momentum.")
+    angular_momentum: NonNegative = Field(default=100.0, description="Rate of the centroidal angular momentum.")
     posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
     stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
     swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
@@ -55,7 +55,7 @@ class WbcSection(Section):
     rate_hz: Positive = Field(default=1000.0, description="Ticks per second, Hz.")
     friction: Positive = Field(default=0.6, description="Friction coefficient that the controller relies on.")
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=8, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+        default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     normal_force_n: Range = Field(
         default=(0.1, 25.0), description="[lowest, highest] normal force of a foot in contact, N."

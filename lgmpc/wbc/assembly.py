@@ -36,8 +36,8 @@ class WholeBodyLimits:
         friction_facets: sides of the pyramid inscribed in the friction cone.
         normal_force_min: N, each stance foot.
         normal_force_max: N, each stance foot.
-        joint_horizon: s; a joint nears its position limits no faster than ``exp(-2 t / joint_horizon)`` and its velocity
-            limits no faster than ``exp(-t / joint_horizon)``, so that it passes neither.
+        joint_horizon: s; a joint nears its position limits no faster than ``exp(-2 t / joint_horizon)``, its velocity
+            limit no faster than ``exp(-t / joint_horizon)``, and so passes neither.
         joint_acceleration_max: rad/s^2, bound that the joint limits may ask for at most.
     """
 

@@ -54,7 +54,7 @@ class WholeBodySettings:
         force_weight: weight of staying near the reference contact forces.
         acceleration_weight: regularisation of joint-space accelerations.
         tolerance: residual at which ProxQP stops.
-        max_iterations: ProxQP's outer iterations.
+        max_iterations: ProxQP's outer iterations, each of at most 10 Newton steps.
         fallback_damping: N.m.s/rad, joint damping while the QP does not solve.
     """
 
@@ -141,15 +141,17 @@ class WholeBodyController:
 
     def sense(self, q: Array, v: Array) -> WholeBodyTerms:
         """Refresh :attr:`terms` at the measured state; call once a tick, before :meth:`solve`."""
-        self.terms.update(q, v)
+        with _quiet():
+            self.terms.update(q, v)
         return self.terms
 
     def solve(self, reference: WholeBodyReference) -> QpStatus:
         """Solve the QP at the sensed state; :attr:`tau`, :attr:`forces` and :attr:`acceleration` hold the result."""
-        self._stack.update(self.terms, reference)
-        self._assembly.update(self.terms, reference)
         solved_before = self.status is QpStatus.SOLVED
-        self.status = self._solver.solve()
+        with _quiet():
+            self._stack.update(self.terms, reference)
+            self._assembly.update(self.terms, reference)
+            self.status = self._solver.solve()
         if self.status is not QpStatus.SOLVED:
             self.failures += 1
             if solved_before:
@@ -168,3 +170,8 @@ class WholeBodyController:
     def damping(self) -> float:
         """Joint damping to add to :attr:`tau`, N.m.s/rad: zero after a solved tick."""
         return 0.0 if self.status is QpStatus.SOLVED else self.settings.fallback_damping
+
+
+def _quiet() -> np.errstate:
+    """Infinite numbers end in NOT_FINITE, not in a NumPy warning that may have been made an exception."""
+    return np.errstate(over="ignore", invalid="ignore")

@@ -45,7 +45,7 @@ def run_config(
 
     The folder is made first, so that a run never ends with nowhere to go, and removed again if the run cannot start or
     breaks. Ctrl-C during the simulation ends it between two ticks: what was recorded is saved, marked as interrupted.
-    A second Ctrl-C raises KeyboardInterrupt at once, and nothing is saved.
+    A second Ctrl-C acts at once, wherever the program is.
 
     Args:
         config: what to run.

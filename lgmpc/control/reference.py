@@ -52,6 +52,8 @@ class CircleReference:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, value, "a positive number")
+        if not np.isfinite(self.start):
+            raise InputError("start", self.start, "a finite number of seconds")
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return offset, velocity and acceleration; all three are continuous (the radius is a quintic in time)."""

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from lgmpc.control import CircleReference, StandReference
+from lgmpc.errors import InputError
+
+CIRCLE = CircleReference(radius=0.03, frequency=0.5, start=0.5, ramp=2.0)
+
+
+def test_standing_stays():
+    for rows in StandReference().sample(np.linspace(0, 1, 5)):
+        np.testing.assert_array_equal(rows, np.zeros((5, 3)))
+
+
+def test_velocity_and_acceleration_are_the_derivatives():
+    h = 1e-5
+    times = np.concatenate([np.linspace(0.0, 5.0, 301), [0.5, 0.5 + 1e-3, 2.5 - 1e-3, 2.5]])
+    offset, velocity, acceleration = CIRCLE.sample(times)
+    (before, v_before, _), (after, v_after, _) = CIRCLE.sample(times - h), CIRCLE.sample(times + h)
+    np.testing.assert_allclose(velocity, (after - before) / (2 * h), atol=1e-8)
+    np.testing.assert_allclose(acceleration, (v_after - v_before) / (2 * h), atol=1e-5)
+    assert np.abs(velocity).max() > 0.05 and np.abs(acceleration).max() > 0.1
+
+
+@pytest.mark.parametrize("seam", [0.5, 2.5])
+def test_twice_continuous_at_begin_and_end_of_the_ramp(seam):
+    below, above = (CIRCLE.sample(np.array([seam + side * 1e-9])) for side in (-1, 1))
+    for one, other in zip(below, above, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-7)
+
+
+def test_it_rests_first_and_then_holds_radius_and_frequency():
+    for rows in CIRCLE.sample(np.linspace(0.0, 0.5, 20)):
+        np.testing.assert_array_equal(rows, np.zeros((20, 3)))
+    times = np.linspace(2.5, 6.5, 200)
+    offset, velocity, acceleration = CIRCLE.sample(times)
+    np.testing.assert_allclose(np.linalg.norm(offset, axis=1), 0.03, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), 0.03 * np.pi, rtol=1e-12)
+    np.testing.assert_allclose(acceleration, -(np.pi**2) * offset, atol=1e-12)
+    np.testing.assert_allclose(CIRCLE.sample(times + 2.0)[0], offset, atol=1e-12)  # one turn in 2 s
+    assert not offset[:, 2].any()
+
+
+def test_the_radius_grows_without_overshoot():
+    radius = np.linalg.norm(CIRCLE.sample(np.linspace(0.5, 2.5, 500))[0], axis=1)
+    assert (np.diff(radius) >= 0).all() and radius[-1] == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("radius", 0.0), ("frequency", -0.5), ("ramp", 0.0), ("radius", np.nan), ("start", np.nan), ("start", np.inf)],
+)
+def test_circles_that_are_none_are_refused(argument, value):
+    with pytest.raises(InputError, match=f"^{argument}: got"):
+        CircleReference(**({"radius": 0.03, "frequency": 0.5} | {argument: value}))

@@ -1,0 +1,86 @@
+"""The observer on momenta whose rate is known in closed form."""
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.estimation import WrenchObserver
+
+PERIOD, TIME_CONSTANT = 1e-3, 0.02
+WRENCH = np.array([3.0, -2.0, 1.0, 0.2, -0.1, 0.05])
+
+
+def run(observer, wrench, ticks, known=lambda k: np.zeros(6)):
+    """Momentum integrates what is known and the wrench; the controller expects what is known and the estimate."""
+    momentum, estimates = np.zeros(6), []
+    for k in range(ticks):
+        estimates.append(observer.update(momentum).copy())
+        observer.expect(known(k) + observer.wrench)
+        momentum = momentum + PERIOD * (known(k) + wrench)
+    return np.array(estimates)
+
+
+@pytest.mark.parametrize("time_constant", [0.005, 0.02, 0.2])
+def test_a_constant_wrench_is_reached_exponentially(time_constant):
+    estimates = run(WrenchObserver(PERIOD, time_constant), WRENCH, 400)
+    t = PERIOD * np.arange(400)
+    expected = (1.0 - np.exp(-t / time_constant))[:, None] * WRENCH
+    np.testing.assert_allclose(estimates, expected, atol=1e-10)
+
+
+def test_what_is_known_is_not_taken_for_a_wrench():
+    def known(k):
+        return np.sin(0.3 * k + np.arange(6)) * (20.0, 20.0, 30.0, 1.0, 1.0, 1.0)
+
+    np.testing.assert_allclose(run(WrenchObserver(PERIOD, TIME_CONSTANT), np.zeros(6), 200, known), 0.0, atol=1e-9)
+    pushed = run(WrenchObserver(PERIOD, TIME_CONSTANT), WRENCH, 400, known)
+    np.testing.assert_allclose(pushed[-1], WRENCH, rtol=1e-7)
+
+
+def test_the_estimate_is_scaled_back_to_its_force_limit():
+    observer = WrenchObserver(PERIOD, TIME_CONSTANT, force_limit=2.0)
+    estimates = run(observer, WRENCH, 400)
+    sizes = np.linalg.norm(estimates[:, :3], axis=1)
+    assert sizes.max() == pytest.approx(2.0, rel=1e-12)
+    np.testing.assert_allclose(estimates[-1] / 2.0, WRENCH / np.linalg.norm(WRENCH[:3]), rtol=1e-9)
+
+
+def test_nothing_is_estimated_before_something_was_expected():
+    observer = WrenchObserver(PERIOD, TIME_CONSTANT)
+    for momentum in (np.ones(6), 5.0 * np.ones(6)):
+        np.testing.assert_array_equal(observer.update(momentum), 0.0)
+
+
+def test_reset_forgets():
+    observer = WrenchObserver(PERIOD, TIME_CONSTANT)
+    run(observer, WRENCH, 100)
+    observer.reset()
+    np.testing.assert_array_equal(observer.wrench, 0.0)
+    np.testing.assert_array_equal(observer.update(np.full(6, 50.0)), 0.0)  # no jump from the momentum before
+    observer.reset()
+    fresh = WrenchObserver(PERIOD, TIME_CONSTANT)
+    np.testing.assert_array_equal(run(observer, WRENCH, 50), run(fresh, WRENCH, 50))
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf])
+def test_poison_leaves_the_estimate_as_it_was(poison):
+    observer = WrenchObserver(PERIOD, TIME_CONSTANT)
+    run(observer, WRENCH, 100)
+    before = observer.wrench.copy()
+    observer.update(np.full(6, poison))  # a bad measurement spoils this difference and the next
+    observer.expect(before)
+    np.testing.assert_array_equal(observer.update(np.zeros(6)), before)
+    observer.expect(np.full(6, poison))
+    np.testing.assert_array_equal(observer.update(np.zeros(6)), before)
+    observer.expect(before)
+    observer.update(PERIOD * WRENCH)
+    assert np.isfinite(observer.wrench).all() and not np.array_equal(observer.wrench, before)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("period", 0.0), ("period", np.inf), ("time_constant", -1.0), ("force_limit", 0.0), ("force_limit", np.nan)],
+)
+def test_impossible_settings_are_refused(argument, value):
+    with pytest.raises(InputError, match=f"^{argument}: got"):
+        WrenchObserver(**({"period": PERIOD} | {argument: value}))

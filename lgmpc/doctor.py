@@ -230,7 +230,7 @@ def _solve_by_piqp() -> Array:
 
 
 def _solve_by_proxsuite() -> Array:
-    from proxsuite import proxqp
+    from lgmpc.proxqp import proxqp
 
     solver = proxqp.dense.QP(2, 1, 2)
     solver.settings.eps_abs = 1e-9

@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
 # Every room may import these: they are about no robot, no problem and no solver.
-FOUNDATION = "errors typing compile"
+FOUNDATION = "errors typing compile proxqp"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation simulation"
@@ -58,6 +58,7 @@ ARROWS: dict[str, str] = {
     "errors": "",
     "typing": "errors",
     "compile": "errors typing",
+    "proxqp": "",
     "": "",
 }
 
@@ -68,7 +69,7 @@ OWNERS: dict[str, str] = {
     "meshcat": "viz",
     "matplotlib": "viz",
     "playwright": "viz",
-    "proxsuite": "solvers wbc doctor",
+    "proxsuite": "proxqp",
     "osqp": "solvers doctor",
     "piqp": "solvers doctor",
     "pydantic": "config",

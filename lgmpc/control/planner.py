@@ -49,7 +49,8 @@ class CentroidalPlanner:
 
     Every tick the observer compares the change of the centroidal momentum with the forces of the last tick; every
     ``settings.every`` ticks the MPC plans anew from the measured momenta under the observed wrench; in between the plan
-    is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass by itself.
+    is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass and the
+    angular momentum by itself.
 
     Args:
         mpc: the receding-horizon controller.
@@ -65,10 +66,15 @@ class CentroidalPlanner:
     """
 
     def __init__(
-        self, mpc: CentroidalMpc, observer: WrenchObserver, reference: ComReference, tick_period: float, settings: PlannerSettings
+        self,
+        mpc: CentroidalMpc,
+        observer: WrenchObserver,
+        reference: ComReference,
+        tick_period: float,
+        settings: PlannerSettings,
     ) -> None:
         self.mpc = mpc
-        self._tick_times = tick_period * np.arange(settings.every)
+        self._tick_times: Array = tick_period * np.arange(settings.every, dtype=np.float64)
         self.observer = observer
         self.settings = settings
         self.plan: CentroidalPlan | None = None
@@ -76,7 +82,7 @@ class CentroidalPlanner:
         self.spent = 0.0
         self._reference = reference
         nodes, step = mpc.settings.nodes, mpc.settings.node_duration
-        self._node_times = step * np.arange(nodes + 1)
+        self._node_times: Array = step * np.arange(nodes + 1, dtype=np.float64)
         self._fading = np.exp(-self._node_times[:-1] / settings.wrench_decay_time)[:, None]
         self._uprighting = settings.uprighting_rate * np.exp(-settings.uprighting_rate * self._node_times)[:, None]
         self._x_reference = np.zeros((nodes + 1, 9))
@@ -130,7 +136,9 @@ class CentroidalPlanner:
             # All ticks until the next plan in one call: NumPy's cost per call is that of a hundred rows.
             self._motion = self.plan.sample_at(time + self._tick_times)
             self.spent = perf_counter() - started
-        if self._motion is not None and self.status is not MpcStatus.STALE:
+        if self._motion is None or self.status is MpcStatus.STALE:
+            self._let_go(tracked)
+        else:
             self._follow(self._motion, row, tracked)
 
     def _plan(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, wrench: Array) -> CentroidalPlan:
@@ -150,6 +158,12 @@ class CentroidalPlanner:
             reference,
             self._fading * wrench,
         )
+
+    @staticmethod
+    def _let_go(tracked: WholeBodyReference) -> None:
+        """Leave the centre of mass to the user's target, as without an MPC."""
+        tracked.angular_momentum[:] = 0.0
+        tracked.angular_momentum_rate[:] = 0.0
 
     @staticmethod
     def _follow(motion: CentroidalSample, row: int, tracked: WholeBodyReference) -> None:

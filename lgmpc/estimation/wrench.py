@@ -17,7 +17,7 @@ class WrenchObserver:
 
     The centroidal momentum obeys ``h' = sum_i [f_i; (p_i - c) x f_i] + [m g; 0] + w``. The controller knows which rate
     its own forces and its present estimate of ``w`` should give, ``A_G a + A_G' v`` at the acceleration ``a`` it asked
-    for; what the measured momentum did otherwise is the error of the estimate, and is filtered with time constant ``T``:
+    for; what the measured momentum did otherwise is the estimate's error, and is filtered with time constant ``T``:
     ``w <- w + (1 - exp(-dt / T)) ((h - h_last) / dt - expected rate)``.
     Same idea as the generalised-momentum observer of De Luca and Mattone (ICRA 2005), at the centroidal level.
 

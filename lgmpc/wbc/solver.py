@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-import proxsuite
-
+from lgmpc.proxqp import proxqp
 from lgmpc.typing import Array
 from lgmpc.wbc.assembly import QpAssembly
 
 __all__ = ["QpStatus", "WholeBodySolver"]
 
-_PROXQP = proxsuite.proxqp
 _INFEASIBILITY_TOLERANCE = 1e-10
 _NEWTON_STEPS = 10
 
@@ -38,7 +36,7 @@ class WholeBodySolver:
     def __init__(self, assembly: QpAssembly, tolerance: float = 1e-6, max_iterations: int = 200) -> None:
         self._assembly = assembly
         n, ne, ni = assembly.gradient.size, assembly.equality_rhs.size, assembly.lower.size
-        self._qp = _PROXQP.dense.QP(n, ne, ni, True)
+        self._qp = proxqp.dense.QP(n, ne, ni, True)
         settings = self._qp.settings
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
@@ -85,13 +83,13 @@ class WholeBodySolver:
         return status
 
     def _cold_start(self) -> QpStatus:
-        self._qp.settings.initial_guess = _PROXQP.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        self._qp.settings.initial_guess = proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
         self._qp.init(*self._data, False)
         self._qp.solve()
         return self._read_status()
 
     def _warm_start(self) -> QpStatus:
-        self._qp.settings.initial_guess = _PROXQP.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        self._qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._qp.update(*self._data, False)
         self._qp.solve()
         return self._read_status()
@@ -109,8 +107,8 @@ class WholeBodySolver:
 
     def _read_status(self) -> QpStatus:
         code = self._qp.results.info.status
-        if code == _PROXQP.QPSolverOutput.PROXQP_SOLVED:
+        if code == proxqp.QPSolverOutput.PROXQP_SOLVED:
             return QpStatus.SOLVED
-        if code == _PROXQP.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
+        if code == proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
             return QpStatus.MAX_ITERATIONS
         return QpStatus.INFEASIBLE

@@ -51,7 +51,7 @@ class ProxqpSolver:
 
     def __init__(self, qp: OcpQp, settings: ProxqpSettings | None = None) -> None:
         try:
-            from proxsuite import proxqp
+            from lgmpc.proxqp import proxqp
         except ImportError as error:
             install = 'pip install "proxsuite>=0.7,<0.9"'
             raise MissingDependencyError("proxsuite", "the QP solver 'proxqp'", install) from error

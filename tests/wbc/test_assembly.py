@@ -16,6 +16,7 @@ from lgmpc.wbc import (
     WholeBodySettings,
     WholeBodyTerms,
     friction_pyramid,
+    standing_tasks,
 )
 
 
@@ -42,6 +43,27 @@ def test_a_side_of_the_pyramid_faces_each_axis_for_multiples_of_four():
         for axis in ([1, 0], [-1, 0], [0, 1], [0, -1]):
             force = np.array([*(half_width * np.array(axis)), 1.0])
             assert (friction_pyramid(0.5, facets) @ force).max() == pytest.approx(0.0, abs=1e-15)
+
+
+def test_the_cost_is_the_weighted_sum_of_squares(solo12, random_state, standing, randomise):
+    settings, rng = WholeBodySettings(), np.random.default_rng(19)
+    terms, stack = WholeBodyTerms(solo12), TaskStack(standing_tasks(solo12, settings), solo12.nv)
+    qp = QpAssembly(solo12, stack, settings.limits, 0.3, 0.7)
+    for _ in range(2):  # the second update must not see the first
+        terms.update(*random_state(rng))
+        randomise(standing, terms, rng)
+        stack.update(terms, standing)
+        qp.update(terms, standing)
+
+    def cost(z):
+        a, f = z[:18], z[18:]
+        tasks = stack.weight @ (stack.jacobian @ a - stack.rhs) ** 2
+        return 0.5 * (tasks + 0.3 * np.sum((f - standing.contact_forces.ravel()) ** 2) + 0.7 * a @ a)
+
+    for _ in range(5):
+        z = rng.normal(size=30)
+        quadratic = 0.5 * z @ qp.hessian @ z + qp.gradient @ z
+        assert quadratic == pytest.approx(cost(z) - cost(np.zeros(30)), rel=1e-9)
 
 
 def external_forces(robot, data, points, forces, com, wrench):

@@ -143,6 +143,7 @@ def test_same_inputs_after_a_reset_give_the_same_bits(solo12, random_state, stan
         q[:3], v[:] = solo12.q_reference[:3], 0.2 * v
     controller = WholeBodyController(solo12, WholeBodySettings())
     first = commands(controller, states, standing)
+    np.testing.assert_array_equal(commands(controller, states, standing), first)
     kept = standing.com.copy()
     standing.com[0] = np.nan  # a failure in between leaves no trace either
     assert controller.solve(standing) is QpStatus.NOT_FINITE

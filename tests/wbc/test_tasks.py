@@ -219,6 +219,8 @@ def test_feet_switch_between_stance_and_swing_and_back(solo12, random_state):
     np.testing.assert_array_equal(stack.rhs[~swing], all_stance[1][~swing])
     jacobian, drift = terms.foot_centre(1)
     np.testing.assert_allclose(stack.rhs[swing], 400 * 0.1 - 40 * jacobian @ v - drift, rtol=1e-12)
+    reference.foot_position[1] = np.nan  # what a target was in the air is nothing to a foot that stands
+    stack.update(terms, reference)
     reference.stance[1] = True
     stack.update(terms, reference)
     for now, before in zip((stack.jacobian, stack.rhs, stack.weight), all_stance, strict=True):

@@ -135,6 +135,7 @@ class QpAssembly:
         for i in range(nc):
             self.inequality[nu + facets * i : nu + facets * (i + 1), nv + 3 * i : nv + 3 * i + 3] = pyramid
         self._joint_box_lower, self._joint_box_upper = self.box_lower[base:nv], self.box_upper[base:nv]
+        self._stance: list[bool] = []
         self._normal_lower, self._normal_upper = self.box_lower[nv + 2 :: 3], self.box_upper[nv + 2 :: 3]
 
     def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
@@ -142,8 +143,11 @@ class QpAssembly:
         self._objective(reference)
         self._dynamics(terms, reference)
         self._joint_bounds(terms)
-        np.multiply(reference.stance, self._limits.normal_force_min, out=self._normal_lower)
-        np.multiply(reference.stance, self._limits.normal_force_max, out=self._normal_upper)
+        stance = reference.stance.tolist()
+        if stance != self._stance:
+            self._stance = stance
+            np.multiply(stance, self._limits.normal_force_min, out=self._normal_lower)
+            np.multiply(stance, self._limits.normal_force_max, out=self._normal_upper)
 
     def torques(self, terms: WholeBodyTerms, solution: Array) -> Array:
         """Joint torques (nu,) that produce the QP's accelerations and forces: ``M_j a + h_j - J_cj^T f``."""

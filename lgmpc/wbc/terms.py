@@ -11,6 +11,9 @@ from lgmpc.typing import Array
 
 __all__ = ["WholeBodyTerms"]
 
+# p @ this = -[p]x, row by row: -[p]x w = w x p
+_MINUS_SKEW = np.stack([-pin.skew(axis).ravel() for axis in np.eye(3)])
+
 
 class WholeBodyTerms:
     """Dynamics and Jacobians at the measured state, refreshed by :meth:`update`.
@@ -101,13 +104,7 @@ class WholeBodyTerms:
             drifts[i] = pin.getFrameClassicalAcceleration(model, data, frame, aligned).np
             points[i] = self._frame_positions[i]
         points[:, 2] -= self.robot.contact_radius
-        x, y, z = points.T
-        shift[:, 0, 4] = z
-        shift[:, 1, 5] = x
-        shift[:, 2, 3] = y
-        np.negative(z, out=shift[:, 1, 3])
-        np.negative(y, out=shift[:, 0, 5])
-        np.negative(x, out=shift[:, 2, 4])
+        shift[:, :, 3:] = np.dot(points, _MINUS_SKEW).reshape(-1, 3, 3)
         np.dot(shift.reshape(-1, 6), self._joint_jacobian, out=self.contact_jacobian)
         self.contact_jacobian *= self._support
         np.dot(drifts, self._to_contact, out=self.contact_drift.reshape(-1, 3))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 from lgmpc.wbc.assembly import QpAssembly, WholeBodyLimits
@@ -56,6 +58,9 @@ class WholeBodySettings:
         tolerance: residual at which ProxQP stops.
         max_iterations: ProxQP's outer iterations, each of at most 10 Newton steps.
         fallback_damping: N.m.s/rad, joint damping while the QP does not solve.
+
+    Raises:
+        InputError: if a weight or the damping is negative, or the tolerance or the iterations are not positive.
     """
 
     limits: WholeBodyLimits = field(default_factory=WholeBodyLimits)
@@ -75,9 +80,22 @@ class WholeBodySettings:
     swing_gain: Gain = Gain(400.0, 40.0)
     force_weight: float = 1e-4
     acceleration_weight: float = 1e-6
-    tolerance: float = 1e-6
+    tolerance: float = 1e-5
     max_iterations: int = 200
     fallback_damping: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse values that no QP can have; the tasks check their own weights and gains."""
+        for name in ("base_position_weight", "angular_momentum_weight", "force_weight", "acceleration_weight"):
+            self._require(name, getattr(self, name) >= 0, "not negative")
+        self._require("fallback_damping", self.fallback_damping >= 0, "not negative")
+        self._require("tolerance", self.tolerance > 0, "a positive number")
+        self._require("max_iterations", self.max_iterations >= 1, "at least 1")
+
+    def _require(self, name: str, right: bool, expected: str) -> None:
+        value = getattr(self, name)
+        if not (right and math.isfinite(value)):
+            raise InputError(name, value, f"{expected}, finite")
 
 
 def standing_tasks(robot: Robot, settings: WholeBodySettings) -> list[Task]:

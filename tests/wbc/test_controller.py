@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc.errors import InputError
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.wbc import (
     QpStatus,
@@ -159,6 +160,22 @@ def test_tasks_without_weight_are_left_out(solo12):
 
     assert names() == ["feet", "com", "base_orientation", "posture"]
     assert names(base_position_weight=1.0, angular_momentum_weight=1.0)[-2:] == ["base_position", "angular_momentum"]
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("angular_momentum_weight", -1.0),
+        ("force_weight", np.nan),
+        ("acceleration_weight", np.inf),
+        ("tolerance", 0.0),
+        ("max_iterations", 0),
+        ("fallback_damping", -0.1),
+    ],
+)
+def test_impossible_settings_are_refused(argument, value):
+    with pytest.raises(InputError, match=f"^{argument}: got {value}"):
+        WholeBodySettings(**{argument: value})
 
 
 def closed_loop(robot, duration, push=(0.0, 0.0, 0.0)):

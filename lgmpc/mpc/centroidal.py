@@ -142,14 +142,15 @@ class CentroidalMpc:
         # One sum over all numbers shows any NaN or infinity among them.
         if not math.isfinite(t + float(x0.sum()) + float(self.problem.parameters.sum())):
             return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
-        self._warm_start(t, x0)
         qp_iterations = 0
-        for _ in range(self.settings.sqp_iterations):
-            self.solver.prepare()
-            result = self.solver.feedback(x0)
-            qp_iterations += result.qp_iterations
-            if not self._is_acceptable(result):
-                return self._fall_back(_FAILURES[result.status], t, qp_iterations, start)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers end in a status, not in a warning
+            self._warm_start(t, x0)
+            for _ in range(self.settings.sqp_iterations):
+                self.solver.prepare()
+                result = self.solver.feedback(x0)
+                qp_iterations += result.qp_iterations
+                if not self._is_acceptable(result):
+                    return self._fall_back(_FAILURES[result.status], t, qp_iterations, start)
         return self._accept(t, result, qp_iterations, start)
 
     def _load(self, points: Array, flags: Array | BoolArray, x_reference: Array, wrench: Array | None) -> None:

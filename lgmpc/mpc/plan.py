@@ -97,8 +97,8 @@ class CentroidalPlan:
         """Return the predicted motion at ``times`` (n,) s, every array with n rows.
 
         Before the first node it is that of the first, after the last that of the last; between nodes it is the motion
-        under the interval's constant forces (:mod:`lgmpc.actions.centroidal`): linear momentum linear in time, centre of
-        mass quadratic, angular momentum cubic.
+        under the interval's constant forces (:mod:`lgmpc.actions.centroidal`): linear momentum linear in time, centre
+        of mass quadratic, angular momentum cubic.
         """
         h, m, last = self.node_duration, self.mass, len(self.forces) - 1
         elapsed = np.minimum(np.maximum(times - self.time, 0.0), h * (last + 1))
@@ -111,13 +111,23 @@ class CentroidalPlan:
         momentum = l + s * resultant
         com = c + (s / m) * (l + (0.5 * s) * resultant)
         # k' = moment - c(t) x total, where the moment about the origin is constant: the end of the interval gives it.
-        moment = (x_next[:, 6:9] - x[:, 6:9] + np.cross(_com_integral(c, l, resultant, h, m), total)) / h
-        angular = x[:, 6:9] + s * moment - np.cross(_com_integral(c, l, resultant, s, m), total)
+        moment = (x_next[:, 6:9] - x[:, 6:9] + _cross(_com_integral(c, l, resultant, h, m), total)) / h
+        angular = x[:, 6:9] + s * moment - _cross(_com_integral(c, l, resultant, s, m), total)
         return CentroidalSample(
-            com, momentum / m, resultant / m, momentum, angular, moment - np.cross(com, total), forces
+            com, momentum / m, resultant / m, momentum, angular, moment - _cross(com, total), forces
         )
 
 
 def _com_integral(c: Array, l: Array, resultant: Array, t: Array | float, m: float) -> Array:  # noqa: E741
     integral: Array = t * c + (t * t / (2.0 * m)) * (l + (t / 3.0) * resultant)
     return integral
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of rows (n, 3), in a fraction of the time that np.cross takes for few rows."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    product = np.empty_like(a)
+    product[:, 0] = ay * bz - az * by
+    product[:, 1] = az * bx - ax * bz
+    product[:, 2] = ax * by - ay * bx
+    return product

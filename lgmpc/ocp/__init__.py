@@ -1,4 +1,4 @@
-"""Optimal control problems: data, compiled horizon functions, the linear-quadratic subproblem, the NLP transcription."""
+"""Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory

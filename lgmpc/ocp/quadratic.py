@@ -4,8 +4,8 @@
                 + 1/2 dx_N^T Q_N dx_N + q_N^T dx_N
     subject to  dx_{k+1} = A_k dx_k + B_k du_k + b_k,     lower_k <= C_k dx_k + D_k du_k <= upper_k,    dx_0 given
 
-Only entries that are not structurally zero are stored, all blocks of a stage in a row, so that a compiled function writes
-the whole problem in one pass and a solver picks its matrices' values with one index array.
+Only entries that are not structurally zero are stored, all blocks of a stage in a row, so that a compiled function
+writes the whole problem in one pass and a solver picks its matrices' values with one index array.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class MultipleShooting:
     """The nonlinear programme ``min f(z; p)  subject to  lower <= g(z; p) <= upper``.
 
     z holds, interval after interval, du_k and dx_{k+1}; g holds first all gaps of the dynamics, then all path
-    constraints. p holds the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np), in this order.
+    constraints. p holds the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np).
 
     Attributes:
         programme: CasADi's dictionary with x, p, f and g.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -68,12 +69,21 @@ class IpoptSolver:
     def __init__(self, problem: ShootingProblem, tolerance: float = 1e-10, max_iterations: int = 200) -> None:
         self.problem = problem
         self._shooting = transcribe(problem.action, problem.nodes)
-        options = {
+        programme: Any = self._shooting.programme
+        options: Any = {
             "print_time": False,
             "error_on_fail": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": max_iterations},
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": tolerance,
+                "compl_inf_tol": tolerance,  # of the unscaled problem, as the next: tol itself is relative
+                "dual_inf_tol": 1e2 * tolerance,
+                "max_iter": max_iterations,
+                "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value
+            },
         }
-        self._solver = ca.nlpsol("ipopt", "ipopt", self._shooting.programme, options)
+        self._solver = ca.nlpsol("ipopt", "ipopt", programme, options)
 
     def solve(self, guess: Trajectory) -> NlpResult:
         """Solve from a guess (whose first state is replaced by the problem's)."""

@@ -127,6 +127,11 @@ class SqpSolver:
         )
         self._preparation = 0.0
 
+    @property
+    def compiled(self) -> bool:
+        """Whether the horizon's functions are machine code."""
+        return self._functions.linearize.compiled
+
     def set_guess(self, trajectory: Trajectory) -> None:
         """Start from a trajectory; multipliers start from zero.
 

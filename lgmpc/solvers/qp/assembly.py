@@ -110,6 +110,7 @@ class SparseAssembly:
         equality = np.hstack([place("A", later, row_at, x_at), place("B", stages, row_at, u_at), successors])
         row_at = stages * ng
         inequality = np.hstack([place("C", later, row_at, x_at), place("D", stages, row_at, u_at)])
+        self.constraints: tuple[GatheredMatrix, ...]
         if stacked:
             inequality[0] += self.equalities
             shape = (self.equalities + self.inequalities, self.size)
@@ -148,6 +149,8 @@ class SparseAssembly:
 
     def load_vectors(self, dx0: Array) -> bool:
         """Take c, e and the bounds from the problem for the first state dx0 (ndx,); False if they hold NaN."""
+        if not _is_finite(dx0):
+            return False
         qp, blocks = self.qp, self.qp.structure.blocks
         self._gradient_u[:] = qp.vector("r")
         self._gradient_x[:-1] = qp.vector("q")[1:]

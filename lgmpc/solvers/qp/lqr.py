@@ -15,6 +15,8 @@ and the roll-out ``du = -L^-T (Y dx + y)``. Structural zeros cost nothing, and s
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 
 from lgmpc.ocp import OcpQpStructure
@@ -48,7 +50,7 @@ def lqr_function(structure: OcpQpStructure, name: str) -> ca.Function:
         cost, factor = backward(togo[0], values[:, k], weights[:, k], targets[:, k])
         togo.insert(0, cost)
         factors.insert(0, factor)
-    stages: list[tuple[ca.MX, ...]] = []
+    stages: list[Any] = []
     dx = dx0
     for k in range(n):
         stages.append(forward(dx, values[:, k], factors[k], togo[k + 1]))
@@ -131,7 +133,7 @@ def _gram(start: ca.SX, *factors: tuple[ca.SX, ca.SX]) -> ca.SX:
 
 
 def _cholesky(matrix: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the triangle L with ``L L^T = matrix`` from the matrix' lower triangle, and the inverses of L's diagonal."""
+    """Return L with ``L L^T = matrix``, of which the lower triangle is given, and the inverses of L's diagonal."""
     n = matrix.shape[0]
     lower, inverse = ca.SX.zeros(ca.Sparsity.lower(n)), ca.SX.zeros(n)
     for j in range(n):

@@ -1,4 +1,4 @@
-"""OSQP: operator splitting, cheapest when it starts close to the solution (Stellato et al., Math. Prog. Comp. 12, 2020).
+"""OSQP: operator splitting, fast where it starts close to the solution (Stellato et al., Math. Prog. Comp. 2020).
 
 Every setting that would depend on the clock is fixed: the same inputs give the same bits.
 """
@@ -42,9 +42,9 @@ class OsqpSettings:
         polish: solve once more with the active constraints as equalities, for full accuracy.
     """
 
-    tolerance: float = 1e-4
+    tolerance: float = 1e-5
     max_iterations: int = 400
-    rho: float = 0.1
+    rho: float = 1.0
     check_interval: int = 5
     polish: bool = False
 

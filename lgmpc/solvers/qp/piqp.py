@@ -16,6 +16,7 @@ from lgmpc.typing import Array
 __all__ = ["PiqpSettings", "PiqpSolver"]
 
 KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
+_FAR = 1e3  # times the tolerance: a point that is further from feasible than this is no approximate solution
 _STATUS = {
     "PIQP_SOLVED": QpStatus.SOLVED,
     "PIQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
@@ -48,7 +49,7 @@ class PiqpSettings:
 
 
 class PiqpSolver:
-    """:class:`~lgmpc.solvers.qp.QpSolver` on PIQP. An interior point method gains nothing from a warm start: it has none.
+    """:class:`~lgmpc.solvers.qp.QpSolver` on PIQP. It has no warm start.
 
     Args:
         qp: the problem.
@@ -107,6 +108,8 @@ class PiqpSolver:
         result = self._solver.result
         self.iterations = int(result.info.iter)
         status = _STATUS.get(code.name, QpStatus.NUMERICAL)
+        if status is QpStatus.MAX_ITERATIONS and result.info.primal_res > _FAR * self.settings.tolerance:
+            status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove as much
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             a.z[:] = result.x
             a.y[:m] = result.y

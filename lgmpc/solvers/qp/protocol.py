@@ -17,7 +17,7 @@ class QpStatus(Enum):
 
     SOLVED = "nothing to do"
     MAX_ITERATIONS = "raise max_iterations, loosen the tolerance, or scale the weights closer together"
-    INFEASIBLE = "no point satisfies the constraints: check the bounds for contradictions"
+    INFEASIBLE = "no point was found that satisfies the constraints: check the bounds for contradictions"
     UNBOUNDED = "the cost has no minimum: give every control a positive weight"
     NUMERICAL = "the matrices are too badly scaled: bring the weights closer together"
     NOT_FINITE = "the problem's data holds NaN or infinity: check state, references and parameters"

@@ -30,10 +30,13 @@ class ProxqpSettings:
     Attributes:
         tolerance: absolute residual at which it stops.
         max_iterations: outer iterations.
+        max_inner_iterations: within each of them. Both are low: with hundreds of active rows the method may need
+            thousands, and they take milliseconds each.
     """
 
     tolerance: float = 1e-6
-    max_iterations: int = 200
+    max_iterations: int = 20
+    max_inner_iterations: int = 50
 
 
 class ProxqpSolver:
@@ -90,6 +93,7 @@ class ProxqpSolver:
             self._solver.settings.eps_abs = self.settings.tolerance
             self._solver.settings.eps_rel = 0.0
             self._solver.settings.max_iter = self.settings.max_iterations
+            self._solver.settings.max_iter_in = self.settings.max_inner_iterations
             self._solver.settings.initial_guess = self._module.InitialGuess.WARM_START
             self._solver.init(*data)
         else:

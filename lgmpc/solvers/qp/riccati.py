@@ -10,9 +10,9 @@ method (Qi and Sun, "A nonsmooth version of Newton's method", Math. Prog. 58, 19
 last point until they stay the same; then ``mu <- rho (row + mu / rho - nearest point)`` (Hestenes' and Powell's method
 of multipliers), which with a large rho is exact after one or two rounds.
 
-A receding horizon changes its active rows little from one solve to the next. So the sweeps mostly confirm the guess that
-the multipliers make, one or two of them. When they do not get there (phi does not fall, or their number is used up: a
-hard push has just begun or ended, with a hundred rows or more at their bounds), an interior point method takes over.
+A receding horizon changes its active rows little from one solve to the next, so one or two sweeps mostly confirm the
+guess that the multipliers make. When they do not get there (phi does not fall, or their number is used up: in a hard
+push, with a hundred rows and more at their bounds), an interior point method takes over.
 """
 
 from __future__ import annotations
@@ -121,6 +121,8 @@ class RiccatiSolver:
         """Solve by active sets; False, and nothing written, if that did not work out."""
         settings, lqr, rows, lower, upper = self.settings, self._lqr, self._rows, self._lower, self._upper
         rho = settings.penalty * float(self._values[0, self._control_weights].max())
+        if not rho > 0.0:
+            return False
         mu = self.solution.multipliers
         low, high = lower - mu / rho, upper - mu / rho
         nearest = np.clip(0.0, low, high)  # the zero step is the first point
@@ -130,6 +132,9 @@ class RiccatiSolver:
             np.multiply(outside != 0.0, rho, out=self._weights)
             self._targets[:] = nearest
             lqr.run()
+            cost = float(lqr.output("cost")[0])
+            if not math.isfinite(cost):
+                return False
             nearest = np.clip(rows, low, high)
             outside = rows - nearest
             penalised = self._weights * (rows - self._targets)  # multipliers with which this point is stationary
@@ -145,8 +150,8 @@ class RiccatiSolver:
                 phi = math.inf
                 continue
             before = phi
-            phi = float(lqr.output("cost")[0]) + 0.5 * rho * float(np.vdot(outside, outside))
-            if not phi < before:  # also if it is NaN
+            phi = cost + 0.5 * rho * float(np.vdot(outside, outside))
+            if phi >= before:
                 return False
         return False
 

@@ -1,0 +1,248 @@
+from __future__ import annotations
+
+import logging
+import math
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, CentroidalPlan, CentroidalWeights, MpcStatus
+from lgmpc.solvers.qp import QP_SOLVERS
+
+MASS = 2.5
+FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
+STANCE = np.ones(4)
+
+
+def make(**change: object) -> CentroidalMpc:
+    return CentroidalMpc(MASS, 4, CentroidalMpcSettings(**change))
+
+
+def update(mpc: CentroidalMpc, t: float, x: np.ndarray, **change: object) -> CentroidalPlan:
+    inputs = {"contact_points": FEET, "contact_flags": STANCE, "x_reference": STANDING, "external_wrench": None}
+    return mpc.update(t, x[:3], x[3:6], x[6:9], **{**inputs, **change})
+
+
+def advance(mpc: CentroidalMpc, x: np.ndarray, forces: np.ndarray, wrench: np.ndarray, period: float) -> np.ndarray:
+    """Move the controller's exact model."""
+    action = mpc.problem.action
+    p = mpc.problem.parameters[0].copy()
+    p[action.parameters["duration"]] = period
+    p[action.parameters["external_wrench"]] = wrench
+    return action.evaluate(x, forces.ravel(), p).x_next
+
+
+def closed_loop(
+    mpc: CentroidalMpc, impulse: tuple[float, float], seconds: float = 1.5
+) -> tuple[np.ndarray, list[CentroidalPlan]]:
+    """Push for 0.2 s from 0.1 s on, which the controller is not told."""
+    x, states, plans = STANDING.copy(), [], []
+    for i in range(round(seconds / 0.01)):
+        wrench = np.zeros(6)
+        if 10 <= i < 30:
+            wrench[:2] = np.array(impulse) / 0.2
+        plans.append(update(mpc, i * 0.01, x))
+        x = advance(mpc, x, plans[-1].first_forces, wrench, 0.01)
+        states.append(x)
+    return np.array(states), plans
+
+
+def test_standing_still_needs_the_weight_shared_evenly() -> None:
+    plan = update(make(), 0.0, STANDING)
+    assert plan.status is MpcStatus.SOLVED
+    np.testing.assert_allclose(plan.forces, np.tile([0.0, 0.0, MASS * 9.81 / 4], (20, 4, 1)), atol=1e-9)
+    np.testing.assert_allclose(plan.xs, np.tile(STANDING, (21, 1)), atol=1e-12)
+    assert plan.end == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("qp_solver", QP_SOLVERS)
+def test_pushed_model_comes_back_with_forces_that_do_not_slip(qp_solver: str) -> None:
+    mpc = make(qp_solver=qp_solver)
+    states, plans = closed_loop(mpc, (1.4, 1.4))
+    assert np.abs(states[:, :2]).max() > 9e-3  # it is moved
+    np.testing.assert_allclose(states[-1, :3], STANDING[:3], atol=2e-3)
+    np.testing.assert_allclose(states[-1, 3:], 0.0, atol=2e-2)
+    assert mpc.failures == 0
+    forces = np.array([plan.forces for plan in plans])
+    slip = np.linalg.norm(forces[..., :2], axis=-1) - 0.6 * forces[..., 2]
+    assert slip.max() < 0.02  # N; OSQP is loose, the others are below 1e-5
+    assert forces[..., 2].min() > 0.5 - 0.02 and forces[..., 2].max() < 30.0 + 0.02
+    used = np.linalg.norm(forces[:, 0, :, :2], axis=-1) / forces[:, 0, :, 2]
+    assert used.max() > 0.55  # friction is used to its limit
+
+
+def test_known_wrench_is_met_at_once() -> None:
+    blind, told = make(), make()
+    wrench = np.array([8.0, 0.0, 0.0, 0.0, 0.1, 0.0])
+    x_blind, x_told = STANDING, STANDING
+    for i in range(20):
+        plan = update(blind, i * 0.01, x_blind)
+        x_blind = advance(blind, x_blind, plan.first_forces, wrench, 0.01)
+        plan = update(told, i * 0.01, x_told, external_wrench=wrench)
+        x_told = advance(told, x_told, plan.first_forces, wrench, 0.01)
+    assert abs(x_told[0]) < 0.1 * abs(x_blind[0])
+    assert plan.first_forces[:, 0].sum() == pytest.approx(-8.0, abs=0.3)
+
+
+def test_vertical_acceleration_is_used_to_gain_friction() -> None:
+    plan = update(make(), 0.0, STANDING + [0, 0, 0, 2.5, 0, 0, 0, 0, 0])
+    assert plan.first_forces[:, 2].sum() > 1.5 * MASS * 9.81
+
+
+def test_foot_in_the_air_has_exactly_no_force() -> None:
+    flags = np.ones((20, 4))
+    flags[5:12, 2] = 0.0
+    for qp_solver in QP_SOLVERS:
+        plan = update(make(qp_solver=qp_solver), 0.0, STANDING, contact_flags=flags)
+        assert plan.status is MpcStatus.SOLVED
+        assert (plan.forces[5:12, 2] == 0.0).all()
+        assert (np.delete(plan.forces, 2, axis=1)[5:12, :, 2] >= 0.49).all()
+        assert np.abs(plan.forces[:5, 2, 2]).min() > 0.4
+
+
+def test_references_and_points_may_differ_from_node_to_node() -> None:
+    mpc = make()
+    reference = np.tile(STANDING, (21, 1))
+    reference[:, 1] = np.linspace(0.0, 0.03, 21)
+    reference[:, 4] = MASS * 0.03 / 0.4
+    points = np.tile(FEET, (20, 1, 1))
+    points[10:, :, 0] += 0.02
+    plan = update(mpc, 0.0, reference[0], x_reference=reference, contact_points=points, contact_flags=np.ones((20, 4)))
+    np.testing.assert_allclose(plan.xs[:, 1], reference[:, 1], atol=2e-4)
+    where = mpc.problem.action.parameters["contact_points"]
+    np.testing.assert_array_equal(mpc.problem.parameters[12, where].reshape(4, 3), points[12])
+
+
+def test_same_inputs_give_the_same_bits() -> None:
+    for qp_solver in QP_SOLVERS:
+        mpc = make(qp_solver=qp_solver)
+        first, _ = closed_loop(mpc, (0.5, 1.8), seconds=0.4)
+        mpc.reset()
+        again, _ = closed_loop(mpc, (0.5, 1.8), seconds=0.4)
+        other, _ = closed_loop(make(qp_solver=qp_solver), (0.5, 1.8), seconds=0.4)
+        np.testing.assert_array_equal(first, again)
+        np.testing.assert_array_equal(first, other)
+
+
+def test_more_iterations_change_little() -> None:
+    one, _ = closed_loop(make(), (1.4, 1.4), seconds=0.6)
+    three, _ = closed_loop(make(sqp_iterations=3), (1.4, 1.4), seconds=0.6)
+    assert 0.0 < np.abs(one[:, :3] - three[:, :3]).max() < 5e-4
+
+
+@pytest.mark.parametrize("broken", ["com", "wrench", "reference", "flags", "points", "time"])
+def test_not_finite_input_keeps_the_last_plan(broken: str, caplog: pytest.LogCaptureFixture) -> None:
+    mpc = make(stale_after=2)
+    good = update(mpc, 0.0, STANDING + [0.01, 0, 0, 0.1, 0, 0, 0, 0, 0])
+    x, t, change = STANDING.copy(), 0.01, {}
+    if broken == "com":
+        x[2] = np.nan
+    elif broken == "time":
+        t = math.nan
+    else:
+        name, value = {
+            "wrench": ("external_wrench", np.zeros(6)),
+            "reference": ("x_reference", STANDING.copy()),
+            "flags": ("contact_flags", STANCE.copy()),
+            "points": ("contact_points", FEET.copy()),
+        }[broken]
+        value.flat[1] = np.inf if broken == "wrench" else np.nan
+        change = {name: value}
+    with caplog.at_level(logging.WARNING):
+        plans = [update(mpc, t, x, **change) for _ in range(4)]
+    assert [plan.status for plan in plans] == [MpcStatus.NOT_FINITE] * 2 + [MpcStatus.STALE] * 2
+    for plan in plans:
+        assert plan.time == good.time
+        np.testing.assert_array_equal(plan.xs, good.xs)
+        np.testing.assert_array_equal(plan.forces, good.forces)
+    assert mpc.failures == mpc.failures_in_a_row == 4
+    assert len(caplog.records) == 1 and "NOT_FINITE" in caplog.text  # logged once, not every tick
+    recovered = update(mpc, 0.05, STANDING)
+    assert recovered.status is MpcStatus.SOLVED and recovered.time == 0.05
+    assert mpc.failures == 4 and mpc.failures_in_a_row == 0
+
+
+def test_before_any_success_the_weight_is_shared() -> None:
+    mpc = make()
+    plan = update(mpc, 0.3, np.full(9, np.nan), contact_flags=[1.0, 0.0, 1.0, 1.0])
+    assert plan.status is MpcStatus.NOT_FINITE
+    np.testing.assert_allclose(plan.first_forces[:, 2], MASS * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
+    np.testing.assert_array_equal(plan.sample(0.4).com, STANDING[:3])
+    assert update(mpc, 0.31, STANDING).status is MpcStatus.SOLVED
+
+
+@pytest.mark.parametrize("qp_solver", [name for name in QP_SOLVERS if name != "proxqp"])  # seconds, and a status
+@pytest.mark.parametrize("distance", [1.0, 1e3, 1e200])
+def test_absurd_states_end_in_a_status(qp_solver: str, distance: float) -> None:
+    mpc = make(qp_solver=qp_solver)
+    update(mpc, 0.0, STANDING)
+    for i in range(3):
+        plan = update(mpc, 0.01 * (i + 1), STANDING + distance * np.array([1, -1, 0.5, 2, 1, -1, 1, 1, 1]))
+        assert np.isfinite(plan.xs).all() and np.isfinite(plan.forces).all()
+        assert (plan.forces[..., 2] > -1.0).all() and (plan.forces[..., 2] < 31.0).all()
+    back = [update(mpc, 0.05, STANDING) for _ in range(8)]
+    assert all(plan.status.fresh for plan in back)
+    np.testing.assert_allclose(back[-1].first_forces[:, 2], MASS * 9.81 / 4, atol=0.05)
+
+
+@pytest.mark.parametrize("qp_solver", ["riccati", "piqp"])
+def test_saturated_forces_are_solved_for(qp_solver: str) -> None:
+    mpc = make(qp_solver=qp_solver)
+    plan = update(mpc, 0.0, STANDING + [0.3, -0.3, -0.1, 5.0, -5.0, -3.0, 0.5, 0.5, 0.2])
+    assert plan.status is MpcStatus.SOLVED
+    assert plan.first_forces[:, 2].max() == pytest.approx(30.0, abs=1e-4)
+    assert plan.kkt.constraint < 1e-5
+
+
+def test_time_may_jump() -> None:
+    mpc = make()
+    x = STANDING + [0.01, 0, 0, 0.2, 0, 0, 0, 0, 0]
+    fresh = update(make(), 0.0, x)
+    for t in (0.0, 0.0, 0.07, 0.4, 5.0, 1.0, -3.0):
+        plan = update(mpc, t, x)
+        assert plan.status is MpcStatus.SOLVED and plan.time == t
+        np.testing.assert_allclose(plan.xs, fresh.xs, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"contact_points": FEET[:3]},
+        {"contact_flags": np.ones(3)},
+        {"contact_flags": np.ones((19, 4))},
+        {"x_reference": np.zeros(6)},
+        {"x_reference": np.zeros((20, 9))},
+        {"external_wrench": np.zeros(3)},
+    ],
+)
+def test_wrong_shapes_are_named(change: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected contact_points \(4, 3\)"):
+        update(make(), 0.0, STANDING, **change)
+
+
+def test_wrong_measured_state_and_model_are_named() -> None:
+    with pytest.raises(InputError, match="measured state"):
+        make().update(0.0, np.zeros(2), np.zeros(3), np.zeros(3), FEET, STANCE, STANDING)
+    with pytest.raises(InputError, match="mass: got -1"):
+        CentroidalMpc(-1.0, 4)
+    with pytest.raises(InputError, match="contacts: got 0"):
+        CentroidalMpc(MASS, 0)
+    with pytest.raises(InputError, match="gravity: got NaN"):
+        CentroidalMpc(MASS, 4, gravity=(0.0, 0.0, math.nan))
+
+
+def test_weights_steer() -> None:
+    start = STANDING + [0.03, 0, 0, 0, 0, 0, 0, 0, 0]
+    stiff = update(make(), 0.0, start)
+    soft = CentroidalMpc(MASS, 4, CentroidalMpcSettings(weights=CentroidalWeights(com=(10.0, 1e3, 1e3))))
+    assert abs(stiff.xs[-1, 0]) < 0.3 * abs(update(soft, 0.0, start).xs[-1, 0])
+
+
+def test_update_is_fast_enough_for_the_loop() -> None:
+    mpc = make()
+    if not mpc.solver.compiled:
+        pytest.skip("interpreted")
+    times = [update(mpc, 0.01 * i, STANDING + [1e-3, 0, 0, 0, 0, 0, 0, 0, 0]).update_time for i in range(200)]
+    assert np.quantile(times, 0.25) < 1e-3  # 0.15 ms on an idle machine; a quarter, so that a busy one passes too

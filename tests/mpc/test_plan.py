@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lgmpc.mpc import CentroidalMpc, CentroidalPlan
+from lgmpc.mpc.centroidal import CentroidalMpc as Mpc
+
+MASS = 2.5
+FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[Mpc, CentroidalPlan]:
+    mpc = CentroidalMpc(MASS, 4)
+    x = STANDING + [0.01, -0.02, 0.0, 0.8, 0.9, -0.1, 0.05, -0.02, 0.01]
+    wrench = np.array([1.0, -2.0, 0.5, 0.02, 0.0, -0.03])
+    for _ in range(6):  # iterate, so that the plan satisfies the dynamics to rounding
+        plan = mpc.update(2.0, x[:3], x[3:6], x[6:9], FEET, np.ones(4), STANDING, wrench)
+    return mpc, plan
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.001, 0.0099, 0.0201, 0.1234, 0.395, 0.4])
+def test_sample_is_the_motion_under_the_interval_s_forces(planned: tuple[Mpc, CentroidalPlan], offset: float) -> None:
+    mpc, plan = planned
+    action = mpc.problem.action
+    k = min(int(offset / 0.02 + 1e-12), 19)
+    p = mpc.problem.parameters[k].copy()
+    p[action.parameters["duration"]] = offset - 0.02 * k
+    exact = action.evaluate(plan.xs[k], plan.forces[k].ravel(), p).x_next
+    sample = plan.sample(2.0 + offset)
+    np.testing.assert_allclose(sample.com, exact[:3], atol=1e-9)
+    np.testing.assert_allclose(sample.linear_momentum, exact[3:6], atol=1e-9)
+    np.testing.assert_allclose(sample.angular_momentum, exact[6:9], atol=1e-9)
+    np.testing.assert_allclose(sample.com_velocity, exact[3:6] / MASS, atol=1e-9)
+    np.testing.assert_array_equal(sample.forces, plan.forces[k])
+    force = plan.forces[k].sum(0) + MASS * np.array([0, 0, -9.81]) + p[action.parameters["external_wrench"]][:3]
+    np.testing.assert_allclose(sample.com_acceleration, force / MASS, atol=1e-7)
+    moment = np.cross(FEET - exact[:3], plan.forces[k]).sum(0) + p[action.parameters["external_wrench"]][3:]
+    np.testing.assert_allclose(sample.angular_momentum_rate, moment, atol=1e-7)
+
+
+def test_many_samples_are_each_one_sample(planned: tuple[Mpc, CentroidalPlan]) -> None:
+    _, plan = planned
+    times = np.array([1.9, 2.0, 2.013, 2.2, 2.4, 3.0])
+    rows = plan.sample_at(times)
+    for i, t in enumerate(times):
+        for name, value in vars(plan.sample(t)).items():
+            np.testing.assert_array_equal(getattr(rows, name)[i], value)
+
+
+def test_outside_the_horizon_its_ends_hold(planned: tuple[Mpc, CentroidalPlan]) -> None:
+    _, plan = planned
+    np.testing.assert_array_equal(plan.sample(0.0).com, plan.xs[0, :3])
+    np.testing.assert_array_equal(plan.sample(0.0).forces, plan.first_forces)
+    np.testing.assert_allclose(plan.sample(9.0).com, plan.xs[-1, :3], atol=1e-12)
+    np.testing.assert_array_equal(plan.sample(9.0).forces, plan.forces[-1])

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem
+
+
+@pytest.fixture
+def functions(problem: ShootingProblem) -> HorizonFunctions:
+    return HorizonFunctions(problem.action, problem.nodes)
+
+
+@pytest.fixture
+def qp(problem: ShootingProblem, functions: HorizonFunctions) -> OcpQp:
+    rng = np.random.default_rng(0)
+    trajectory = problem.rollout(rng.standard_normal((5, 12)))
+    linearize = functions.linearize
+    linearize.input("xs")[:] = (trajectory.xs + 0.1 * rng.standard_normal((6, 9))).T
+    linearize.input("us")[:] = trajectory.us.T
+    linearize.input("parameters")[:] = problem.parameters.T
+    linearize.run()
+    return OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+
+
+def test_one_call_gives_every_stage(problem: ShootingProblem, functions: HorizonFunctions, qp: OcpQp) -> None:
+    xs, us = functions.linearize.input("xs").T, functions.linearize.input("us").T
+    stage = problem.action.quadratic_function
+    for k in range(5):
+        for name, value in zip(stage.name_out(), stage(xs[k], us[k], xs[k + 1], problem.parameters[k]), strict=True):
+            np.testing.assert_allclose(qp.dense(name)[k], value.full(), rtol=1e-13, atol=1e-13, err_msg=f"{name} {k}")
+    terminal = problem.action.terminal_quadratic_function
+    for name, value in zip(terminal.name_out(), terminal(xs[5], problem.parameters[5]), strict=True):
+        np.testing.assert_allclose(qp.dense_terminal(name), value.full(), rtol=1e-13)
+
+
+def test_structural_zeros_are_not_stored(qp: OcpQp) -> None:
+    blocks = qp.structure.blocks
+    assert blocks["S"].rows.size == blocks["C"].rows.size == 0
+    assert blocks["Q"].rows.size == 9 and blocks["R"].rows.size == 12
+    dense = sum(rows * columns for rows, columns in (block.shape for block in blocks.values()))
+    assert qp.structure.size < 0.25 * dense
+
+
+def dense_kkt(qp: OcpQp, dxs, dus, costates, multipliers) -> KktResidual:
+    """The definition, with dense matrices, stage by stage."""
+    m = {name: qp.dense(name) for name in ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper")}
+    stationarity, gaps, outside, loose = [], [], [], []
+    for k in range(qp.structure.nodes):
+        gu = m["S"][k] @ dxs[k] + m["R"][k] @ dus[k] + m["r"][k][:, 0]
+        stationarity.append(gu + m["B"][k].T @ costates[k] + m["D"][k].T @ multipliers[k])
+        if k > 0:
+            gx = m["Q"][k] @ dxs[k] + m["S"][k].T @ dus[k] + m["q"][k][:, 0]
+            stationarity.append(gx + m["A"][k].T @ costates[k] + m["C"][k].T @ multipliers[k] - costates[k - 1])
+        gaps.append(m["A"][k] @ dxs[k] + m["B"][k] @ dus[k] + m["b"][k][:, 0] - dxs[k + 1])
+        row = m["C"][k] @ dxs[k] + m["D"][k] @ dus[k]
+        lower, upper = m["lower"][k][:, 0], m["upper"][k][:, 0]
+        outside += [np.maximum(lower - row, 0.0), np.maximum(row - upper, 0.0)]
+        loose.append(np.minimum(np.maximum(multipliers[k], 0.0), upper - row))
+        loose.append(np.minimum(np.maximum(-multipliers[k], 0.0), row - lower))
+    last = qp.dense_terminal("Q") @ dxs[-1] + qp.dense_terminal("q")[:, 0] - costates[-1]
+    stationarity.append(last)
+    largest = [max(float(np.abs(v).max()) for v in values) for values in (stationarity, gaps, outside)]
+    return KktResidual(*largest, max(float(v.max()) for v in loose))
+
+
+def test_kkt_residual_is_its_definition(functions: HorizonFunctions, qp: OcpQp) -> None:
+    rng = np.random.default_rng(2)
+    point = [rng.standard_normal(shape) for shape in ((6, 9), (5, 12), (5, 9), (5, 20))]
+    inputs = [qp.values.T, qp.terminal_values, *(array.T for array in point)]
+    measured = KktResidual.of(functions.kkt(*inputs)[0])
+    expected = dense_kkt(qp, *point)
+    for name in ("stationarity", "dynamics", "constraint", "complementarity"):
+        assert getattr(measured, name) == pytest.approx(getattr(expected, name), rel=1e-12), name
+    assert measured.largest == max(vars(measured).values())
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_kkt_residual_of_nan_is_nan(functions: HorizonFunctions, qp: OcpQp, which: int) -> None:
+    point = [np.zeros(shape) for shape in ((6, 9), (5, 12), (5, 9), (5, 20))]
+    point[which][2, 3] = np.nan
+    measured = KktResidual.of(functions.kkt(qp.values.T, qp.terminal_values, *(array.T for array in point))[0])
+    assert all(np.isnan(value) for value in vars(measured).values()) and np.isnan(measured.largest)
+
+
+def test_advance_moves_along_the_line_to_the_next_node(functions: HorizonFunctions) -> None:
+    xs = np.random.default_rng(3).standard_normal((6, 9))
+    (moved,) = functions.advance(xs.T, 0.25)
+    np.testing.assert_allclose(moved.T[:-1], 0.75 * xs[:-1] + 0.25 * xs[1:], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(moved.T[-1], xs[-1])

@@ -1,0 +1,255 @@
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from lgmpc.compile import compile_function
+from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem
+from lgmpc.proxqp import proxqp
+from lgmpc.solvers.qp import (
+    QP_SOLVERS,
+    PiqpSettings,
+    QpSolution,
+    QpStatus,
+    RiccatiSettings,
+    RiccatiSolver,
+    make_qp_solver,
+)
+from lgmpc.solvers.qp.lqr import lqr_function
+
+# Largest residual of the optimality conditions that a solver's standard settings may leave on the problems below, and
+# largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
+ACCURACY = {"riccati": 1e-5, "piqp": 1e-5, "piqp_multistage": 1e-5, "osqp": 1e-3, "proxqp": 2e-5}
+FORCE_ACCURACY = {"riccati": 1e-5, "piqp": 1e-5, "piqp_multistage": 1e-5, "osqp": 1.0, "proxqp": 1e-4}
+
+
+def expand(problem: ShootingProblem) -> tuple[HorizonFunctions, OcpQp]:
+    """Expand around standing still at the first state, with its gaps."""
+    functions = HorizonFunctions(problem.action, problem.nodes)
+    linearize = functions.linearize
+    linearize.input("xs")[:] = problem.x0[:, None]
+    linearize.input("us")[:] = 0.0
+    linearize.input("parameters")[:] = problem.parameters.T
+    linearize.run()
+    return functions, OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+
+
+def kkt(functions: HorizonFunctions, qp: OcpQp, s: QpSolution) -> KktResidual:
+    point = (s.dxs, s.dus, s.costates, s.multipliers)
+    return KktResidual.of(functions.kkt(qp.values.T, qp.terminal_values, *(array.T for array in point))[0])
+
+
+def dense_solution(qp: OcpQp, dx0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States and controls by a dense solver on plainly assembled matrices, dx_0 .. dx_N among the variables."""
+    s = qp.structure
+    n, nx, nu, ng = s.nodes, s.ndx, s.nu, s.ng
+    size = (n + 1) * nx + n * nu
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    equality, rhs = np.zeros(((n + 1) * nx, size)), np.zeros((n + 1) * nx)
+    rows, lower, upper = np.zeros((n * ng, size)), np.zeros(n * ng), np.zeros(n * ng)
+    m = {name: qp.dense(name) for name in ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper")}
+    equality[:nx, :nx], rhs[:nx] = np.eye(nx), dx0
+    for k in range(n):
+        x, u = slice(k * nx, (k + 1) * nx), slice((n + 1) * nx + k * nu, (n + 1) * nx + (k + 1) * nu)
+        after, g = slice((k + 1) * nx, (k + 2) * nx), slice(k * ng, (k + 1) * ng)
+        hessian[x, x], hessian[u, u] = m["Q"][k], m["R"][k]
+        hessian[u, x], hessian[x, u] = m["S"][k], m["S"][k].T
+        gradient[x], gradient[u] = m["q"][k][:, 0], m["r"][k][:, 0]
+        equality[after, x], equality[after, u], equality[after, after] = m["A"][k], m["B"][k], -np.eye(nx)
+        rhs[after] = -m["b"][k][:, 0]
+        rows[g, x], rows[g, u] = m["C"][k], m["D"][k]
+        lower[g], upper[g] = m["lower"][k][:, 0], m["upper"][k][:, 0]
+    last = slice(n * nx, (n + 1) * nx)
+    hessian[last, last], gradient[last] = qp.dense_terminal("Q"), qp.dense_terminal("q")[:, 0]
+    result = proxqp.dense.solve(
+        hessian, gradient, equality, rhs, rows, np.maximum(lower, -1e20), np.minimum(upper, 1e20), eps_abs=1e-10
+    )
+    assert result.info.status.name == "PROXQP_SOLVED"
+    return result.x[: (n + 1) * nx].reshape(n + 1, nx), result.x[(n + 1) * nx :].reshape(n, nu)
+
+
+@pytest.mark.parametrize("name", QP_SOLVERS)
+def test_solution_is_that_of_the_dense_problem(name: str, centroidal: Callable[..., ShootingProblem]) -> None:
+    problem = centroidal(nodes=8, facets=4)
+    problem.view("contact_flags")[3:6, 1] = 0.0
+    problem.set_initial_state([0.0, 0.0, 0.24, 0.6, 1.2, -0.2, 0.05, 0.0, 0.02])
+    functions, qp = expand(problem)
+    dx0 = np.array([0.01, -0.01, 0.0, 0.2, 0.3, 0.0, 0.01, 0.0, 0.0])
+    solver = make_qp_solver(name, qp)
+    for _ in range(2):  # cold, then warm
+        solver.prepare()
+        assert solver.solve(dx0) is QpStatus.SOLVED
+        assert solver.iterations > 0
+        assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+        xs, us = dense_solution(qp, dx0)
+        active = np.abs(solver.solution.multipliers) > 1e-3
+        assert active.sum() > 10
+        np.testing.assert_array_equal(solver.solution.dxs[0], dx0)
+        np.testing.assert_allclose(solver.solution.dxs, xs, atol=10 * ACCURACY[name])
+        np.testing.assert_allclose(solver.solution.dus, us, atol=FORCE_ACCURACY[name])
+
+
+@pytest.mark.parametrize("name", QP_SOLVERS)
+def test_coupled_costs_and_rows_on_states(name: str, cart: ShootingProblem) -> None:
+    functions, qp = expand(cart)
+    assert qp.structure.blocks["S"].rows.size and qp.structure.blocks["C"].rows.size
+    dx0 = np.array([-0.05, 0.1])
+    solver = make_qp_solver(name, qp)
+    solver.prepare()
+    assert solver.solve(dx0) is QpStatus.SOLVED
+    assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+    xs, us = dense_solution(qp, dx0)
+    assert (np.abs(solver.solution.multipliers) > 1e-2).sum() >= 3
+    np.testing.assert_allclose(solver.solution.dxs, xs, atol=10 * ACCURACY[name])
+    np.testing.assert_allclose(solver.solution.dus, us, atol=2 * ACCURACY[name])
+
+
+@pytest.mark.parametrize("name", QP_SOLVERS)
+def test_same_inputs_give_the_same_bits(name: str, centroidal: Callable[..., ShootingProblem]) -> None:
+    problem = centroidal(nodes=6, facets=4)
+    _, qp = expand(problem)
+    rng = np.random.default_rng(0)
+    starts = [0.2 * rng.standard_normal(9) for _ in range(4)]
+
+    def run(solver) -> list[np.ndarray]:
+        answers = []
+        for dx0 in starts:
+            solver.prepare()
+            solver.solve(dx0)
+            answers.append(np.concatenate([array.ravel() for array in vars(solver.solution).values()]))
+        return answers
+
+    solver = make_qp_solver(name, qp)
+    first = run(solver)
+    solver.reset()
+    for again in (run(solver), run(make_qp_solver(name, qp))):
+        for one, other in zip(first, again, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", QP_SOLVERS)
+def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, cart: ShootingProblem) -> None:
+    _, qp = expand(cart)
+    solver = make_qp_solver(name, qp)
+    solver.prepare()
+    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    before = solver.solution.dus.copy()
+    cart.set("limit", [2.0, 0.6, -5.0])  # the third row wants u below -5, the first one above -2
+    expanded = expand(cart)[1]
+    qp.values[:] = expanded.values
+    solver.prepare()
+    assert solver.solve(np.zeros(2)) is QpStatus.INFEASIBLE
+    np.testing.assert_array_equal(solver.solution.dus, before)
+    assert "bounds" in QpStatus.INFEASIBLE.value
+
+
+@pytest.mark.parametrize("name", QP_SOLVERS)
+@pytest.mark.parametrize("block", ["A", "q", "upper", "terminal", "dx0"])
+def test_nan_is_refused_and_forgotten(name: str, block: str, cart: ShootingProblem) -> None:
+    functions, qp = expand(cart)
+    solver = make_qp_solver(name, qp)
+    solver.prepare()
+    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    values, terminal, before = qp.values.copy(), qp.terminal_values.copy(), solver.solution.dus.copy()
+    dx0 = np.zeros(2)
+    if block == "dx0":
+        dx0[1] = np.nan
+    elif block == "terminal":
+        qp.terminal_values[0] = np.nan
+    else:
+        qp.values[3, qp.structure.blocks[block].where.start] = np.nan
+    solver.prepare()
+    assert solver.solve(dx0) is QpStatus.NOT_FINITE
+    np.testing.assert_array_equal(solver.solution.dus, before)
+    qp.values[:], qp.terminal_values[:] = values, terminal
+    solver.prepare()
+    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+
+
+def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
+    _, qp = expand(cart)
+    rng = np.random.default_rng(0)
+    lqr = compile_function(lqr_function(qp.structure, "cart_test"))
+    dx0 = rng.standard_normal(2)
+    weights, targets = rng.uniform(0.0, 5.0, (8, 3)), rng.standard_normal((8, 3))
+    dxs, dus, costates, rows, cost = lqr(qp.values.T, qp.terminal_values, dx0, weights.T, targets.T)
+    # The same problem with the penalties as costs and no bounds, by the dense solver.
+    penalised = OcpQp(qp.structure, qp.values.copy(), qp.terminal_values.copy())
+    expected = np.zeros(1)
+    m = {name: qp.dense(name) for name in "ABbQSRqrCD"}
+    blocks = qp.structure.blocks
+    for k in range(8):
+        c, d, w = m["C"][k], m["D"][k], np.diag(weights[k])
+        for name, value in {
+            "Q": m["Q"][k] + c.T @ w @ c,
+            "S": m["S"][k] + d.T @ w @ c,
+            "R": m["R"][k] + d.T @ w @ d,
+            "q": m["q"][k] - (c.T @ w @ targets[k])[:, None],
+            "r": m["r"][k] - (d.T @ w @ targets[k])[:, None],
+        }.items():
+            penalised.values[k, blocks[name].where] = value[blocks[name].rows, blocks[name].columns]
+            stored = np.zeros(value.shape)
+            stored[blocks[name].rows, blocks[name].columns] = value[blocks[name].rows, blocks[name].columns]
+            np.testing.assert_allclose(stored, value, atol=1e-14)  # the pattern holds the penalties too
+        x, u = dxs.T[k], dus.T[k]
+        np.testing.assert_allclose(rows.T[k], c @ x + d @ u, atol=1e-12)
+        expected += 0.5 * x @ m["Q"][k] @ x + 0.5 * u @ m["R"][k] @ u + u @ m["S"][k] @ x
+        expected += m["q"][k][:, 0] @ x + m["r"][k][:, 0] @ u
+    last = dxs.T[8]
+    expected += 0.5 * last @ qp.dense_terminal("Q") @ last + qp.dense_terminal("q")[:, 0] @ last
+    assert cost[0] == pytest.approx(expected[0], rel=1e-12)
+    penalised.values[:, blocks["lower"].where] = -np.inf
+    penalised.values[:, blocks["upper"].where] = np.inf
+    xs, us = dense_solution(penalised, dx0)
+    np.testing.assert_allclose(dxs.T, xs, atol=1e-8)
+    np.testing.assert_allclose(dus.T, us, atol=1e-8)
+
+
+def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
+    centroidal: Callable[..., ShootingProblem],
+) -> None:
+    problem = centroidal()
+    problem.set_initial_state([0.0, 0.0, 0.24, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0])
+    functions, qp = expand(problem)
+    solver = RiccatiSolver(qp)
+    solver.prepare()
+    assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
+    solver.prepare()
+    assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
+    assert solver.iterations <= 2  # the multipliers say which rows are active
+    hard = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
+    assert solver.solve(hard) is QpStatus.SOLVED and solver.took_over
+    assert kkt(functions, qp, solver.solution).largest < ACCURACY["piqp"]
+    patient = RiccatiSolver(qp, RiccatiSettings(max_sweeps=0))
+    patient.prepare()
+    assert patient.solve(np.zeros(9)) is QpStatus.SOLVED and patient.took_over
+
+
+def test_unknown_names_are_named(cart: ShootingProblem) -> None:
+    with pytest.raises(InputError, match="Did you mean osqp"):
+        make_qp_solver("oqsp", expand(cart)[1])
+    with pytest.raises(InputError, match="kkt_solver: got dense"):
+        PiqpSettings(kkt_solver="dense")
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "line"),
+    [
+        ("osqp", "osqp", "pip install .osqp"),
+        ("piqp", "piqp", "pip install .piqp"),
+        ("proxqp", "lgmpc.proxqp", "pip install .proxsuite"),
+        ("riccati", "piqp", "pip install .piqp"),
+    ],
+)
+def test_missing_backend_says_what_brings_it(
+    name: str, package: str, line: str, cart: ShootingProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    qp = expand(cart)[1]
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingDependencyError, match=line):
+        make_qp_solver(name, qp)

@@ -1,0 +1,195 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
+from lgmpc.errors import InputError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers import IpoptSolver, NlpStatus, SqpSolver, SqpStatus
+from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
+from lgmpc.state import StateMultibody
+
+Make = Callable[..., ShootingProblem]
+PUSHES = {
+    "none": [0, 0, 0, 0, 0, 0, 0, 0, 0],
+    "sideways": [0.0, 0.01, 0.0, 0.0, 1.5, 0.0, 0.05, 0.0, 0.0],
+    "oblique and turning": [0.02, -0.01, -0.02, 1.2, 1.2, -0.3, -0.05, 0.1, 0.08],
+    "beyond the friction": [0.0, 0.05, -0.03, 2.5, -4.0, 0.5, 0.2, 0.1, -0.1],
+}
+# Tighter than their standard settings: the forces' weights are small, so that a gradient of 1e-6 is 1e-3 N.
+ACCURATE = {
+    "riccati": lambda qp: RiccatiSolver(qp, RiccatiSettings(tolerance=1e-9), fallback=ACCURATE["piqp"]),
+    "piqp": lambda qp: PiqpSolver(qp, PiqpSettings(tolerance=1e-10)),
+    "proxqp": lambda qp: ProxqpSolver(qp, ProxqpSettings(tolerance=1e-9)),
+}
+
+
+def standing(problem: ShootingProblem) -> Trajectory:
+    us = problem.view("u_reference")[:-1].copy()
+    return Trajectory(np.tile(problem.x0, (problem.nodes + 1, 1)), us)
+
+
+@pytest.mark.parametrize("push", PUSHES)
+@pytest.mark.parametrize("qp_solver", ACCURATE)
+def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: str, qp_solver: str) -> None:
+    problem = centroidal()
+    problem.view("contact_flags")[8:12, 2] = 0.0
+    problem.view("external_wrench")[:6] = [0.0, 4.0, 0.0, 0.1, 0.0, 0.0]
+    problem.set_initial_state(problem.x0 + PUSHES[push])
+    guess = standing(problem)
+    reference = IpoptSolver(problem).solve(guess)
+    assert reference.status is NlpStatus.CONVERGED
+    solver = SqpSolver(problem, ACCURATE[qp_solver])
+    solver.set_guess(guess)
+    for _ in range(30):
+        solver.prepare()
+        result = solver.feedback(problem.x0)
+        assert result.status is SqpStatus.STEPPED
+    np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(result.costates, reference.costates, rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(result.multipliers, reference.multipliers, rtol=0, atol=1e-6)
+
+
+def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
+    problem = centroidal()
+    problem.set_initial_state(problem.x0 + PUSHES["oblique and turning"])
+    solver = SqpSolver(problem)
+    solver.set_guess(standing(problem))
+    result = solver.solve(tolerance=1e-6)
+    assert result.status is SqpStatus.CONVERGED
+    assert result.kkt.largest <= 1e-6
+    assert 2 <= result.iterations <= 10
+    xs, us = result.trajectory.xs, result.trajectory.us
+    rollout = problem.rollout(us)
+    np.testing.assert_allclose(xs, rollout.xs, atol=1e-8)
+    assert max(problem.action.evaluate(xs[k], us[k], problem.parameters[k]).violation for k in range(20)) < 1e-6
+    again = solver.solve(tolerance=1e-6)
+    assert again.iterations == 1  # from the solution itself
+    solver.set_guess(standing(problem))
+    assert solver.solve(max_iterations=1, tolerance=1e-6).status is SqpStatus.ITERATION_LIMIT
+
+
+def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(centroidal: Make) -> None:
+    problem = centroidal()
+    action, period = problem.action, 0.01
+
+    def run(iterations: int) -> np.ndarray:
+        problem.set_initial_state(problem.x0)
+        x, states = problem.x0.copy(), []
+        solver = SqpSolver(problem)
+        solver.set_guess(standing(problem))
+        for i in range(80):
+            problem.set("external_wrench", [10.5, 10.5, 0.0, 0.0, 0.0, 0.1] if 10 <= i < 30 else 0.0)
+            if i > 0:
+                solver.shift(period / 0.02)
+            for _ in range(iterations):
+                solver.prepare()
+                result = solver.feedback(x)
+            p = problem.parameters[0].copy()
+            p[action.parameters["duration"]] = period
+            x = action.evaluate(x, result.trajectory.us[0], p).x_next
+            states.append(x)
+        return np.array(states)
+
+    real_time, converged = run(1), run(12)
+    moved = np.abs(converged - problem.x0).max(axis=0)
+    assert (moved[:3] > 4e-3).all() and (moved[3:6] > 0.1).all()  # friction saturates: the push is felt
+    assert (np.abs(real_time - converged).max(axis=0) < 0.03 * moved).all()
+
+
+def test_shift_moves_trajectory_and_multipliers_ahead(centroidal: Make) -> None:
+    problem = centroidal(nodes=6)
+    problem.set_initial_state(problem.x0 + PUSHES["sideways"])
+    solver = SqpSolver(problem)
+    solver.set_guess(standing(problem))
+    before = solver.solve(tolerance=1e-6)
+    solver.shift(1.0)
+    np.testing.assert_allclose(solver.xs[:-1], before.trajectory.xs[1:], atol=1e-14)
+    np.testing.assert_allclose(solver.us[:-1], before.trajectory.us[1:], atol=1e-14)
+    np.testing.assert_array_equal(solver.us[-1], before.trajectory.us[-1])
+    point = solver.qp_solver.solution
+    np.testing.assert_allclose(point.multipliers[:-1], before.multipliers[1:], atol=1e-14)
+    np.testing.assert_allclose(point.costates[:-1], before.costates[1:], atol=1e-10)
+
+
+def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
+    problem = centroidal(nodes=6)
+    solver = SqpSolver(problem)
+    solver.set_guess(standing(problem))
+    solver.solve(tolerance=1e-6)
+    xs = solver.xs.copy()
+    solver.prepare()
+    bad = problem.x0.copy()
+    bad[1] = np.nan
+    result = solver.feedback(bad)
+    assert result.status is SqpStatus.NOT_FINITE and not result.status.usable
+    assert np.isnan(result.kkt.largest)
+    np.testing.assert_array_equal(solver.xs, xs)
+    problem.x0[0] = np.inf
+    assert solver.solve().status is SqpStatus.NOT_FINITE
+
+
+def test_wrong_shapes_are_named(centroidal: Make) -> None:
+    solver = SqpSolver(centroidal(nodes=6))
+    with pytest.raises(InputError, match="xs: got shape"):
+        solver.set_guess(Trajectory(np.zeros((6, 9)), np.zeros((6, 12))))
+    with pytest.raises(InputError, match="us: got shape"):
+        solver.set_guess(Trajectory(np.zeros((7, 9)), np.zeros((6, 3))))
+
+
+class Satellite(Action):
+    """A free body on SE(3) that torques and forces turn and move: its states need no coordinates of their own."""
+
+    def __init__(self) -> None:
+        model = pin.Model()
+        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+        self.name = "satellite"
+        self.state = StateMultibody(model)
+        self.nu = 6
+        self.parameters = ParameterLayout(Parameter("goal", 13, "state to reach"), Parameter("limit", 1, "of u"))
+
+    def step(self, x, u, p):
+        v = x[7:] + 0.1 * u
+        return self.state.integrate_symbolic(x, ca.vertcat(0.1 * v, 0.1 * u))
+
+    def cost(self, x, u, p):
+        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
+        return LeastSquares(ca.vertcat(error, u), ca.vertcat(*[0.1] * 12, *[0.01] * 6))
+
+    def terminal_cost(self, x, p):
+        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
+        return LeastSquares(error, ca.vertcat(*[100.0] * 12))
+
+    def constraint(self, x, u, p):
+        limit = self.parameters.split(p)["limit"]
+        return Bounded(u, ca.repmat(-limit, 6, 1), ca.repmat(limit, 6, 1))
+
+
+def test_states_on_a_manifold_need_nothing_special(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    problem = ShootingProblem(Satellite(), 10)
+    start = np.concatenate([[0.3, -0.2, 0.1], [0.5, -0.5, 0.5, 0.5], [0.1, 0.0, 0.2, 0.3, -0.4, 0.2]])
+    goal = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6)])
+    problem.set("goal", goal)
+    problem.set("limit", 4.0)
+    problem.set_initial_state(start)
+    guess = Trajectory(np.tile(start, (11, 1)), np.zeros((10, 6)))
+    reference = IpoptSolver(problem).solve(guess)
+    assert reference.status is NlpStatus.CONVERGED
+    solver = SqpSolver(problem)
+    assert not solver.compiled
+    solver.set_guess(guess)
+    result = solver.solve(max_iterations=60, tolerance=1e-6)
+    assert result.status is SqpStatus.CONVERGED
+    assert (np.abs(result.multipliers) > 1e-3).any()
+    np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, atol=1e-5)
+    np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(result.trajectory.xs[:, 3:7], axis=1), 1.0, atol=1e-12)
+    solver.shift(0.5)  # along geodesics
+    np.testing.assert_allclose(np.linalg.norm(solver.xs[:, 3:7], axis=1), 1.0, atol=1e-12)

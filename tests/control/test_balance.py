@@ -1,0 +1,97 @@
+"""The balance controller as the loop sees it: it never raises, and keeps the last safe command."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgmpc.config.build import build_controller, build_robot, prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.loading import load_config
+from lgmpc.control import BalanceController, PlannerSettings
+from lgmpc.errors import InputError
+from lgmpc.mpc import MpcStatus
+from lgmpc.robot import Robot
+from lgmpc.wbc import QpStatus
+
+CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return build_robot(load_config(CONFIG))
+
+
+@pytest.fixture
+def controller(robot: Robot) -> BalanceController:
+    return build_controller(load_config(CONFIG), robot)
+
+
+def test_standing_needs_the_static_torques(controller: BalanceController, robot: Robot) -> None:
+    command = controller.update(0.0, robot.q_reference, np.zeros(robot.nv))
+    weight = controller.wbc.forces[:, 2].sum()
+    assert weight == pytest.approx(robot.mass * 9.81, rel=1e-4)
+    assert np.abs(command.tau).max() < 1.0
+    assert command.kd == 0.0
+    np.testing.assert_allclose(controller.target, controller.wbc.terms.com)
+
+
+def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
+    controller: BalanceController, robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
+    rest = np.zeros(robot.nv)
+    good = controller.update(0.0, robot.q_reference, rest)
+    broken = robot.q_reference.copy()
+    broken[9] = np.nan
+    with caplog.at_level(logging.WARNING):
+        for k in range(1, 30):
+            command = controller.update(1e-3 * k, broken, rest)
+            np.testing.assert_array_equal(command.tau, good.tau)
+            assert command.kd > 0.0
+    assert controller.wbc.status is QpStatus.NOT_FINITE
+    assert controller.planner is not None and controller.planner.status is MpcStatus.NOT_FINITE
+    assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
+    recovered = controller.update(0.03, robot.q_reference, rest)
+    assert controller.wbc.status is QpStatus.SOLVED
+    assert recovered.kd == 0.0 and np.isfinite(recovered.tau).all()
+
+
+def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) -> None:
+    """With the plan stale, the whole-body QP regulates the centre of mass to the user's target."""
+    rest = np.zeros(robot.nv)
+    controller.update(0.0, robot.q_reference, rest)
+    planner = controller.planner
+    assert planner is not None
+    for k in range(1, 80):
+        planner.observer.wrench[:] = np.nan  # what a broken momentum estimate would hand to the MPC
+        controller.update(1e-3 * k, robot.q_reference, rest)
+    assert planner.status is MpcStatus.STALE
+    # The estimate is mended: the next plan is fresh again.
+    planner.observer.reset()
+    for k in range(80, 100):
+        controller.update(1e-3 * k, robot.q_reference, rest)
+    assert planner.status is MpcStatus.SOLVED
+    assert controller.wbc.status is QpStatus.SOLVED
+
+
+def test_the_observer_finds_who_pushes() -> None:
+    """Pushed with 10 N sideways at the base's centre of mass, which is near the whole robot's."""
+    push = "pushes=[{body: base_link, time_s: 0.1, duration_s: 0.2, impulse_ns: [0.0, 2.0, 0.0]}]"
+    session = prepare(load_config(CONFIG, [push, "duration_s=0.28"]))
+    assert isinstance(session, ClosedLoopSession)
+    session.run(lambda progress: None)
+    planner = session.controller.planner
+    assert planner is not None
+    np.testing.assert_allclose(planner.observer.wrench[:3], [0.0, 10.0, 0.0], atol=0.05)
+
+
+def test_settings_that_cannot_be_are_refused() -> None:
+    with pytest.raises(InputError, match="every"):
+        PlannerSettings(every=0)
+    with pytest.raises(InputError, match="wrench_decay_time"):
+        PlannerSettings(wrench_decay_time=0.0)
+    with pytest.raises(InputError, match="uprighting_rate"):
+        PlannerSettings(uprighting_rate=-1.0)

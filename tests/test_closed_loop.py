@@ -1,0 +1,133 @@
+"""The whole system in closed loop: the shipped configs on both plants, wrong models, and repeatability.
+
+Margins: what is asserted is about twice what was measured, so that a change of a library's rounding does not fail it and
+a change of behaviour does. Measured: MuJoCo 4.0 and Pinocchio 4.1, 10 s each.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgmpc.config.build import prepare
+from lgmpc.config.loading import load_config
+from lgmpc.config.session import SessionResult
+from lgmpc.runs import Metrics
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+PLANTS = ["mujoco", "pinocchio"]
+
+
+def run(name: str, *overrides: str) -> SessionResult:
+    return prepare(load_config(CONFIGS / f"{name}.yaml", overrides)).run(lambda progress: None)
+
+
+def measured(name: str, *overrides: str) -> Metrics:
+    result = run(name, *overrides)
+    assert result.verdict.passed, result.verdict.reasons
+    assert result.metrics is not None
+    return result.metrics
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_pushes_of_two_newton_seconds_move_the_base_by_millimetres(plant: str) -> None:
+    metrics = measured("solo12_balance", f"plant.kind={plant}")
+    assert metrics.survived_s == pytest.approx(10.0)
+    assert metrics.max_displacement_m < 0.003  # measured 1.4 mm
+    assert metrics.max_tilt_deg < 3.0  # 1.5
+    assert metrics.max_slip_m < 6e-4  # 0.27 mm, the feet's rolling included
+    assert metrics.final_position_error_m < 1e-4  # 0.00 mm
+    assert metrics.max_abs_torque_nm < 1.5  # 1.2
+    assert metrics.solver_failures == 0
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str) -> None:
+    metrics = measured("solo12_balance", f"plant.kind={plant}", "mpc.enabled=false")
+    assert 0.02 < metrics.max_displacement_m < 0.035  # measured 29 mm: what the MPC is there for
+    assert metrics.final_position_error_m < 1e-3
+    assert metrics.mpc_ms is None
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_centre_of_mass_follows_the_circle(plant: str) -> None:
+    metrics = measured("solo12_com_circle", f"plant.kind={plant}")
+    assert metrics.com_rms_error_m is not None and metrics.com_rms_error_m < 1e-3  # measured 0.43 mm
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_standing_neither_drifts_nor_trembles(plant: str) -> None:
+    metrics = measured("solo12_stand", f"plant.kind={plant}")
+    assert metrics.max_displacement_m < 1e-4  # measured 0.01 mm in MuJoCo
+    assert metrics.rms_joint_velocity_rad_s is not None and metrics.rms_joint_velocity_rad_s < 0.003  # 0.0012
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_same_config_gives_the_same_bits(plant: str) -> None:
+    overrides = (f"plant.kind={plant}", "duration_s=0.6", "pushes.0.time_s=0.2")
+    first, second = (run("solo12_balance", *overrides).log.arrays() for _ in range(2))
+    for name in first.keys() - {"wbc_ms", "mpc_ms"}:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+@pytest.mark.parametrize("solver", ["osqp", "piqp", "proxqp"])
+def test_every_qp_solver_holds_the_robot_and_agrees(solver: str) -> None:
+    overrides = ("duration_s=1.0", "pushes.0.time_s=0.3")
+    reference = run("solo12_balance", *overrides).log
+    other = run("solo12_balance", *overrides, f"mpc.qp_solver={solver}").log
+    assert np.abs(other.com - reference.com).max() < 1e-4
+    assert np.abs(other.tau - reference.tau).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    "mismatch",
+    [
+        "plant.mass_scale=1.15",
+        "plant.base_added_mass_kg=0.5",
+        "plant.base_com_offset_m=[0.02, 0.01, 0.0]",
+        "plant.joint_friction_nm=0.05",
+        "plant.joint_damping_nms=0.02",
+    ],
+)
+def test_what_the_controller_does_not_know_of_the_robot_is_taken_for_a_push(mismatch: str) -> None:
+    metrics = run("solo12_balance", "duration_s=4.0", mismatch).metrics
+    assert metrics is not None and not metrics.fell
+    assert metrics.max_displacement_m < 0.005
+    assert metrics.max_slip_m < 0.005
+    assert metrics.solver_failures == 0
+
+
+def test_a_floor_as_slippery_as_the_controller_believes_does_not_move_the_feet() -> None:
+    slippery = [f"{section}.friction=0.45" for section in ("plant", "mpc", "wbc")]
+    metrics = run("solo12_balance", "duration_s=4.0", *slippery).metrics
+    assert metrics is not None and not metrics.fell
+    assert metrics.max_slip_m < 1e-3
+    assert metrics.max_displacement_m < 0.005
+
+
+def test_torques_stay_within_the_cap_when_a_push_is_too_strong_to_stay() -> None:
+    result = run("solo12_balance", "duration_s=3.0", "pushes.0.impulse_ns=[6.0, 3.0, 0.0]")
+    assert not result.verdict.passed
+    assert np.abs(result.log.tau).max() <= 1.8
+    assert np.isfinite(result.log.tau_command).all()
+
+
+@pytest.mark.slow
+def test_the_mpc_survives_a_stronger_push_than_the_whole_body_qp_alone() -> None:
+    """At friction 0.6, sideways, feet within 2 cm: see scripts/push_recovery.py for the largest pushes."""
+
+    def stays(impulse: float, mpc: bool) -> bool:
+        push = f"pushes=[{{body: base_link, time_s: 0.5, duration_s: 0.2, impulse_ns: [0.0, {impulse}, 0.0]}}]"
+        metrics = run("solo12_balance", "duration_s=2.5", push, f"mpc.enabled={str(mpc).lower()}").metrics
+        return metrics is not None and not metrics.fell and metrics.max_foot_displacement_m < 0.02
+
+    def strongest(mpc: bool) -> float:
+        low, high = 3.0, 6.2
+        while high - low > 0.1:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if stays(middle, mpc) else (low, middle)
+        return low
+
+    assert strongest(True) > strongest(False) > 3.3

@@ -12,16 +12,12 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+from importlib.metadata import version
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import casadi
 import numpy as np
-import osqp
-import piqp
-import proxsuite
 
-import lgmpc
 from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings
 from lgmpc.solvers.qp import QP_SOLVERS
 from lgmpc.typing import Array
@@ -88,8 +84,8 @@ def main() -> None:
             loop.step(t, wrench)
 
     print(f"{_processor()}, {os.cpu_count()} cores, {platform.platform()}, Python {platform.python_version()}")
-    versions = {"lgmpc": lgmpc, "casadi": casadi, "osqp": osqp, "piqp": piqp, "proxsuite": proxsuite, "numpy": np}
-    print(", ".join(f"{name} {module.__version__}" for name, module in versions.items()))
+    packages = ("lgmpc", "casadi", "osqp", "piqp", "proxsuite", "numpy")
+    print(", ".join(f"{name} {version(name)}" for name in packages))
     print(
         f"N = {options.nodes}, 4 contacts, {options.facets} facets, {options.impulse} N.s in 0.2 s, one thread, "
         f"{'compiled' if loops[0].mpc.solver.compiled else 'interpreted'}; times in ms"

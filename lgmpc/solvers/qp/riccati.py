@@ -40,11 +40,14 @@ class RiccatiSettings:
     Attributes:
         tolerance: largest residual of the optimality conditions.
         max_sweeps: calls of the regulator.
+        max_sweeps_after: the same after a solve that the other solver took over: hard problems come in rows, and what
+            becomes easy again does so at once.
         penalty: rho, as a multiple of the largest control weight.
     """
 
     tolerance: float = 1e-6
     max_sweeps: int = 8
+    max_sweeps_after: int = 3
     penalty: float = 1e4
 
 
@@ -96,6 +99,7 @@ class RiccatiSolver:
         """Forget the multipliers, and whatever the other solver remembers."""
         self._write(QpSolution(*(np.zeros_like(array) for array in vars(self.solution).values())))
         self._fallback.reset()
+        self.took_over = False
 
     def prepare(self) -> None:
         """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
@@ -107,7 +111,7 @@ class RiccatiSolver:
     def solve(self, dx0: Array) -> QpStatus:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self._lqr.input("dx0")[:] = dx0
-        self.took_over = not self._sweep()
+        self.took_over = not self._sweep(self.settings.max_sweeps_after if self.took_over else self.settings.max_sweeps)
         if not self.took_over:
             return QpStatus.SOLVED
         self._fallback.prepare()
@@ -117,7 +121,7 @@ class RiccatiSolver:
             self._write(self._fallback.solution)
         return status
 
-    def _sweep(self) -> bool:
+    def _sweep(self, most: int) -> bool:
         """Solve by active sets; False, and nothing written, if that did not work out."""
         settings, lqr, rows, lower, upper = self.settings, self._lqr, self._rows, self._lower, self._upper
         rho = settings.penalty * float(self._values[0, self._control_weights].max())
@@ -128,7 +132,7 @@ class RiccatiSolver:
         nearest = np.clip(0.0, low, high)  # the zero step is the first point
         outside = -nearest
         phi = math.inf
-        for self.iterations in range(1, settings.max_sweeps + 1):
+        for self.iterations in range(1, most + 1):
             np.multiply(outside != 0.0, rho, out=self._weights)
             self._targets[:] = nearest
             lqr.run()

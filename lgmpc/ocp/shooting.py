@@ -1,0 +1,216 @@
+"""What shooting methods call: expansion and roll-out of a whole horizon on shared arrays, without copies.
+
+Every distinct action is compiled once, whatever the horizon's length and wherever the action stands in it; consecutive
+nodes of the same action are one loop in C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import groupby
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.actions import Action
+from lgmpc.compile import StageKernel
+from lgmpc.ocp.problem import ShootingProblem
+from lgmpc.state import State
+from lgmpc.typing import Array
+
+__all__ = ["ShootingFunctions"]
+
+
+class ShootingFunctions:
+    """Expansion and roll-out of one :class:`~lgmpc.ocp.ShootingProblem`, on arrays of its own.
+
+    Write :attr:`xs` and :attr:`us` (and the problem's parameters and first state), call :meth:`expand`, read the
+    expansion; write gains, gaps and step length, call :meth:`roll_out`, read the candidate. Column n of a control
+    beyond what a node's action uses stays zero everywhere.
+
+    Args:
+        problem: the problem.
+        progress: told what is being compiled.
+
+    Attributes:
+        compiled: whether it is machine code.
+        xs: (N+1, nx) point of expansion.
+        us: (N, nu).
+        jacobian: (N, ndx + nu, ndx), ``[A B]^T`` of each interval, in tangent coordinates.
+        hessian: (N, ndx + nu, ndx + nu), ``[Q S^T; S R]``.
+        gradient: (N, ndx + nu), ``[q; r]``.
+        gaps: (N+1, ndx), ``f(x_{k-1}, u_{k-1}) (-) x_k`` in row k; row 0 is ``x0 (-) xs[0]``, zero.
+        costs: (N+1,) cost of each node.
+        last_hessian: (ndx, ndx) of the terminal cost.
+        last_gradient: (ndx,).
+        feedback: (N, nu, ndx) K.
+        feedforward: (N, nu) k.
+        u_lower: (N, nu) the roll-out keeps its controls above it; minus infinity at first.
+        u_upper: (N, nu) the same from above.
+        step_length: (1,) alpha.
+        xs_try: (N+1, nx) the roll-out's states.
+        us_try: (N, nu) its controls, ``u - alpha k - K (x_try (-) x)``.
+        costs_try: (N+1,) cost of each node.
+        moved: (N+1, ndx), ``xs (-) xs_try``, after :meth:`measure_move`.
+    """
+
+    def __init__(self, problem: ShootingProblem, progress: Callable[[str], None] | None = None) -> None:
+        n, nx, ndx, nu = problem.nodes, problem.state.nx, problem.state.ndx, problem.nu
+        self.problem = problem
+        self.xs: Array = np.tile(problem.x0, (n + 1, 1))
+        self.us: Array = np.zeros((n, nu))
+        self.jacobian: Array = np.zeros((n, ndx + nu, ndx))
+        self.hessian: Array = np.zeros((n, ndx + nu, ndx + nu))
+        self.gradient: Array = np.zeros((n, ndx + nu))
+        self.gaps: Array = np.zeros((n + 1, ndx))
+        self.costs: Array = np.zeros(n + 1)
+        self.last_hessian: Array = np.zeros((ndx, ndx))
+        self.last_gradient: Array = np.zeros(ndx)
+        self.feedback: Array = np.zeros((n, nu, ndx))
+        self.feedforward: Array = np.zeros((n, nu))
+        self.u_lower: Array = np.full((n, nu), -np.inf)
+        self.u_upper: Array = np.full((n, nu), np.inf)
+        self.step_length: Array = np.ones(1)
+        self.xs_try: Array = self.xs.copy()
+        self.us_try: Array = np.zeros((n, nu))
+        self.costs_try: Array = np.zeros(n + 1)
+        self.moved: Array = np.zeros((n + 1, ndx))
+
+        kernels: dict[tuple[str, int], StageKernel] = {}
+
+        def kernel(write: Callable[[Action, int], ca.Function], action: Action) -> StageKernel:
+            key = (write.__name__, id(action))
+            if key not in kernels:
+                kernels[key] = StageKernel(write(action, nu), progress)
+            return kernels[key]
+
+        expand, roll = [], []
+        self.runs = tuple(_runs(problem.actions))
+        for action, start, stop in self.runs:
+            k, behind, length = slice(start, stop), slice(start + 1, stop + 1), stop - start
+            x, u, p = self.xs[k], self.us[k], problem.parameters[k]
+            expand.append(
+                kernel(_expansion, action).bind(
+                    length, x=x, u=u, x_next=self.xs[behind], p=p,
+                    jacobian=_flat(self.jacobian[k]), hessian=_flat(self.hessian[k]), gradient=self.gradient[k],
+                    gap=self.gaps[behind], cost=self.costs[k, None],
+                )
+            )  # fmt: skip
+            roll.append(
+                kernel(_roll_out, action).bind(
+                    length, x=self.xs_try[k], x_base=x, u_base=u, feedback=_flat(self.feedback[k]),
+                    feedforward=self.feedforward[k], gap=self.gaps[behind], lower=self.u_lower[k],
+                    upper=self.u_upper[k], alpha=self.step_length, p=p,
+                    x_next=self.xs_try[behind], u=self.us_try[k], cost=self.costs_try[k, None],
+                )
+            )  # fmt: skip
+        p_last = problem.parameters[n:]
+        expand.append(
+            kernel(_last_expansion, problem.terminal).bind(
+                1, x=self.xs[n:], p=p_last,
+                hessian=self.last_hessian.reshape(1, -1), gradient=self.last_gradient, cost=self.costs[n:],
+            )
+        )  # fmt: skip
+        roll.append(kernel(_last_cost, problem.terminal).bind(1, x=self.xs_try[n:], p=p_last, cost=self.costs_try[n:]))
+        difference = StageKernel(_difference(problem.state, problem.terminal.name), progress)
+        self._expand, self._roll = tuple(expand), tuple(roll)
+        self._difference = difference.bind(n + 1, x0=self.xs_try, x1=self.xs, dx=self.moved)
+        self.compiled = difference.compiled
+
+    def expand(self) -> None:
+        """Expand every node around (xs, us)."""
+        for call in self._expand:
+            call()
+
+    def roll_out(self) -> None:
+        """Simulate from the first state under the gains, keeping ``1 - alpha`` of every gap."""
+        self.xs_try[0] = self.problem.x0
+        for call in self._roll:
+            call()
+
+    def measure_move(self) -> None:
+        """Write :attr:`moved`."""
+        self._difference()
+
+    def accept(self) -> None:
+        """Move the point of expansion to the last roll-out."""
+        self.xs[...] = self.xs_try
+        self.us[...] = self.us_try
+
+
+def _flat(array: Array) -> Array:
+    return array.reshape(array.shape[0], -1)
+
+
+def _runs(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
+    """Consecutive nodes of the same action: (action, first node, node behind the last)."""
+    runs, start = [], 0
+    for _, group in groupby(actions, key=id):
+        length = len(list(group))
+        runs.append((actions[start], start, start + length))
+        start += length
+    return runs
+
+
+def _padded(matrix: ca.SX, rows: int, columns: int) -> ca.SX:
+    """The matrix with zero rows below and zero columns on the right."""
+    wide = ca.horzcat(matrix, ca.SX(matrix.shape[0], columns - matrix.shape[1]))
+    return ca.densify(ca.vertcat(wide, ca.SX(rows - wide.shape[0], columns)))
+
+
+def _expansion(action: Action, nu: int) -> ca.Function:
+    x, u, x_next, p = (action.quadratic_function.sx_in(i) for i in range(4))
+    names = action.quadratic_function.name_out()
+    m = dict(zip(names, action.quadratic_function.call([x, u, x_next, p]), strict=True))
+    n = action.state.ndx + nu
+    outputs = [
+        _padded(ca.horzcat(m["A"], m["B"]), action.state.ndx, n),
+        _padded(ca.blockcat([[m["Q"], m["S"].T], [m["S"], m["R"]]]), n, n),
+        _padded(ca.vertcat(m["q"], m["r"]), n, 1),
+        m["b"],
+        m["cost"],
+    ]
+    return ca.Function(
+        f"{action.name}_expansion_{nu}",
+        [x, u, x_next, p],
+        outputs,
+        ["x", "u", "x_next", "p"],
+        ["jacobian", "hessian", "gradient", "gap", "cost"],
+    )
+
+
+def _roll_out(action: Action, nu: int) -> ca.Function:
+    state = action.state
+    x, base, gap = ca.SX.sym("x", state.nx), ca.SX.sym("x_base", state.nx), ca.SX.sym("gap", state.ndx)
+    u_base, forward, lower, upper = (ca.SX.sym(name, nu) for name in ("u_base", "feedforward", "lower", "upper"))
+    back, alpha = ca.SX.sym("feedback", state.ndx, nu), ca.SX.sym("alpha")
+    p = ca.SX.sym("p", action.parameters.size)
+    u = u_base - alpha * forward - back.T @ state.diff_symbolic(base, x)
+    # By comparison, not with fmin and fmax: those would turn NaN into a bound.
+    u = ca.if_else(u < lower, lower, ca.if_else(u > upper, upper, u))
+    values = action.value_function.call([x, u[: action.nu], p])
+    x_next = state.integrate_symbolic(values[0], (alpha - 1) * gap)
+    return ca.Function(
+        f"{action.name}_roll_out_{nu}",
+        [x, base, u_base, back, forward, gap, lower, upper, alpha, p],
+        [x_next, _padded(u[: action.nu], nu, 1), values[1]],
+        ["x", "x_base", "u_base", "feedback", "feedforward", "gap", "lower", "upper", "alpha", "p"],
+        ["x_next", "u", "cost"],
+    )
+
+
+def _last_expansion(action: Action, nu: int) -> ca.Function:
+    function = action.terminal_quadratic_function
+    x, p = function.sx_in(0), function.sx_in(1)
+    m = dict(zip(function.name_out(), function.call([x, p]), strict=True))
+    outputs = [m["Q"], m["q"], m["cost"]]
+    return ca.Function(f"{action.name}_last_expansion", [x, p], outputs, ["x", "p"], ["hessian", "gradient", "cost"])
+
+
+def _last_cost(action: Action, nu: int) -> ca.Function:
+    return action.terminal_value_function
+
+
+def _difference(state: State, name: str) -> ca.Function:
+    x0, x1 = ca.SX.sym("x0", state.nx), ca.SX.sym("x1", state.nx)
+    return ca.Function(f"{name}_move", [x0, x1], [state.diff_symbolic(x0, x1)], ["x0", "x1", "dx"][:2], ["dx"])

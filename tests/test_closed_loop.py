@@ -1,7 +1,7 @@
 """The whole system in closed loop: the shipped configs on both plants, wrong models, and repeatability.
 
-Margins: what is asserted is about twice what was measured, so that a change of a library's rounding does not fail it and
-a change of behaviour does. Measured: MuJoCo 4.0 and Pinocchio 4.1, 10 s each.
+Margins: what is asserted is about twice what was measured, so that a change of a library's rounding does not fail it
+and a change of behaviour does. Measured: MuJoCo 4.0 and Pinocchio 4.1, 10 s each.
 """
 
 from __future__ import annotations

@@ -193,17 +193,8 @@ class CentroidalMpc:
         n, nc = self.settings.nodes, self._contacts
         forces = result.trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
         status = MpcStatus.INACCURATE if result.status is SqpStatus.INACCURATE else MpcStatus.SOLVED
-        self._plan = CentroidalPlan(
-            t,
-            self.settings.node_duration,
-            self.mass,
-            result.trajectory.xs,
-            forces,
-            status,
-            qp_iterations,
-            result.kkt,
-            time.perf_counter() - start,
-        )
+        elapsed = time.perf_counter() - start
+        self._plan = self._make_plan(t, result.trajectory.xs, forces, status, qp_iterations, result.kkt, elapsed)
         return self._plan
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
@@ -217,6 +208,8 @@ class CentroidalMpc:
         plan = self._plan
         if plan is None:
             plan, self._guess_time = self._standing_plan(t), None
+        elif status is MpcStatus.STALE:
+            self._guess_time = None  # it may be the guess that is at fault: the next update begins without one
         else:
             self.solver.set_guess(Trajectory(plan.xs, plan.forces.reshape(self.settings.nodes, -1)))
             self._guess_time = plan.time
@@ -225,22 +218,18 @@ class CentroidalMpc:
 
     def _standing_plan(self, t: float) -> CentroidalPlan:
         """Rest at the reference, the weight shared by the feet in contact: for when no update has succeeded yet."""
-        n, nc = self.settings.nodes, self._contacts
-        rest = np.concatenate([self._x_reference[0, :3], np.zeros(6)])
+        n = self.settings.nodes
+        x = np.concatenate([self._x_reference[0, :3], np.zeros(6)])
         forces = self._u_reference[:n] * self._flags[:n, :, None]
-        time_ = t if math.isfinite(t) else 0.0
-        xs, forces = np.nan_to_num(np.tile(rest, (n + 1, 1))), np.nan_to_num(forces.reshape(n, nc, 3))
-        return CentroidalPlan(
-            time_,
-            self.settings.node_duration,
-            self.mass,
-            xs,
-            forces,
-            MpcStatus.NOT_FINITE,
-            0,
-            KktResidual.unknown(),
-            0.0,
-        )
+        xs, forces = (np.where(np.isfinite(array), array, 0.0) for array in (np.tile(x, (n + 1, 1)), forces))
+        begin = t if math.isfinite(t) else 0.0
+        return self._make_plan(begin, xs, forces, MpcStatus.NOT_FINITE, 0, KktResidual.unknown(), 0.0)
+
+    def _make_plan(
+        self, t: float, xs: Array, forces: Array, status: MpcStatus, iterations: int, kkt: KktResidual, elapsed: float
+    ) -> CentroidalPlan:
+        xs.flags.writeable = forces.flags.writeable = False
+        return CentroidalPlan(t, self.settings.node_duration, self.mass, xs, forces, status, iterations, kkt, elapsed)
 
 
 _FAILURES = {

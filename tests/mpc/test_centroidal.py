@@ -168,6 +168,8 @@ def test_before_any_success_the_weight_is_shared() -> None:
     mpc = make()
     plan = update(mpc, 0.3, np.full(9, np.nan), contact_flags=[1.0, 0.0, 1.0, 1.0])
     assert plan.status is MpcStatus.NOT_FINITE
+    with pytest.raises(ValueError, match="read-only"):
+        plan.xs[0, 0] = 1.0
     np.testing.assert_allclose(plan.first_forces[:, 2], MASS * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
     np.testing.assert_array_equal(plan.sample(0.4).com, STANDING[:3])
     assert update(mpc, 0.31, STANDING).status is MpcStatus.SOLVED

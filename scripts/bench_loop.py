@@ -1,4 +1,4 @@
-"""How fast the closed loop is: plant step, whole-body tick, MPC update, real-time factor, and the time to a first command.
+"""How fast the closed loop is: plant step, whole-body tick, MPC update, real-time factor, time to a first command.
 
 Runs the balance config in this process several times and prints medians with the machine and the versions beside them;
 then starts fresh processes to time what a user waits for, with an empty compile cache and with a warm one.
@@ -87,9 +87,7 @@ def main() -> None:
         p50, p99 = (np.median([getattr(t, q) for t in timings]) for q in ("p50", "p99"))
         print(f"{name:22s} median {1e3 * p50:6.0f} us   99th percentile {1e3 * p99:6.0f} us")
     factors = [m.real_time_factor for m in runs]
-    print(
-        f"real-time factor       median {np.median(factors):6.2f}      of {len(factors)} runs of 10 s, one process, all included"
-    )
+    print(f"real-time factor       median {np.median(factors):6.2f}      of {len(factors)} runs of 10 s, one process")
     if not arguments.skip_start:
         with tempfile.TemporaryDirectory() as cache:
             cold = first_command_s(cache)

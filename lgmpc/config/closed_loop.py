@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from time import perf_counter
-
-import numpy as np
 
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control import BalanceController
 from lgmpc.errors import SolverError
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, compute_metrics, judge
+from lgmpc.runs.metrics import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Tick, simulate
 from lgmpc.simulation.plant import Plant
-from lgmpc.wbc import QpStatus
+from lgmpc.wbc import QpStatus, WholeBodyTerms
 
 __all__ = ["ClosedLoopSession"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
+_AFTERMATH = 0.5  # s that a fall is still watched: long enough for the replay, and nothing is learnt from more
 
 
 @dataclass
@@ -73,7 +74,7 @@ class ClosedLoopSession:
 
 
 class _Observer:
-    """Record every control tick, and tell the progress now and then."""
+    """Record every control tick, tell the progress now and then, and end a run soon after the robot fell."""
 
     def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
         self._record = session.recorder.record
@@ -82,6 +83,8 @@ class _Observer:
         self._progress = progress
         self._duration = session.rates.ticks * session.rates.period
         self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
+        self._start_height = float(session.robot.q_reference[2])
+        self._end = math.inf
         self._started = perf_counter()
 
     def __call__(self, tick: Tick) -> bool:
@@ -110,7 +113,13 @@ class _Observer:
             failed = int(not planner.status.fresh)
             self._record_plan(sample.time, planner.horizon_com, planner.first_forces, failed, 1e3 * planner.spent)
         if tick.index % self._every == 0:
-            elapsed = perf_counter() - self._started
-            tilt = float(np.degrees(np.arccos(np.clip(terms.rotation[2, 2], -1.0, 1.0))))
-            self._progress(Progress(sample.time, self._duration, tilt, sample.time / elapsed if elapsed > 0 else 0.0))
-        return True
+            self._report(sample.time, terms)
+        return sample.time < self._end
+
+    def _report(self, time: float, terms: WholeBodyTerms) -> None:
+        elapsed = perf_counter() - self._started
+        tilt = math.degrees(math.acos(min(max(float(terms.rotation[2, 2]), -1.0), 1.0)))
+        if math.isinf(self._end) and (tilt > FALL_TILT_DEG or terms.q[2] < FALL_HEIGHT_FRACTION * self._start_height):
+            _LOG.warning("the robot fell at %.2f s; the run ends %g s later", time, _AFTERMATH)
+            self._end = time + _AFTERMATH
+        self._progress(Progress(time, self._duration, tilt, time / elapsed if elapsed > 0 else 0.0))

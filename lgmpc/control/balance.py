@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from time import perf_counter
 
 import numpy as np
@@ -14,6 +15,9 @@ from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyReference
 
 __all__ = ["BalanceController"]
+
+_LOG = logging.getLogger(__name__)
+_FALLEN_COSINE = 0.5  # of the tilt at which balancing ends
 
 
 class BalanceController:
@@ -33,6 +37,7 @@ class BalanceController:
         planner: as given.
         target: (3,) centre of mass that the user asked for at the last update, world, m.
         base_target: (7,) base pose that goes with it [position, quaternion x y z w].
+        fallen: whether the base once tilted so far (60 degrees) that the controller gave up.
         wbc_ms: duration of the last update without the planner's, ms.
     """
 
@@ -54,11 +59,14 @@ class BalanceController:
         self.target = np.zeros(3)
         self.base_target = self._start_base.copy()
         self.wbc_ms = 0.0
+        self.fallen = False
 
     def update(self, time: float, q: Array, v: Array) -> Command:
         """Return the joint torques for the state (q, v) at ``time``; never raises for what the robot does."""
         started = perf_counter()
         terms = self.wbc.sense(q, v)
+        if self.fallen or terms.rotation[2, 2] < _FALLEN_COSINE:
+            return self._give_up(time, q)
         if self._start_com is None:
             self._begin(q)
         self._follow_reference(time)
@@ -72,6 +80,17 @@ class BalanceController:
         command = Command(self.wbc.tau.copy(), q[self.robot.joint_q], np.zeros(self.robot.nu), 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - planning)
         return command
+
+    def _give_up(self, time: float, q: Array) -> Command:
+        """Let the joints go limp: whoever lies on his side cannot balance, and should not flail."""
+        if not self.fallen:
+            _LOG.warning("fallen at %.3f s: no torque from here on, joints damped", time)
+        self.fallen = True
+        self.wbc.tau[:] = 0.0
+        self.wbc.forces[:] = 0.0
+        if self.planner is not None:
+            self.planner.planned = False
+        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping)
 
     def _begin(self, q: Array) -> None:
         """Stand where the robot is now."""

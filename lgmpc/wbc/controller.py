@@ -81,7 +81,7 @@ class WholeBodySettings:
     force_weight: float = 1e-4
     acceleration_weight: float = 1e-6
     tolerance: float = 1e-5
-    max_iterations: int = 200
+    max_iterations: int = 50
     fallback_damping: float = 0.1
 
     def __post_init__(self) -> None:

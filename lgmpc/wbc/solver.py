@@ -33,7 +33,7 @@ class WholeBodySolver:
         max_iterations: outer iterations, each of at most 10 Newton steps.
     """
 
-    def __init__(self, assembly: QpAssembly, tolerance: float = 1e-6, max_iterations: int = 200) -> None:
+    def __init__(self, assembly: QpAssembly, tolerance: float = 1e-6, max_iterations: int = 50) -> None:
         self._assembly = assembly
         n, ne, ni = assembly.gradient.size, assembly.equality_rhs.size, assembly.lower.size
         self._qp = proxqp.dense.QP(n, ne, ni, True)

@@ -77,6 +77,18 @@ def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) 
     assert controller.wbc.status is QpStatus.SOLVED
 
 
+def test_whoever_lies_on_his_side_gives_up(controller: BalanceController, robot: Robot) -> None:
+    rest = np.zeros(robot.nv)
+    controller.update(0.0, robot.q_reference, rest)
+    rolled = robot.q_reference.copy()
+    rolled[3:7] = [np.sin(0.55), 0.0, 0.0, np.cos(0.55)]  # 63 degrees about x
+    for q in (rolled, robot.q_reference):  # it does not jump up again when rolled back
+        command = controller.update(0.001, q, rest)
+        assert controller.fallen
+        np.testing.assert_array_equal(command.tau, 0.0)
+        assert command.kd > 0.0
+
+
 def test_the_observer_finds_who_pushes() -> None:
     """Pushed with 10 N sideways at the base's centre of mass, which is near the whole robot's."""
     push = "pushes=[{body: base_link, time_s: 0.1, duration_s: 0.2, impulse_ns: [0.0, 2.0, 0.0]}]"

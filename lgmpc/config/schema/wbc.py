@@ -71,7 +71,7 @@ class WbcSection(Section):
     joint_kp_nm: NonNegative = Field(default=0.0, description="Joint stiffness around the commanded torque, N.m/rad.")
     joint_kd_nms: NonNegative = Field(default=0.0, description="Joint damping around the commanded torque, N.m.s/rad.")
     tolerance: Positive = Field(default=1e-5, description="Residual at which the solver stops.")
-    max_iterations: Count = Field(default=200, description="Most iterations of the solver per tick.")
+    max_iterations: Count = Field(default=50, description="Most iterations of the solver per tick.")
     fallback_damping_nms: NonNegative = Field(
         default=0.1, description="Joint damping added to the last command when the solver failed, N.m.s/rad."
     )

@@ -114,7 +114,6 @@ def test_torques_stay_within_the_cap_when_a_push_is_too_strong_to_stay() -> None
     assert np.isfinite(result.log.tau_command).all()
 
 
-@pytest.mark.slow
 def test_the_mpc_survives_a_stronger_push_than_the_whole_body_qp_alone() -> None:
     """At friction 0.6, sideways, feet within 2 cm: see scripts/push_recovery.py for the largest pushes."""
 

@@ -19,11 +19,13 @@ from lgmpc.compile.build import compile_function, compile_functions, compile_map
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction
+from lgmpc.compile.kernel import StageKernel
 
 __all__ = [
     "CacheReport",
     "CompiledFunction",
     "Compiler",
+    "StageKernel",
     "cache_folder",
     "compile_function",
     "compile_functions",

@@ -119,16 +119,27 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
     return library
 
 
-def bind_library(library: ctypes.CDLL, signature: Signature, memory: Sequence[Array]) -> Callable[[], int]:
-    """Make the call that evaluates the library's function on this memory (inputs, then outputs)."""
+def bind_library(
+    library: ctypes.CDLL,
+    signature: Signature,
+    memory: Sequence[Array],
+    stages: int | None = None,
+    steps: Sequence[int] | None = None,
+) -> Callable[[], int]:
+    """Make the call that evaluates the library's function on this memory (inputs, then outputs).
+
+    ``stages`` and ``steps`` (numbers from each array's stage to its next) are the signature's unless given.
+    """
     name = signature.name
     sizes = [ctypes.c_longlong() for _ in range(4)]
     library[f"{name}_work"](*(ctypes.byref(size) for size in sizes))
     n_arg, n_res, n_iw, n_w = (size.value for size in sizes)
     base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
-    steps = [0 if argument.stages is None else argument.size for argument in (*signature.inputs, *signature.outputs)]
+    if steps is None:
+        arguments = (*signature.inputs, *signature.outputs)
+        steps = [0 if argument.stages is None else argument.size for argument in arguments]
     slot = library[f"{name}_checkout"]()
-    plan = np.array([signature.stages, slot, *steps], dtype=np.int64)
+    plan = np.array([signature.stages if stages is None else stages, slot, *steps], dtype=np.int64)
     arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
     iw, w = np.zeros(n_iw, dtype=np.int64), np.zeros(n_w)
     parts = (base, plan, arg, res, iw, w)

@@ -3,6 +3,7 @@
 from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
+from lgmpc.ocp.shooting import ShootingFunctions
 from lgmpc.ocp.transcription import MultipleShooting, transcribe
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "MultipleShooting",
     "OcpQp",
     "OcpQpStructure",
+    "ShootingFunctions",
     "ShootingProblem",
     "Trajectory",
     "transcribe",

@@ -156,6 +156,13 @@ class ShootingProblem:
         action = self.actions[node]
         return action.evaluate(x, u[: action.nu], self.parameters[node, : action.parameters.size])
 
+    def copy(self) -> ShootingProblem:
+        """A problem with the same actions and data of its own."""
+        twin = ShootingProblem(self.actions, terminal=self.terminal)
+        twin.parameters[...] = self.parameters
+        twin.x0[...] = self.x0
+        return twin
+
     def hold(self) -> Trajectory:
         """The plainest guess: the first state at all nodes, no control."""
         return Trajectory(np.tile(self.x0, (self.nodes + 1, 1)), np.zeros((self.nodes, self.nu)))

@@ -25,8 +25,8 @@ class ShootingFunctions:
     """Expansion and roll-out of one :class:`~lgmpc.ocp.ShootingProblem`, on arrays of its own.
 
     Write :attr:`xs` and :attr:`us` (and the problem's parameters and first state), call :meth:`expand`, read the
-    expansion; write gains, gaps and step length, call :meth:`roll_out`, read the candidate. Column n of a control
-    beyond what a node's action uses stays zero everywhere.
+    expansion; write gains, gaps and step length, call :meth:`roll_out`, read the candidate. Controls that a
+    node's action does not have are zero in every result.
 
     Args:
         problem: the problem.
@@ -37,7 +37,7 @@ class ShootingFunctions:
         xs: (N+1, nx) point of expansion.
         us: (N, nu).
         jacobian: (N, ndx + nu, ndx), ``[A B]^T`` of each interval, in tangent coordinates.
-        hessian: (N, ndx + nu, ndx + nu), ``[Q S^T; S R]``.
+        hessian: (N, ndx + nu, ndx + nu), ``[Q S^T; S R]``; the identity for controls that an action does not have.
         gradient: (N, ndx + nu), ``[q; r]``.
         gaps: (N+1, ndx), ``f(x_{k-1}, u_{k-1}) (-) x_k`` in row k; row 0 is ``x0 (-) xs[0]``, zero.
         costs: (N+1,) cost of each node.
@@ -55,7 +55,7 @@ class ShootingFunctions:
     """
 
     def __init__(self, problem: ShootingProblem, progress: Callable[[str], None] | None = None) -> None:
-        n, nx, ndx, nu = problem.nodes, problem.state.nx, problem.state.ndx, problem.nu
+        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
         self.problem = problem
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
         self.us: Array = np.zeros((n, nu))
@@ -163,9 +163,12 @@ def _expansion(action: Action, nu: int) -> ca.Function:
     names = action.quadratic_function.name_out()
     m = dict(zip(names, action.quadratic_function.call([x, u, x_next, p]), strict=True))
     n = action.state.ndx + nu
+    hessian = _padded(ca.blockcat([[m["Q"], m["S"].T], [m["S"], m["R"]]]), n, n)
+    for i in range(action.state.ndx + action.nu, n):
+        hessian[i, i] = 1.0
     outputs = [
         _padded(ca.horzcat(m["A"], m["B"]), action.state.ndx, n),
-        _padded(ca.blockcat([[m["Q"], m["S"].T], [m["S"], m["R"]]]), n, n),
+        hessian,
         _padded(ca.vertcat(m["q"], m["r"]), n, 1),
         m["b"],
         m["cost"],
@@ -213,4 +216,4 @@ def _last_cost(action: Action, nu: int) -> ca.Function:
 
 def _difference(state: State, name: str) -> ca.Function:
     x0, x1 = ca.SX.sym("x0", state.nx), ca.SX.sym("x1", state.nx)
-    return ca.Function(f"{name}_move", [x0, x1], [state.diff_symbolic(x0, x1)], ["x0", "x1", "dx"][:2], ["dx"])
+    return ca.Function(f"{name}_move", [x0, x1], [state.diff_symbolic(x0, x1)], ["x0", "x1"], ["dx"])

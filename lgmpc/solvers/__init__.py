@@ -1,6 +1,27 @@
-"""Solvers of optimal control problems: real-time SQP on structured QPs, and ipopt as the offline reference."""
+"""Solvers of optimal control problems: FDDP, SQP on structured QPs, and ipopt; one loop, one solution."""
 
+from lgmpc.solvers.fddp import BoxFddp, Fddp, FddpSettings
+from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress
 from lgmpc.solvers.nlp import IpoptSolver, NlpResult, NlpStatus
+from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sqp import SqpResult, SqpSolver, SqpStatus, SqpTimings
 
-__all__ = ["IpoptSolver", "NlpResult", "NlpStatus", "SqpResult", "SqpSolver", "SqpStatus", "SqpTimings"]
+__all__ = [
+    "BoxFddp",
+    "Callback",
+    "Fddp",
+    "FddpSettings",
+    "IpoptSolver",
+    "IterativeSolver",
+    "NlpResult",
+    "NlpStatus",
+    "PrintProgress",
+    "Progress",
+    "Solution",
+    "SqpResult",
+    "SqpSolver",
+    "SqpStatus",
+    "SqpTimings",
+    "Status",
+    "Timings",
+]

@@ -4,11 +4,12 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
 from lgmpc.ocp import ShootingProblem
-from lgmpc.state import StateVector
+from lgmpc.state import StateMultibody, StateVector
 
 FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
 STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
@@ -78,3 +79,117 @@ def cart() -> ShootingProblem:
     problem.set("target", 1.0)
     problem.set_initial_state([0.1, 0.2])
     return problem
+
+
+class Unconstrained(Action):
+    """What the actions below have in common."""
+
+    def constraint(self, x, u, p):
+        return Bounded(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
+
+
+class Linear(Unconstrained):
+    """``x+ = A x + B u + c`` with ``1/2 |x - g|^2 + 1/2 w |u|^2``, all given."""
+
+    def __init__(self, a, b, c, name: str = "linear") -> None:
+        self.a, self.b, self.c = a, b, c
+        self.name = name
+        self.state = StateVector(a.shape[0])
+        self.nu = b.shape[1]
+        self.parameters = ParameterLayout(Parameter("goal", a.shape[0], ""), Parameter("weight", 1, "of u"))
+
+    def step(self, x, u, p):
+        return ca.mtimes(ca.DM(self.a), x) + ca.mtimes(ca.DM(self.b), u) + ca.DM(self.c)
+
+    def cost(self, x, u, p):
+        s = self.parameters.split(p)
+        weight = ca.vertcat(ca.SX.ones(self.state.nx), ca.repmat(s["weight"], self.nu, 1))
+        return LeastSquares(ca.vertcat(x - s["goal"], u), weight)
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x - self.parameters.split(p)["goal"], 10 * ca.SX.ones(self.state.nx))
+
+
+class Unicycle(Unconstrained):
+    """Crocoddyl's: position and heading, driven by speed and turning rate, interval 0.1 s."""
+
+    name = "unicycle"
+    nu = 2
+
+    def __init__(self) -> None:
+        self.state = StateVector(3)
+        self.parameters = ParameterLayout(Parameter("weights", 2, "of state and control, squared in the cost"))
+
+    def step(self, x, u, p):
+        return x + 0.1 * ca.vertcat(ca.cos(x[2]) * u[0], ca.sin(x[2]) * u[0], u[1])
+
+    def cost(self, x, u, p):
+        return LeastSquares(ca.vertcat(x, u), ca.vertcat(*[p[0] ** 2] * 3, *[p[1] ** 2] * 2))
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x, ca.vertcat(*[p[0] ** 2] * 3))
+
+
+class Satellite(Action):
+    """A free body on SE(3) that torques and forces turn and move; bounds on them, unless it is left free."""
+
+    nu = 6
+
+    def __init__(self, bounded: bool = True) -> None:
+        model = pin.Model()
+        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+        self.bounded = bounded
+        self.name = f"satellite_{'bounded' if bounded else 'free'}"
+        self.state = StateMultibody(model)
+        self.parameters = ParameterLayout(Parameter("goal", 13, "state to reach"), Parameter("limit", 1, "of u"))
+
+    def step(self, x, u, p):
+        v = x[7:] + 0.1 * u
+        return self.state.integrate_symbolic(x, ca.vertcat(0.1 * v, 0.1 * u))
+
+    def cost(self, x, u, p):
+        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
+        return LeastSquares(ca.vertcat(error, u), ca.vertcat(*[0.1] * 12, *[0.01] * 6))
+
+    def terminal_cost(self, x, p):
+        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
+        return LeastSquares(error, ca.vertcat(*[100.0] * 12))
+
+    def constraint(self, x, u, p):
+        limit = self.parameters.split(p)["limit"]
+        if not self.bounded:
+            return Bounded(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
+        return Bounded(u, ca.repmat(-limit, 6, 1), ca.repmat(limit, 6, 1))
+
+
+def unicycle_problem(nodes: int = 20) -> ShootingProblem:
+    problem = ShootingProblem(Unicycle(), nodes)
+    problem.set("weights", [10.0, 1.0])
+    problem.set_initial_state([-1.0, -1.0, 1.0])
+    return problem
+
+
+def satellite_problem(bounded: bool, nodes: int = 10) -> ShootingProblem:
+    problem = ShootingProblem(Satellite(bounded), nodes)
+    problem.set("goal", np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6)]))
+    problem.set("limit", 4.0)
+    problem.set_initial_state(
+        np.concatenate([[0.3, -0.2, 0.1], [0.5, -0.5, 0.5, 0.5], [0.1, 0.0, 0.2, 0.3, -0.4, 0.2]])
+    )
+    return problem
+
+
+@pytest.fixture
+def unicycle() -> ShootingProblem:
+    return unicycle_problem()
+
+
+@pytest.fixture
+def satellite() -> Callable[..., ShootingProblem]:
+    return satellite_problem
+
+
+@pytest.fixture
+def linear() -> Callable[..., Action]:
+    """Makes a linear action from matrices."""
+    return Linear

@@ -1,0 +1,103 @@
+"""Stage functions on memory that somebody else owns: a loop in C, whose stages read each other's results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi
+import numpy as np
+
+from lgmpc.compile.build import densify_function
+from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.function import Signature, index_of
+from lgmpc.compile.native import Progress, bind_library, load_library
+from lgmpc.errors import InputError
+from lgmpc.typing import Array
+
+__all__ = ["StageKernel"]
+
+
+class StageKernel:
+    """A function of one stage, compiled once and bound to any memory, over any number of stages.
+
+    The stages are evaluated in order. So a roll-out is a kernel whose result ``x_next`` is bound to the same array as
+    its argument ``x``, one row on.
+
+    Args:
+        function: of one stage.
+        progress: told what is being compiled.
+
+    Attributes:
+        compiled: whether it is machine code; otherwise CasADi interprets it.
+
+    Raises:
+        CompileError: the function has no C code, or the compiler failed on it.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+
+    def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
+        self._function = densify_function(function)
+        self._signature = Signature.of(self._function)
+        compiler = find_compiler() if jit_enabled() else None
+        self._library = None if compiler is None else load_library(self._function, compiler, progress)
+        self.compiled = self._library is not None
+
+    def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
+        """Make the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
+
+        Args:
+            stages: their number.
+            memory: an array for every input and output, by name: ``(stages, size)`` or more columns with contiguous
+                rows, or ``(size,)``, which all stages share. Matrices are stored column after column.
+
+        Raises:
+            InputError: a name is missing or unknown, or an array does not fit.
+        """
+        arguments = (*self._signature.inputs, *self._signature.outputs)
+        names = tuple(argument.name for argument in arguments)
+        for name in memory:
+            index_of(f"argument of '{self._signature.name}'", name, names)
+        arrays, steps = [], []
+        for argument in arguments:
+            if argument.name not in memory:
+                raise InputError(f"memory for '{self._signature.name}'", "none", f"an array for '{argument.name}'")
+            array = memory[argument.name]
+            shared = array.ndim == 1 and array.size == argument.size
+            rows = array.ndim == 2 and array.shape[0] >= stages and array.shape[1] >= argument.size
+            contiguous = argument.size < 2 or array.strides[-1] == array.itemsize
+            if array.dtype != np.float64 or not contiguous or not (shared or rows):
+                got = f"{array.dtype} of shape {array.shape}"
+                raise InputError(argument.name, got, f"float64 of shape ({stages}, {argument.size}), contiguous rows")
+            arrays.append(array)
+            steps.append(0 if shared else array.strides[0] // array.itemsize)
+        if self._library is not None:
+            return bind_library(self._library, self._signature, arrays, stages, steps)
+        rows_of = [
+            [(a[k] if step else a)[: g.size] for k in range(stages)]
+            for a, step, g in zip(arrays, steps, arguments, strict=True)
+        ]
+        return _interpret(self._function, len(self._signature.inputs), stages, rows_of)
+
+
+def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[list[Array]]) -> Callable[[], int]:
+    calls: list[Any] = []
+    for k in range(stages):
+        buffer: Any
+        buffer, evaluate = function.buffer()
+        for i, column in enumerate(rows):
+            row = column[k]
+            if row.size == 0:
+                continue
+            if i < n_in:
+                buffer.set_arg(i, row.data)
+            else:
+                buffer.set_res(i - n_in, row.data)
+        calls.append((evaluate, buffer))
+
+    def call() -> int:
+        for evaluate, _ in calls:
+            evaluate()
+        return 0
+
+    return call

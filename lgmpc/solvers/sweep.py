@@ -1,0 +1,121 @@
+"""The backward sweep of differential dynamic programming, on arrays allocated once.
+
+With the cost-to-go ``1/2 dx^T V dx + v^T dx`` behind an interval, ``F = [A B]``, the stage's Hessian H and gradient h,
+
+    [Qxx Qxu; Qux Quu] = H + F^T V F,      [Qx; Qu] = h + F^T v,
+    K = Quu^-1 Qux,   k = Quu^-1 Qu,   V <- Qxx - Qxu K,   v <- Qx - K^T Qu,
+
+with a multiple of the identity added to Quu and to V. v holds the gradient where the gap in front of the node is
+closed: ``v <- v + V gap``. Mastalli et al., "Crocoddyl: an efficient and versatile framework for multi-contact optimal
+control", ICRA 2020.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import lapack
+
+from lgmpc.ocp import ShootingFunctions
+from lgmpc.typing import Array
+
+__all__ = ["BackwardSweep", "all_finite"]
+
+
+def all_finite(*arrays: Array) -> bool:
+    """Whether no number is NaN or infinite (or too large to square); one pass, no warnings."""
+    return all(math.isfinite(np.vdot(array, array)) for array in arrays)
+
+
+class BackwardSweep:
+    """Sweeps over the expansion in :class:`~lgmpc.ocp.ShootingFunctions`, writing its gains.
+
+    Args:
+        functions: where the expansion is read and the gains are written.
+
+    Attributes:
+        value_hessian: (N+1, ndx, ndx) V.
+        value_gradient: (N+1, ndx) v.
+        control_gradient: (N, nu) Qu.
+        control_product: (N, nu) Quu k.
+    """
+
+    def __init__(self, functions: ShootingFunctions) -> None:
+        n, width, ndx = functions.jacobian.shape
+        nu = width - ndx
+        self._functions = functions
+        self._ndx = ndx
+        self.value_hessian: Array = np.zeros((n + 1, ndx, ndx))
+        self.value_gradient: Array = np.zeros((n + 1, ndx))
+        self.control_gradient: Array = np.zeros((n, nu))
+        self.control_product: Array = np.zeros((n, nu))
+        self._product: Array = np.zeros((width, ndx))
+        self._q: Array = np.zeros((width, width))
+        self._right: Array = np.zeros((nu, ndx + 1), order="F")
+        self._drop: Array = np.zeros((ndx, ndx))
+        f = functions
+        self._stages = tuple(
+            (t, f.jacobian[t], f.jacobian[t].T, f.hessian[t], f.gradient[t], f.feedback[t], f.feedforward[t],
+             self.value_hessian[t], self.value_gradient[t], f.gaps[t],
+             self.value_hessian[t].reshape(-1)[:: ndx + 1], self.control_gradient[t])
+            for t in reversed(range(n))
+        )  # fmt: skip
+
+    def run(self, regularization: float, *, closed: bool) -> bool:
+        """Sweep once; False if some Quu is not positive definite or a number is not finite.
+
+        Args:
+            regularization: added to the diagonals of Quu and V.
+            closed: whether all gaps are zero.
+        """
+        f, ndx = self._functions, self._ndx
+        v_next, g_next = self.value_hessian[-1], self.value_gradient[-1]
+        v_next[...] = f.last_hessian
+        v_next.reshape(-1)[:: ndx + 1] += regularization
+        g_next[...] = f.last_gradient
+        if not closed:
+            g_next += v_next @ f.gaps[-1]
+        product, q, drop = self._product, self._q, self._drop
+        qxx, qux, quu = q[:ndx, :ndx], q[ndx:, :ndx], q[ndx:, ndx:]
+        quu_diagonal = q.reshape(-1)[ndx * (q.shape[0] + 1) :: q.shape[0] + 1]
+        matmul, dot, add, subtract = np.matmul, np.dot, np.add, np.subtract
+        for t, jacobian_t, jacobian, hessian, gradient, feedback, feedforward, v, g, gap, diagonal, qu in self._stages:
+            dot(jacobian_t, v_next, out=product)
+            dot(product, jacobian, out=q)
+            add(q, hessian, out=q)
+            both = jacobian_t.dot(g_next)
+            both += gradient
+            qu[...] = both[ndx:]
+            quu_diagonal += regularization
+            if not self._gains(t, quu, qux, qu, feedback, feedforward):
+                return False
+            matmul(qux.T, feedback, out=drop)
+            subtract(qxx, drop, out=drop)
+            add(drop, drop.T, out=v)
+            v *= 0.5
+            diagonal += regularization
+            g[...] = both[:ndx]
+            self._lower(g, qux, qu, t, feedback, feedforward)
+            if not closed:
+                g += v.dot(gap)
+            v_next, g_next = v, g
+        return all_finite(self.value_gradient, v_next)
+
+    def _gains(self, t: int, quu: Array, qux: Array, qu: Array, feedback: Array, feedforward: Array) -> bool:
+        """Write K, k and Quu k of one interval."""
+        factor, failed = lapack.dpotrf(quu, 1, 0)
+        if failed:
+            return False
+        right = self._right
+        right[:, :-1] = qux
+        right[:, -1] = qu
+        solved, _ = lapack.dpotrs(factor, right, 1)
+        feedback[...] = solved[:, :-1]
+        feedforward[...] = solved[:, -1]
+        self.control_product[t] = qu
+        return True
+
+    def _lower(self, g: Array, qux: Array, qu: Array, t: int, feedback: Array, feedforward: Array) -> None:
+        """Take what the controls gain off the gradient Qx in ``g``."""
+        g -= qu.dot(feedback)

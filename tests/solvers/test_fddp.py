@@ -1,0 +1,302 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from lgmpc.actions import Action
+from lgmpc.errors import InputError, SolverError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, IpoptSolver, PrintProgress, Progress, Solution, Status
+from lgmpc.solvers.box import minimise_in_box
+
+Make = Callable[..., ShootingProblem]
+
+
+def dense_lq(problem: ShootingProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Minimiser of a linear-quadratic problem from one dense KKT system."""
+    n, nx = problem.nodes, problem.state.nx
+    sizes = [action.nu for action in problem.actions]
+    starts = np.concatenate([[0], np.cumsum(sizes)]) + nx * (n + 1)
+    total = int(starts[-1])
+    h, g, rows, right = np.zeros((total, total)), np.zeros(total), [], []
+    first = np.zeros((nx, total))
+    first[:, :nx] = np.eye(nx)
+    rows.append(first)
+    right.append(problem.x0)
+    for k in range(n + 1):
+        action = problem.action_at(k)
+        s = action.parameters.split(problem.parameters[k])
+        x = slice(nx * k, nx * (k + 1))
+        weight = 10.0 if k == n else 1.0
+        h[x, x] = weight * np.eye(nx)
+        g[x] = -weight * s["goal"]
+        if k < n:
+            u = slice(int(starts[k]), int(starts[k + 1]))
+            h[u, u] = s["weight"] * np.eye(sizes[k])
+            row = np.zeros((nx, total))
+            row[:, nx * (k + 1) : nx * (k + 2)] = np.eye(nx)
+            row[:, x], row[:, u] = -action.a, -action.b
+            rows.append(row)
+            right.append(action.c)
+    c = np.vstack(rows)
+    kkt = np.block([[h, c.T], [c, np.zeros((len(c), len(c)))]])
+    z = np.linalg.solve(kkt, np.concatenate([-g, np.concatenate(right)]))[:total]
+    us = np.zeros((n, problem.nu))
+    for k in range(n):
+        us[k, : sizes[k]] = z[starts[k] : starts[k + 1]]
+    return z[: nx * (n + 1)].reshape(n + 1, nx), us
+
+
+def linear_problem(linear: Callable[..., Action], mixed: bool) -> ShootingProblem:
+    rng = np.random.default_rng(3)
+
+    def make(nu: int, name: str) -> Action:
+        return linear(np.eye(4) + 0.1 * rng.standard_normal((4, 4)), rng.standard_normal((4, nu)),
+                      0.1 * rng.standard_normal(4), name)  # fmt: skip
+
+    one = make(2, "one")
+    actions = [one] * 9
+    if mixed:
+        other, impulse = make(3, "other"), make(0, "impulse")
+        actions = [one] * 3 + [impulse] + [other] * 2 + [one] * 2 + [other]
+    problem = ShootingProblem(actions)
+    problem.set("goal", rng.standard_normal((10, 4)))
+    problem.set("weight", 0.3)
+    problem.set_initial_state(rng.standard_normal(4))
+    return problem
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize("rolled_out", [False, True])
+def test_linear_quadratic_problems_are_solved_in_one_step(
+    linear: Callable[..., Action], mixed: bool, rolled_out: bool
+) -> None:
+    problem = linear_problem(linear, mixed)
+    xs, us = dense_lq(problem)
+    rng = np.random.default_rng(4)
+    guess = Trajectory(rng.standard_normal(xs.shape), rng.standard_normal(us.shape))
+    solver = Fddp(problem)
+    first = solver.solve(problem.rollout(guess.us) if rolled_out else guess, max_iterations=1)
+    np.testing.assert_allclose(first.xs, xs, atol=1e-7)
+    np.testing.assert_allclose(first.us, us, atol=1e-7)
+    solution = solver.solve(guess)
+    assert solution.status is Status.CONVERGED and solution.iterations <= 3
+    assert solution.residual().largest < 1e-8
+    for k in range(9):
+        assert not solution.us[k, problem.actions[k].nu :].any()
+
+
+def test_feedback_is_that_of_the_closed_form(linear: Callable[..., Action]) -> None:
+    problem = linear_problem(linear, mixed=False)
+    solution = Fddp(problem).solve()
+    moved = problem.copy()
+    dx = np.array([0.3, -0.2, 0.5, 0.1])
+    moved.set_initial_state(problem.x0 + dx)
+    _, us = dense_lq(moved)
+    np.testing.assert_allclose(solution.control(0, moved.x0), us[0], atol=1e-7)
+
+
+def check_against_ipopt(solution: Solution, problem: ShootingProblem, guess: Trajectory, atol: float) -> None:
+    reference = IpoptSolver(problem).solve(guess)
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-8)
+    np.testing.assert_allclose(solution.us, reference.trajectory.us, atol=atol)
+    for x, other in zip(solution.xs, reference.trajectory.xs, strict=True):
+        np.testing.assert_allclose(problem.state.diff(x, other), 0.0, atol=atol)
+
+
+@pytest.mark.parametrize("which", ["unicycle", "satellite"])
+@pytest.mark.parametrize("feasible", [True, False])
+def test_fddp_finds_the_solution_of_ipopt(
+    unicycle: ShootingProblem, satellite: Make, which: str, feasible: bool
+) -> None:
+    problem = unicycle if which == "unicycle" else satellite(bounded=False)
+    rng = np.random.default_rng(0)
+    guess = problem.hold()
+    if not feasible:
+        xs = [problem.state.integrate(x, 0.3 * rng.standard_normal(problem.state.ndx)) for x in guess.xs]
+        guess = Trajectory(np.array(xs), rng.standard_normal(guess.us.shape))
+    solution = Fddp(problem, FddpSettings(tolerance=1e-13)).solve(guess)
+    assert solution.status is Status.CONVERGED
+    check_against_ipopt(solution, problem, guess, atol=2e-6)
+    residual = solution.residual()
+    assert residual.dynamics < 1e-12
+    assert residual.stationarity == pytest.approx(solution.kkt.stationarity, rel=1e-3, abs=1e-12)
+    assert residual.stationarity < 1e-5
+    np.testing.assert_allclose(solution.defects(), solution.gaps, atol=1e-12)
+
+
+@pytest.mark.parametrize("limit", [4.0, 1.0])
+def test_box_fddp_finds_the_solution_of_ipopt(satellite: Make, limit: float) -> None:
+    problem = satellite(bounded=True)
+    problem.set("limit", limit)
+    problem.set("limit", 0.7 * limit, nodes=[3])  # bounds are parameters: they may differ from node to node
+    solution = BoxFddp(problem, FddpSettings(tolerance=1e-12)).solve(max_iterations=200)
+    assert solution.status is Status.CONVERGED
+    check_against_ipopt(solution, problem, problem.hold(), atol=1e-5)
+    assert (solution.multipliers != 0.0).any()
+    assert solution.constraint_violation().max() == 0.0
+    assert solution.complementarity().max() < 1e-12
+    assert solution.residual().stationarity < 1e-4
+
+
+def test_box_minimiser_satisfies_its_conditions() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        n = int(rng.integers(1, 8))
+        root = rng.standard_normal((n, n))
+        hessian, gradient = root @ root.T + 1e-3 * np.eye(n), 3.0 * rng.standard_normal(n)
+        lower, upper = -rng.random(n), rng.random(n)
+        d, free = minimise_in_box(hessian, gradient, lower, upper)
+        slope = gradient + hessian @ d
+        assert (lower <= d).all() and (d <= upper).all()
+        np.testing.assert_allclose(slope[free], 0.0, atol=1e-9)
+        assert (slope[(d == lower) & ~free] > 0.0).all() and (slope[(d == upper) & ~free] < 0.0).all()
+        assert ((d == lower) | (d == upper))[~free].all()
+    assert minimise_in_box(-np.eye(2), np.ones(2), -np.ones(2), np.ones(2))[0] is None
+
+
+def test_constraints_that_a_solver_cannot_keep_are_refused(cart: ShootingProblem, satellite: Make) -> None:
+    with pytest.raises(InputError, match="path constraints"):
+        Fddp(satellite(bounded=True))
+    with pytest.raises(InputError, match="row 1 is no control"):
+        BoxFddp(cart)
+
+
+def test_solves_are_repeatable_to_the_bit(unicycle: ShootingProblem) -> None:
+    solver = Fddp(unicycle)
+    first, second = solver.solve(), solver.solve()
+    third = Fddp(unicycle).solve()
+    for other in (second, third):
+        for name in ("xs", "us", "feedback", "feedforward", "costates", "gaps"):
+            np.testing.assert_array_equal(getattr(first, name), getattr(other, name))
+        assert (first.cost, first.iterations, first.kkt) == (other.cost, other.iterations, other.kkt)
+
+
+def test_interpreted_functions_give_the_same(unicycle: ShootingProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = Fddp(unicycle).solve()
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    solver = Fddp(unicycle)
+    assert not solver.functions.compiled
+    interpreted = solver.solve()
+    np.testing.assert_allclose(interpreted.xs, compiled.xs, atol=1e-9)
+    assert interpreted.iterations == compiled.iterations
+
+
+def test_progress_is_told_and_can_stop(unicycle: ShootingProblem) -> None:
+    solver = Fddp(unicycle)
+    told: list[Progress] = []
+    solution = solver.solve(callback=told.append)
+    assert [p.iteration for p in told] == list(range(1, solution.iterations + 1))
+    assert told[-1].criterion < 1e-9 and told[0].criterion > told[-1].criterion
+    assert told[-1].cost == pytest.approx(solution.cost, rel=1e-14)
+    stopped = solver.solve(callback=lambda progress: progress.iteration == 2)
+    assert stopped.status is Status.STOPPED and stopped.iterations == 2
+    lines: list[str] = []
+    solver.solve(callback=PrintProgress(lines.append))
+    assert len(lines) == solution.iterations + 1
+
+
+def test_limits_are_honoured(unicycle: ShootingProblem) -> None:
+    solver = Fddp(unicycle)
+    limited = solver.solve(max_iterations=3)
+    assert limited.status is Status.ITERATION_LIMIT and limited.iterations == 3
+    assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT
+    unsolved = solver.solve(max_iterations=0)
+    np.testing.assert_array_equal(unsolved.xs, unicycle.hold().xs)
+    with pytest.raises(InputError, match="max_iterations"):
+        solver.solve(max_iterations=-1)
+    with pytest.raises(InputError, match="time_limit"):
+        solver.solve(time_limit=float("nan"))
+    with pytest.raises(SolverError, match="iteration_limit") as raised:
+        solver.solve(max_iterations=1, throw=True)
+    assert "stationarity: largest gradient" in raised.value.remedy
+    assert solver.solve(throw=True).status.solved
+
+
+def test_wrong_shapes_are_named(unicycle: ShootingProblem) -> None:
+    solver = Fddp(unicycle)
+    with pytest.raises(InputError, match=r"xs: got shape \(20, 3\); expected shape \(21, 3\)"):
+        solver.solve(Trajectory(np.zeros((20, 3)), np.zeros((20, 2))))
+    with pytest.raises(InputError, match="us: got shape"):
+        solver.solve(Trajectory(np.zeros((21, 3)), np.zeros((20, 3))))
+
+
+@pytest.mark.parametrize("where", ["xs", "us", "x0", "parameters"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_found(unicycle: ShootingProblem, where: str, value: float) -> None:
+    guess = unicycle.hold()
+    if where == "x0":
+        unicycle.x0[1] = value
+    elif where == "parameters":
+        unicycle.parameters[7] = value
+    else:
+        getattr(guess, where)[7, 1] = value
+    solution = Fddp(unicycle).solve(guess)
+    assert solution.status is Status.NOT_FINITE and solution.iterations == 0
+    assert not solution.status.solved
+    text = solution.explain()
+    assert ("first state" in text) if where == "x0" else ("node 7" in text)
+
+
+class Cliff(Action):
+    """An action whose step is the square root of a state that a long step makes negative."""
+
+    def __init__(self, base: Action) -> None:
+        self.name, self.state, self.nu, self.parameters = "cliff", base.state, base.nu, base.parameters
+        self.cost, self.terminal_cost, self.constraint = base.cost, base.terminal_cost, base.constraint
+
+    def step(self, x, u, p):
+        return x + 0.1 * ca.sqrt(x) - 0.1 * u
+
+    def cost(self, x, u, p):
+        raise AssertionError
+
+    terminal_cost = constraint = cost
+
+
+def test_roll_outs_that_diverge_are_shortened(linear: Callable[..., Action]) -> None:
+    base = linear(np.eye(2), np.eye(2), np.zeros(2))
+    problem = ShootingProblem(Cliff(base), 6)
+    problem.set("weight", 1e-4)
+    problem.set("goal", 0.01)
+    problem.set_initial_state([1.0, 2.0])
+    lengths: list[float] = []
+    solution = Fddp(problem).solve(problem.rollout(np.zeros((6, 2))), callback=lambda p: lengths.append(p.step_length))
+    assert solution.status in (Status.CONVERGED, Status.STALLED, Status.ITERATION_LIMIT)
+    assert np.isfinite(solution.xs).all() and np.isfinite(solution.cost)
+    assert min(lengths) < 1.0
+
+
+def test_explain_names_the_worst_node(unicycle: ShootingProblem) -> None:
+    guess = unicycle.hold()
+    guess.xs[12, 2] += 5.0
+    solution = Fddp(unicycle).solve(guess, max_iterations=0)
+    k, i = np.unravel_index(int(np.abs(solution.defects()).argmax()), (21, 3))
+    assert f"before node {k} ('unicycle'), tangent entry {i}" in solution.explain()
+    k, i = np.unravel_index(int(np.abs(solution.stationarity()).argmax()), (21, 5))
+    assert f"at node {k} ('unicycle')" in solution.explain()
+
+
+def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
+    solver = Fddp(unicycle)
+    solution = solver.solve()
+    xs = solution.xs.copy()
+    unicycle.set("weights", 1.0)
+    unicycle.set_initial_state([0.0, 1.0, 0.0])
+    solver.solve()
+    np.testing.assert_array_equal(solution.xs, xs)
+    assert solution.residual().largest < 1e-4  # measured against the data that it was solved for
+    with pytest.raises(ValueError, match="read-only"):
+        solution.us[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("regularization", (0.0, 1.0)), ("regularization_factor", 1.0), ("step_lengths", ()), ("tolerance", 0.0)],
+)
+def test_settings_that_cannot_work_are_refused(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=name):
+        FddpSettings(**{name: value})

@@ -1,15 +1,18 @@
 """Actions: the intervals of an optimal control problem, written once as CasADi expressions."""
 
-from lgmpc.actions.base import Action, Bounded, LeastSquares, StageValue
+from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
-from lgmpc.actions.parameters import Parameter, ParameterLayout
+from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [
     "Action",
     "Bounded",
     "CentroidalAction",
+    "Cost",
+    "CostTerm",
     "LeastSquares",
     "Parameter",
     "ParameterLayout",
+    "Stage",
     "StageValue",
 ]

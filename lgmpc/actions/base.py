@@ -14,42 +14,27 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions.parameters import ParameterLayout
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.state.base import State
 from lgmpc.typing import Array
 
-__all__ = ["Action", "Bounded", "LeastSquares", "StageValue"]
+__all__ = ["Action", "Stage", "StageValue"]
 
 
 @dataclass(frozen=True)
-class LeastSquares:
-    """The cost ``1/2 sum_i weight_i residual_i^2``.
-
-    Its Hessian is taken as ``J^T diag(weight) J`` with the residual's Jacobian J (Gauss-Newton): positive semidefinite
-    for weights that are not negative, and exact when the residual is affine.
+class Stage:
+    """An action's expressions at one point.
 
     Attributes:
-        residual: CasADi column, a function of state, control and parameters.
-        weight: CasADi column of the same length, a function of the parameters only.
+        x_next: (nx,) state at the end of the interval.
+        cost: running cost.
+        path: path constraint.
     """
 
-    residual: Any
-    weight: Any
-
-
-@dataclass(frozen=True)
-class Bounded:
-    """The hard constraint ``lower <= value <= upper``, row by row.
-
-    Attributes:
-        value: CasADi column, a function of state, control and parameters.
-        lower: CasADi column, a function of the parameters only; minus infinity where there is no bound.
-        upper: the same from above.
-    """
-
-    value: Any
-    lower: Any
-    upper: Any
+    x_next: Any
+    cost: Cost
+    path: Bounded
 
 
 @dataclass(frozen=True)
@@ -102,16 +87,24 @@ class Action(ABC):
         """Return the state (nx,) at the end of the interval."""
 
     @abstractmethod
-    def cost(self, x: Any, u: Any, p: Any) -> LeastSquares:
+    def cost(self, x: Any, u: Any, p: Any) -> Cost:
         """Return the running cost."""
 
     @abstractmethod
-    def terminal_cost(self, x: Any, p: Any) -> LeastSquares:
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
         """Return the cost of the state at the end of the horizon."""
 
     @abstractmethod
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
         """Return the path constraint; columns of length zero if there is none."""
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return all expressions of the interval.
+
+        An action whose expressions share work, or that defines quantities by equations (see
+        :mod:`lgmpc.actions.implicit`), overrides this and lets the other methods read it off here.
+        """
+        return Stage(self.step(x, u, p), self.cost(x, u, p), self.constraint(x, u, p))
 
     @cached_property
     def value_function(self) -> ca.Function:
@@ -119,8 +112,8 @@ class Action(ABC):
         x, u, p = (
             ca.SX.sym(name, n) for name, n in (("x", self.state.nx), ("u", self.nu), ("p", self.parameters.size))
         )
-        cost, path = self.cost(x, u, p), self.constraint(x, u, p)
-        outputs = [self.step(x, u, p), _half_square(cost), path.value, path.lower, path.upper]
+        stage = self.stage(x, u, p, Unknowns())
+        outputs = [stage.x_next, stage.cost.value, stage.path.value, stage.path.lower, stage.path.upper]
         names = ["x_next", "cost", "constraint", "lower", "upper"]
         return ca.Function(f"{self.name}_value", [x, u, p], outputs, ["x", "u", "p"], names)
 
@@ -128,7 +121,7 @@ class Action(ABC):
     def terminal_value_function(self) -> ca.Function:
         """``(x, p) -> cost``."""
         x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
-        cost = _half_square(self.terminal_cost(x, p))
+        cost = self.terminal_cost(x, p).value
         return ca.Function(f"{self.name}_terminal_value", [x, p], [cost], ["x", "p"], ["cost"])
 
     @cached_property
@@ -145,28 +138,31 @@ class Action(ABC):
         """
         x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
         x_next, u, dx = ca.SX.sym("x_next", self.state.nx), ca.SX.sym("u", self.nu), ca.SX.sym("dx", self.state.ndx)
-        moved = self.state.integrate_symbolic(x, dx)
-        gap = self.state.diff_symbolic(x_next, self.step(moved, u, p))
-        cost, path = self.cost(moved, u, p), self.constraint(moved, u, p)
-        jx, ju = ca.jacobian(cost.residual, dx), ca.jacobian(cost.residual, u)
+        unknowns = Unknowns(keep=True)
+        stage = self.stage(self.state.integrate_symbolic(x, dx), u, p, unknowns)
+        gap, cost, path = self.state.diff_symbolic(x_next, stage.x_next), stage.cost, stage.path
+        a, b = unknowns.jacobians(gap, dx, u)
+        jx, ju = unknowns.jacobians(cost.residual, dx, u)
+        c, d = unknowns.jacobians(path.value, dx, u)
         wx, wu = _scale_rows(cost.weight, jx), _scale_rows(cost.weight, ju)
+        curved_x, curved_u = _scale_rows(cost.curvature, wx), _scale_rows(cost.curvature, wu)
         expressions = {
-            "A": ca.jacobian(gap, dx),
-            "B": ca.jacobian(gap, u),
+            "A": a,
+            "B": b,
             "b": gap,
-            "Q": jx.T @ wx,
-            "S": ju.T @ wx,
-            "R": ju.T @ wu,
-            "q": wx.T @ cost.residual,
-            "r": wu.T @ cost.residual,
-            "C": ca.jacobian(path.value, dx),
-            "D": ca.jacobian(path.value, u),
+            "Q": jx.T @ curved_x,
+            "S": ju.T @ curved_x,
+            "R": ju.T @ curved_u,
+            "q": wx.T @ cost.gradient,
+            "r": wu.T @ cost.gradient,
+            "C": c,
+            "D": d,
             "lower": path.lower - path.value,
             "upper": path.upper - path.value,
-            "cost": _half_square(cost),
+            "cost": cost.value,
         }
         inputs = [x, u, x_next, p]
-        outputs = _at_zero(list(expressions.values()), dx)
+        outputs = _at_zero(unknowns.resolve([*inputs, dx], list(expressions.values())), dx)
         names = ["x", "u", "x_next", "p"]
         return ca.Function(f"{self.name}_quadratic", inputs, outputs, names, list(expressions))
 
@@ -178,7 +174,7 @@ class Action(ABC):
         cost = self.terminal_cost(self.state.integrate_symbolic(x, dx), p)
         jx = ca.jacobian(cost.residual, dx)
         wx = _scale_rows(cost.weight, jx)
-        outputs = _at_zero([jx.T @ wx, wx.T @ cost.residual, _half_square(cost)], dx)
+        outputs = _at_zero([jx.T @ _scale_rows(cost.curvature, wx), wx.T @ cost.gradient, cost.value], dx)
         return ca.Function(f"{self.name}_terminal_quadratic", [x, p], outputs, ["x", "p"], ["Q", "q", "cost"])
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
@@ -191,10 +187,6 @@ class Action(ABC):
         """
         x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
         return StageValue(x_next, float(cost[0]), value, lower, upper)
-
-
-def _half_square(cost: LeastSquares) -> Any:
-    return ca.dot(cost.weight, cost.residual**2) / 2
 
 
 def _scale_rows(weight: Any, jacobian: Any) -> Any:

@@ -35,8 +35,8 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.actions.base import Action, Bounded, LeastSquares
-from lgmpc.actions.parameters import Parameter, ParameterLayout
+from lgmpc.actions.base import Action
+from lgmpc.costs import Bounded, Cost, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.state.vector import StateVector
 
@@ -102,7 +102,7 @@ class CentroidalAction(Action):
         k_next = k + h * moment - ca.cross(c_integral, total) - (h**3 / (6 * m)) * ca.cross(others, total)
         return ca.vertcat(c_next, l + h * resultant, k_next)
 
-    def cost(self, x: Any, u: Any, p: Any) -> LeastSquares:
+    def cost(self, x: Any, u: Any, p: Any) -> Cost:
         """Weighted distance from the reference state and forces."""
         s = self.parameters.split(p)
         # A foot in the air is drawn to zero force.
@@ -110,7 +110,7 @@ class CentroidalAction(Action):
         residual = ca.vertcat(x - s["x_reference"], u - u_reference)
         return LeastSquares(residual, ca.vertcat(s["x_weight"], s["u_weight"]))
 
-    def terminal_cost(self, x: Any, p: Any) -> LeastSquares:
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
         """Weighted distance from the reference state, with the last node's weights."""
         s = self.parameters.split(p)
         return LeastSquares(x - s["x_reference"], s["x_weight"])

@@ -1,10 +1,13 @@
-"""Names for the slices of an action's parameter vector."""
+"""Names for the slices of a parameter vector: whatever may change between two solves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
@@ -20,11 +23,13 @@ class Parameter:
         name: a Python identifier.
         size: number of values.
         meaning: what it is, with its unit.
+        default: what :attr:`ParameterLayout.default` holds for it: (size,) values, or a number for all of them.
     """
 
     name: str
     size: int
     meaning: str
+    default: ArrayLike = 0.0
 
 
 class ParameterLayout(Mapping[str, slice]):
@@ -36,6 +41,10 @@ class ParameterLayout(Mapping[str, slice]):
     Attributes:
         parameters: the same.
         size: np, the length of the vector.
+        default: (np,) the parameters' defaults, read-only.
+
+    Raises:
+        InputError: two parameters of one name, or a default of the wrong size.
     """
 
     def __init__(self, *parameters: Parameter) -> None:
@@ -43,9 +52,18 @@ class ParameterLayout(Mapping[str, slice]):
         self._slices: dict[str, slice] = {}
         start = 0
         for parameter in parameters:
+            if parameter.name in self._slices:
+                raise InputError("parameters", f"two called '{parameter.name}'", "a name of its own for each")
             self._slices[parameter.name] = slice(start, start + parameter.size)
             start += parameter.size
         self.size = start
+        self.default: Array = np.zeros(start)
+        for parameter in parameters:
+            values = np.asarray(parameter.default, dtype=np.float64)
+            if values.shape not in ((), (parameter.size,)):
+                raise InputError(parameter.name, f"a default of shape {values.shape}", f"shape {(parameter.size,)}")
+            self.default[self._slices[parameter.name]] = values
+        self.default.flags.writeable = False
 
     def __getitem__(self, name: str) -> slice:
         """The slice of the vector where ``name`` is stored.

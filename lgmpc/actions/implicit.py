@@ -1,0 +1,81 @@
+"""Quantities that an action defines by an equation, such as contact forces, and their derivatives.
+
+The steps that find them are not differentiated: where ``g(w, z) = 0`` defines z as a function of w,
+``dz/dw = -(dg/dz)^-1 dg/dw``. So the derivatives of a contact dynamics cost those of its equations of motion and one
+solve, instead of those of a factorisation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+__all__ = ["Unknowns"]
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    symbol: Any
+    value: Any
+    residual: Any
+    solve: Callable[[Any], Any]
+
+
+class Unknowns:
+    """The unknowns of a stage, in the order in which they depend on each other.
+
+    Args:
+        keep: whether unknowns stand for themselves, to be differentiated implicitly; otherwise :meth:`define` returns
+            their value.
+    """
+
+    def __init__(self, keep: bool = False) -> None:
+        self._keep = keep
+        self._found: list[_Unknown] = []
+        self._slopes: list[Any] = []
+
+    def define(self, value: Any, residual: Callable[[Any], Any], solve: Callable[[Any], Any]) -> Any:
+        """Return the column that stands for an unknown in all further expressions.
+
+        Args:
+            value: the unknown's value.
+            residual: the column g(z) that is zero at it.
+            solve: ``right -> (dg/dz)^-1 right`` for (n, m) right-hand sides.
+        """
+        if not self._keep:
+            return value
+        symbol = ca.SX.sym(f"z{len(self._found)}", value.shape[0])
+        self._found.append(_Unknown(symbol, value, residual(symbol), solve))
+        return symbol
+
+    def jacobians(self, expression: Any, *variables: Any) -> tuple[Any, ...]:
+        """Return the derivatives of an expression with respect to each of the variables; always the same ones."""
+        direct = [ca.jacobian(expression, variable) for variable in variables]
+        if self._found:
+            if not self._slopes:
+                self._solve(variables)
+            for unknown, slopes in zip(self._found, self._slopes, strict=True):
+                through = ca.jacobian(expression, unknown.symbol)
+                direct = [one + through @ slope for one, slope in zip(direct, slopes, strict=True)]
+        return tuple(direct)
+
+    def resolve(self, inputs: list[Any], outputs: list[Any]) -> list[Any]:
+        """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values put in."""
+        for unknown in reversed(self._found):
+            function = ca.Function("resolve", [*inputs, *(u.symbol for u in self._found)], outputs)
+            others = [u.value if u is unknown else u.symbol for u in self._found]
+            outputs = function.call([*inputs, *others])
+        return outputs
+
+    def _solve(self, variables: tuple[Any, ...]) -> None:
+        sizes = [variable.shape[0] for variable in variables]
+        edges = [0, *(sum(sizes[: i + 1]) for i in range(len(sizes)))]
+        for unknown in self._found:
+            right = ca.horzcat(*(ca.jacobian(unknown.residual, variable) for variable in variables))
+            for earlier, slopes in zip(self._found, self._slopes, strict=False):
+                right += ca.jacobian(unknown.residual, earlier.symbol) @ ca.horzcat(*slopes)
+            slope = -unknown.solve(right)
+            self._slopes.append([slope[:, a:b] for a, b in zip(edges, edges[1:], strict=False)])

@@ -1,0 +1,169 @@
+"""Activations: what a residual's entries cost, one scalar function applied to each.
+
+An activation is a frozen dataclass whose fields are its parameters: numbers, arrays, or CasADi expressions, either one
+for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostItem` numbers become named parameters of
+the compiled functions, so that changing one recompiles nothing.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.costs.parameters import Parameter
+from lgmpc.errors import InputError
+
+__all__ = ["Activation", "Huber", "Quadratic", "QuadraticBarrier", "SmoothOneNorm", "WeightedQuadratic"]
+
+
+@dataclass(frozen=True, eq=False)
+class Activation(ABC):
+    """A scalar function of one residual entry, with its derivatives; all methods act entry by entry on a column."""
+
+    @abstractmethod
+    def value(self, r: Any) -> Any:
+        """Return ``a(r)``."""
+
+    @abstractmethod
+    def gradient(self, r: Any) -> Any:
+        """Return ``a'(r)``."""
+
+    @abstractmethod
+    def curvature(self, r: Any) -> Any:
+        """Return ``a''(r)``, not negative."""
+
+    def parameters(self, prefix: str, size: int) -> tuple[Parameter, ...]:
+        """Return the fields as parameters ``<prefix>_<field>`` for a residual of ``size`` entries.
+
+        Raises:
+            InputError: a field has the wrong number of values.
+        """
+        found = []
+        for field in fields(self):
+            values = np.asarray(getattr(self, field.name), dtype=np.float64)
+            name = f"{prefix}_{field.name}"
+            if values.shape not in ((), (size,)):
+                raise InputError(name, f"shape {values.shape}", f"a number or shape {(size,)}")
+            found.append(Parameter(name, size, f"{field.name} of the {type(self).__name__} activation", values))
+        return tuple(found)
+
+    def bind(self, prefix: str, values: Any) -> Activation:
+        """Return the same activation with its fields taken from a mapping of ``<prefix>_<field>`` to columns."""
+        return replace(self, **{field.name: values[f"{prefix}_{field.name}"] for field in fields(self)})
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic(Activation):
+    """``a = r^2 / 2``."""
+
+    def value(self, r: Any) -> Any:
+        """Return half the square."""
+        return r**2 / 2
+
+    def gradient(self, r: Any) -> Any:
+        """Return r."""
+        return r
+
+    def curvature(self, r: Any) -> Any:
+        """Return one."""
+        return type(r).ones(*r.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedQuadratic(Activation):
+    """``a = w r^2 / 2``.
+
+    Attributes:
+        weights: w, not negative.
+    """
+
+    weights: Any
+
+    def value(self, r: Any) -> Any:
+        """Return half the weighted square."""
+        return self.weights * r**2 / 2
+
+    def gradient(self, r: Any) -> Any:
+        """Return w r."""
+        return self.weights * r
+
+    def curvature(self, r: Any) -> Any:
+        """Return w."""
+        return self.weights * type(r).ones(*r.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticBarrier(Activation):
+    """Half the squared distance from an interval: zero within ``[lower, upper]``.
+
+    Attributes:
+        lower: lower end; minus infinity for none.
+        upper: upper end; infinity for none.
+    """
+
+    lower: Any
+    upper: Any
+
+    def value(self, r: Any) -> Any:
+        """Return half the squared distance."""
+        return self.gradient(r) ** 2 / 2
+
+    def gradient(self, r: Any) -> Any:
+        """Return the signed distance."""
+        return ca.if_else(r < self.lower, r - self.lower, 0) + ca.if_else(r > self.upper, r - self.upper, 0)
+
+    def curvature(self, r: Any) -> Any:
+        """Return one outside, zero within."""
+        return ca.if_else(r < self.lower, 1.0, 0) + ca.if_else(r > self.upper, 1.0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothOneNorm(Activation):
+    """``a = sqrt(r^2 + epsilon)``: the absolute value, rounded off over a width of ``sqrt(epsilon)``.
+
+    Attributes:
+        epsilon: positive.
+    """
+
+    epsilon: Any = 1.0
+
+    def value(self, r: Any) -> Any:
+        """Return the rounded absolute value."""
+        return ca.sqrt(r**2 + self.epsilon)
+
+    def gradient(self, r: Any) -> Any:
+        """Return r / a."""
+        return r / self.value(r)
+
+    def curvature(self, r: Any) -> Any:
+        """Return epsilon / a^3."""
+        return self.epsilon / self.value(r) ** 3
+
+
+@dataclass(frozen=True, eq=False)
+class Huber(Activation):
+    """``r^2 / 2`` up to the threshold d, then the line ``d |r| - d^2 / 2``. Huber, Ann. Math. Statist. 35 (1964).
+
+    Attributes:
+        threshold: d, positive.
+    """
+
+    threshold: Any = 1.0
+
+    def value(self, r: Any) -> Any:
+        """Return the square near zero, the line beyond."""
+        d = self.threshold
+        return ca.if_else(ca.fabs(r) <= d, r**2 / 2, d * (ca.fabs(r) - d / 2))
+
+    def gradient(self, r: Any) -> Any:
+        """Return r, cut off at the threshold."""
+        d = self.threshold
+        return ca.if_else(ca.fabs(r) <= d, r, ca.sign(r) * d)
+
+    def curvature(self, r: Any) -> Any:
+        """Return one up to the threshold, zero beyond."""
+        return ca.if_else(ca.fabs(r) <= self.threshold, 1.0, 0.0)

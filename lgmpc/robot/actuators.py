@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import nearest
-from lgmpc.robot.model import is_floating
+from lgmpc.robot.names import is_floating
 from lgmpc.robot.spec import PerJoint, PerJointRange
 from lgmpc.typing import Array
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from lgmpc.errors import ModelError, nearest
 from lgmpc.robot.actuators import ActuatedJoint
-from lgmpc.robot.model import is_floating
+from lgmpc.robot.names import is_floating
 from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array, BoolArray
 

@@ -11,7 +11,8 @@ import pinocchio as pin
 from lgmpc.errors import ModelError
 from lgmpc.robot import checks
 from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values
-from lgmpc.robot.model import Robot, frame_index, is_floating
+from lgmpc.robot.model import Robot
+from lgmpc.robot.names import frame_index, is_floating
 from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground, reference_posture
 from lgmpc.robot.sources import ResolvedSource, build_model, resolve
 from lgmpc.robot.spec import RobotSpec

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.robot.names import degree_names, frame_index, is_floating
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -174,28 +175,3 @@ class Robot:
             InputError: there is no such frame; the nearest are named.
         """
         return frame_index(self.model, name)
-
-
-def frame_index(model: pin.Model, name: str) -> int:
-    """Return the index of the first frame called ``name`` (a joint and its link may share a name).
-
-    Raises:
-        InputError: there is none; the nearest are named.
-    """
-    for index, frame in enumerate(model.frames):
-        if frame.name == name:
-            return index
-    raise InputError("frame", name, f"a frame of {model.name}", tuple(frame.name for frame in model.frames))
-
-
-def is_floating(model: pin.Model) -> bool:
-    """Return whether the first joint of ``model`` is a free-flyer."""
-    return bool(model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer")
-
-
-def degree_names(model: pin.Model) -> tuple[str, ...]:
-    """Return (nv,) a name for each degree of freedom: the joint's, with _0, _1, ... where it has several."""
-    names: list[str] = []
-    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        names += [name] if joint.nv == 1 else [f"{name}_{k}" for k in range(joint.nv)]
-    return tuple(names)

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from lgmpc.errors import nearest
 from lgmpc.robot.actuators import ActuatedJoint, match_joints
-from lgmpc.robot.model import is_floating
+from lgmpc.robot.names import is_floating
 from lgmpc.typing import Array
 
 __all__ = ["LEVEL_TOLERANCE", "contact_heights", "put_on_ground", "reference_posture"]

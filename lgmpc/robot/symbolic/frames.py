@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.robot.model import frame_index
+from lgmpc.robot.names import frame_index
 from lgmpc.robot.symbolic.dynamics import Wrench
 from lgmpc.robot.symbolic.passes import Acceleration, Placement, Rotation
 from lgmpc.robot.symbolic.tree import Tree

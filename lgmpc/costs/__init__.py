@@ -1,4 +1,4 @@
-"""Costs and constraints of a node: residuals, activations, named parameters."""
+"""Costs and constraints of a node: residuals, activations, named parameters; ready-made ones in ``costs.library``."""
 
 from lgmpc.costs.activations import (
     Activation,
@@ -9,19 +9,28 @@ from lgmpc.costs.activations import (
     WeightedQuadratic,
 )
 from lgmpc.costs.parameters import Parameter, ParameterLayout
+from lgmpc.costs.residual import ConstraintItem, CostItem, Residual, constraint_of, cost_of
+from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
 from lgmpc.costs.terms import Bounded, Cost, CostTerm, LeastSquares
 
 __all__ = [
     "Activation",
     "Bounded",
+    "ConstraintItem",
     "Cost",
+    "CostItem",
     "CostTerm",
     "Huber",
     "LeastSquares",
+    "MissingQuantityError",
     "Parameter",
     "ParameterLayout",
     "Quadratic",
     "QuadraticBarrier",
+    "Residual",
     "SmoothOneNorm",
+    "StageSymbols",
     "WeightedQuadratic",
+    "constraint_of",
+    "cost_of",
 ]

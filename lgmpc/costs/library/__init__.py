@@ -1,0 +1,44 @@
+"""The residuals that problems are usually made of."""
+
+from lgmpc.costs.library.dynamics import (
+    CentroidalMomentum,
+    CoMPosition,
+    ContactControlGravity,
+    Control,
+    ControlGravity,
+    JointAcceleration,
+    JointEffort,
+    StateError,
+)
+from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, SmoothFrictionCone
+from lgmpc.costs.library.frames import (
+    FramePairDistance,
+    FramePlacement,
+    FrameRotation,
+    FrameRotationMatrix,
+    FrameRotationPsi,
+    FrameTranslation,
+    FrameVelocity,
+)
+
+__all__ = [
+    "CenterOfPressure",
+    "CentroidalMomentum",
+    "CoMPosition",
+    "ContactControlGravity",
+    "ContactForce",
+    "Control",
+    "ControlGravity",
+    "FramePairDistance",
+    "FramePlacement",
+    "FrameRotation",
+    "FrameRotationMatrix",
+    "FrameRotationPsi",
+    "FrameTranslation",
+    "FrameVelocity",
+    "FrictionCone",
+    "JointAcceleration",
+    "JointEffort",
+    "SmoothFrictionCone",
+    "StateError",
+]

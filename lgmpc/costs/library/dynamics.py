@@ -1,0 +1,161 @@
+"""Residuals of state, control, joints and momentum."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+from numpy.typing import ArrayLike
+
+from lgmpc.costs.parameters import Parameter
+from lgmpc.costs.residual import Residual
+from lgmpc.costs.symbols import StageSymbols
+from lgmpc.state.base import State
+
+__all__ = [
+    "CentroidalMomentum",
+    "CoMPosition",
+    "ContactControlGravity",
+    "Control",
+    "ControlGravity",
+    "JointAcceleration",
+    "JointEffort",
+    "StateError",
+]
+
+
+class StateError(Residual):
+    """``x (-) reference``, in tangent coordinates (ndx,).
+
+    Args:
+        state: the space of x.
+        reference: (nx,) default of the parameter ``reference``; the neutral state unless given.
+    """
+
+    def __init__(self, state: State, reference: ArrayLike | None = None) -> None:
+        self.nr = state.ndx
+        self._state = state
+        default = state.neutral() if reference is None else reference
+        self.parameters = (Parameter("reference", state.nx, "state to stay near", default),)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return self._state.diff_symbolic(s["reference"], s.x)
+
+
+class _Difference(Residual):
+    """A quantity minus its reference."""
+
+    def __init__(self, size: int, meaning: str, reference: ArrayLike) -> None:
+        self.nr = size
+        self.parameters = (Parameter("reference", size, meaning, reference),)
+
+
+class Control(_Difference):
+    """``u - reference`` (nu,).
+
+    Args:
+        nu: dimension of the control.
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        super().__init__(nu, "control to stay near", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.u - s["reference"]
+
+
+class JointAcceleration(_Difference):
+    """Accelerations of the actuated joints minus ``reference`` (nu,), rad/s2 (m/s2).
+
+    Args:
+        nu: number of actuated joints, the last of the velocity.
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        super().__init__(nu, "joint accelerations to stay near, rad/s2", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.a[s.robot.nv - self.nr :] - s["reference"]
+
+
+class JointEffort(_Difference):
+    """Efforts of the actuated joints minus ``reference`` (nu,), N.m (N).
+
+    Args:
+        nu: number of actuated joints.
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        super().__init__(nu, "joint efforts to stay near, N.m", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.tau - s["reference"]
+
+
+class ControlGravity(Residual):
+    """Efforts of the actuated joints minus those that hold the robot against gravity without contacts (nu,).
+
+    Args:
+        nu: number of actuated joints.
+    """
+
+    def __init__(self, nu: int) -> None:
+        self.nr = nu
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return ``tau - g(q)``."""
+        return s.tau - s.robot.gravity(s.q)[s.robot.nv - self.nr :]
+
+
+class ContactControlGravity(Residual):
+    """Efforts of the actuated joints minus those that balance gravity and the contact forces at rest (nu,).
+
+    Args:
+        nu: number of actuated joints.
+    """
+
+    def __init__(self, nu: int) -> None:
+        self.nr = nu
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return ``tau - (g(q) - sum of J^T f)``."""
+        external: dict[int | str, Any] = {frame: force for frame, force in s.forces.items()}
+        held = s.robot.rnea(s.q, ca.SX.zeros(s.robot.nv), None, external)
+        return s.tau - held[s.robot.nv - self.nr :]
+
+
+class CoMPosition(_Difference):
+    """Centre of mass minus ``reference`` (3,), world axes, m.
+
+    Args:
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(3, "centre of mass to stay near, world, m", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.com - s["reference"]
+
+
+class CentroidalMomentum(_Difference):
+    """Centroidal momentum [linear; angular] minus ``reference`` (6,), world axes, N.s and N.m.s.
+
+    Args:
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(6, "centroidal momentum to stay near, world axes", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.momentum - s["reference"]

@@ -1,0 +1,138 @@
+"""Residuals of contact forces; finite, with finite derivatives, at zero force."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lgmpc.costs.parameters import Parameter
+from lgmpc.costs.residual import Residual
+from lgmpc.costs.symbols import StageSymbols
+from lgmpc.errors import InputError
+
+__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "SmoothFrictionCone"]
+
+
+class ContactForce(Residual):
+    """Contact force (3,), or wrench (6,), minus ``reference``; world axes at the frame's origin, N and N.m.
+
+    Args:
+        frame: name of the contact.
+        size: 3 for a point contact, 6 for a surface.
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, frame: str, size: int = 3, reference: ArrayLike = 0.0) -> None:
+        self.frame = frame
+        self.nr = size
+        self.parameters = (Parameter("reference", size, "contact force to stay near, world axes, N", reference),)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.force(self.frame) - s["reference"]
+
+
+class _Cone(Residual):
+    def __init__(self, frame: str, friction: float, surface: ArrayLike | None) -> None:
+        self.frame = frame
+        self.parameters = (Parameter("friction", 1, "friction coefficient", friction),)
+        rotation = np.eye(3) if surface is None else np.asarray(surface, dtype=np.float64)
+        if rotation.shape != (3, 3) or not np.allclose(rotation.T @ rotation, np.eye(3), rtol=0, atol=1e-9):
+            raise InputError("surface", "no rotation matrix", "a (3, 3) rotation whose third column is the normal")
+        self._to_surface = ca.DM(rotation.T)
+
+    def _force(self, s: StageSymbols) -> tuple[Any, Any, Any]:
+        force = self._to_surface @ s.force(self.frame)[:3]
+        return force[0], force[1], force[2]
+
+
+class FrictionCone(_Cone):
+    """The pyramid inscribed in the friction cone (facets + 1,), N: all entries are positive strictly inside.
+
+        mu cos(pi / n) f_z - cos(2 pi j / n) f_x - sin(2 pi j / n) f_y,   j = 0 .. n - 1;      f_z
+
+    As a constraint: ``lower=0, upper=inf``. As a cost: ``QuadraticBarrier(0.0, np.inf)``.
+
+    Args:
+        frame: name of the contact.
+        facets: n, at least 3.
+        friction: default of the parameter ``friction``.
+        surface: (3, 3) rotation of the surface in the world, z its normal; level unless given.
+
+    Raises:
+        InputError: too few facets, or no rotation.
+    """
+
+    def __init__(self, frame: str, facets: int = 8, friction: float = 0.7, surface: ArrayLike | None = None) -> None:
+        super().__init__(frame, friction, surface)
+        if facets < 3:
+            raise InputError("facets", facets, "at least 3 sides of the friction pyramid (4 and 8 are usual)")
+        self.facets = facets
+        self.nr = facets + 1
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the distances from the facets."""
+        fx, fy, fz = self._force(s)
+        slope = s["friction"] * math.cos(math.pi / self.facets)
+        angles = (2 * math.pi * j / self.facets for j in range(self.facets))
+        return ca.vertcat(*(slope * fz - math.cos(angle) * fx - math.sin(angle) * fy for angle in angles), fz)
+
+
+class SmoothFrictionCone(_Cone):
+    """The friction cone as the polynomials ``mu^2 f_z^2 - f_x^2 - f_y^2`` (N^2) and ``f_z`` (N), both positive inside.
+
+    Without a root, and so differentiable at zero force.
+
+    Args:
+        frame: name of the contact.
+        friction: default of the parameter ``friction``.
+        surface: (3, 3) rotation of the surface in the world, z its normal; level unless given.
+
+    Raises:
+        InputError: no rotation.
+    """
+
+    nr = 2
+
+    def __init__(self, frame: str, friction: float = 0.7, surface: ArrayLike | None = None) -> None:
+        super().__init__(frame, friction, surface)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the two polynomials."""
+        fx, fy, fz = self._force(s)
+        return ca.vertcat((s["friction"] * fz) ** 2 - fx**2 - fy**2, fz)
+
+
+class CenterOfPressure(Residual):
+    """Centre of pressure within a rectangle about the frame's origin (4,), N.m: positive strictly inside.
+
+    With the wrench in the frame's own axes, z being the surface's normal and the rectangle 2 a by 2 b:
+    ``a f_z - m_y, a f_z + m_y, b f_z - m_x, b f_z + m_x``. Finite where no force presses.
+
+    Args:
+        frame: name of a surface contact.
+        half_size: (a, b) along the frame's x and y, m; default of the parameter ``half_size``.
+    """
+
+    nr = 4
+
+    def __init__(self, frame: str, half_size: tuple[float, float]) -> None:
+        self.frame = frame
+        self.parameters = (Parameter("half_size", 2, "half lengths of the surface along x and y, m", half_size),)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the four margins.
+
+        Raises:
+            InputError: the contact is a point.
+        """
+        wrench, back = s.force(self.frame), s.placement(self.frame).rotation.T
+        if wrench.shape[0] != 6:
+            raise InputError("frame", f"{self.frame}, a point contact", "a surface contact: a point has no pressure")
+        normal, moment = (back @ wrench[:3])[2], back @ wrench[3:]
+        reach_y, reach_x = s["half_size"][0] * normal, s["half_size"][1] * normal
+        return ca.vertcat(reach_y - moment[1], reach_y + moment[1], reach_x - moment[0], reach_x + moment[0])

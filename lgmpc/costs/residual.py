@@ -1,0 +1,167 @@
+"""Residuals: vectors that a problem draws to zero (as a cost) or keeps within bounds (as a constraint).
+
+One's own takes three lines; derivatives and machine code come from the expression:
+
+    class HandHeight(Residual):
+        nr = 1
+        def expression(self, s): return s.placement("hand").translation[2] - 1.2
+
+``s`` is a :class:`~lgmpc.costs.StageSymbols`: q, v, u, a, tau, forces, placements, velocities, centre of mass and all
+algorithms of ``s.robot``. What should change between two solves is a parameter instead of a number:
+
+    class HandHeight(Residual):
+        nr = 1
+        parameters = (Parameter("height", 1, "of the hand above the ground, m", default=1.2),)
+        def expression(self, s): return s.placement("hand").translation[2] - s["height"]
+
+As a cost it is ``CostItem("hand", HandHeight(), weight=10.0)``, as a hard constraint
+``ConstraintItem("hand", HandHeight(), lower=0.0, upper=0.3)``; an action takes lists of both. Its parameters are then
+called ``hand_height``, ``hand_weight``, ``hand_lower`` and ``hand_upper``, one value a node.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lgmpc.costs.activations import Activation, Quadratic
+from lgmpc.costs.parameters import Parameter
+from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
+from lgmpc.costs.terms import Bounded, Cost, CostTerm
+from lgmpc.errors import InputError
+
+__all__ = ["ConstraintItem", "CostItem", "Residual", "constraint_of", "cost_of"]
+
+
+class Residual(ABC):
+    """A column of expressions (see the module for the recipe).
+
+    Attributes:
+        nr: number of entries.
+        parameters: what may change between two solves; each is ``s[name]`` in the expression.
+    """
+
+    nr: int
+    parameters: tuple[Parameter, ...] = ()
+
+    @abstractmethod
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the (nr,) CasADi column."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Item:
+    name: str
+    residual: Residual
+    own: ClassVar[tuple[tuple[str, str], ...]] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.name.isidentifier() and self.name.isascii()):
+            raise InputError("name", repr(self.name), "letters, digits and underscores, no digit first")
+        for field, _ in self.own:
+            shape = np.shape(getattr(self, field))
+            if shape not in ((), (self.residual.nr,)):
+                expected = f"a number or shape {(self.residual.nr,)}"
+                raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its parameters, called ``<name>_<parameter>``."""
+        inner = (Parameter(f"{self.name}_{p.name}", p.size, p.meaning, p.default) for p in self.residual.parameters)
+        size = self.residual.nr
+        fields = (Parameter(f"{self.name}_{key}", size, text, getattr(self, key)) for key, text in self.own)
+        return (*inner, *fields)
+
+    def _column(self, s: StageSymbols) -> tuple[StageSymbols, Any]:
+        scoped = s.within(self.name)
+        column = self.residual.expression(scoped)
+        if column.shape != (self.residual.nr, 1):
+            kind = type(self.residual).__name__
+            raise InputError(f"{kind}.expression", f"shape {column.shape}", f"({self.residual.nr}, 1), as its nr says")
+        return scoped, column
+
+
+@dataclass(frozen=True, eq=False)
+class CostItem(_Item):
+    """A residual as a cost: ``sum_i weight_i a(r_i)``.
+
+    At the last node it counts as the terminal cost if it is a function of the state alone.
+
+    Attributes:
+        name: a C identifier, first part of the names of its parameters.
+        residual: r.
+        weight: default of the parameter ``<name>_weight`` (nr,).
+        activation: a; its numbers are defaults of parameters too.
+
+    Raises:
+        InputError: no identifier, or a weight of the wrong size.
+    """
+
+    weight: ArrayLike = 1.0
+    activation: Activation = Quadratic()
+    own = (("weight", "weights of the residual's entries"),)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its parameters, called ``<name>_<parameter>``."""
+        return (*super().parameters(), *self.activation.parameters(self.name, self.residual.nr))
+
+    def term(self, s: StageSymbols) -> CostTerm:
+        """Return the cost at a node."""
+        scoped, column = self._column(s)
+        activation = self.activation.bind(self.name, scoped)
+        return CostTerm(column, activation, scoped["weight"])
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintItem(_Item):
+    """A residual as a hard constraint of the running nodes: ``lower <= r <= upper``.
+
+    Attributes:
+        name: a C identifier, first part of the names of its parameters.
+        residual: r.
+        lower: default of the parameter ``<name>_lower`` (nr,); minus infinity for no bound.
+        upper: default of the parameter ``<name>_upper`` (nr,); infinity for no bound.
+
+    Raises:
+        InputError: no identifier, or bounds of the wrong size.
+    """
+
+    lower: ArrayLike = 0.0
+    upper: ArrayLike = 0.0
+    own = (("lower", "lower bounds of the residual's entries"), ("upper", "upper bounds of the residual's entries"))
+
+    def bounded(self, s: StageSymbols) -> Bounded:
+        """Return the constraint at a node."""
+        scoped, column = self._column(s)
+        return Bounded(column, scoped["lower"], scoped["upper"])
+
+
+def cost_of(items: Iterable[CostItem], s: StageSymbols, *, scale: Any = 1.0, terminal: bool = False) -> Cost:
+    """Return the sum of costs at a node.
+
+    Args:
+        items: the costs.
+        s: the node.
+        scale: multiplies all weights.
+        terminal: leave out those that need what the last node does not have.
+    """
+    terms = []
+    for item in items:
+        try:
+            term = item.term(s)
+        except MissingQuantityError:
+            if not terminal:
+                raise
+            continue
+        terms.append(CostTerm(term.residual, term.activation, scale * ca.SX(term.weight)))
+    return Cost(tuple(terms))
+
+
+def constraint_of(items: Iterable[ConstraintItem], s: StageSymbols) -> Bounded:
+    """Return all constraints at a node in one column."""
+    return Bounded.stack(*(item.bounded(s) for item in items))

@@ -18,7 +18,7 @@ from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["ShootingFunctions"]
+__all__ = ["ShootingFunctions", "runs_of"]
 
 
 class ShootingFunctions:
@@ -85,7 +85,7 @@ class ShootingFunctions:
             return kernels[key]
 
         expand, roll = [], []
-        self.runs = tuple(_runs(problem.actions))
+        self.runs = runs_of(problem.actions)
         for action, start, stop in self.runs:
             k, behind, length = slice(start, stop), slice(start + 1, stop + 1), stop - start
             x, u, p = self.xs[k], self.us[k], problem.parameters[k]
@@ -142,7 +142,7 @@ def _flat(array: Array) -> Array:
     return array.reshape(array.shape[0], -1)
 
 
-def _runs(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
+def runs_of(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
     """Consecutive nodes of the same action: (action, first node, node behind the last)."""
     runs, start = [], 0
     for _, group in groupby(actions, key=id):

@@ -1,8 +1,10 @@
 """Direct multiple shooting: a problem as one CasADi nonlinear programme, for any of CasADi's solvers.
 
 The variables are tangent vectors around a base trajectory (which is a parameter), so that states on manifolds need no
-unit-norm constraints; for a vector space they are plain differences. Bock and Plitt, "A multiple shooting algorithm for
-direct solution of optimal control problems", IFAC World Congress 1984.
+unit-norm constraints; for a vector space they are plain differences. The gaps are stated in the same coordinates,
+``dx_{k+1} - f(x_k, u_k) (-) base_{k+1}``, so that each is linear in the state behind it, with the identity: the
+structure that Riccati-based solvers look for. Bock and Plitt, "A multiple shooting algorithm for direct solution of
+optimal control problems", IFAC World Congress 1984.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ import numpy as np
 
 from lgmpc.actions import Action
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
+from lgmpc.ocp.shooting import runs_of
+from lgmpc.state import State
 from lgmpc.typing import Array
 
 __all__ = ["MultipleShooting", "transcribe"]
@@ -23,33 +27,37 @@ __all__ = ["MultipleShooting", "transcribe"]
 class MultipleShooting:
     """The nonlinear programme ``min f(z; p)  subject to  lower <= g(z; p) <= upper``.
 
-    z holds, interval after interval, du_k and dx_{k+1}; g holds first all gaps of the dynamics, then all path
-    constraints. p holds the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np).
+    z holds, interval after interval, du_k and dx_{k+1}; g holds, interval after interval, the gap of the dynamics and
+    the path constraint. p holds the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np).
 
     Attributes:
         programme: CasADi's dictionary with x, p, f and g.
         bounds: ``p -> (lower, upper)``.
-        nodes: N.
-        nx: coordinates of a state.
-        ndx: dimension of its tangent space.
-        nu: dimension of the control.
-        ng: rows of the path constraint.
-        retract: ``(xs, dxs) -> xs (+) dxs``, columns of N+1 states.
+        state: the space of the states.
+        nu: (N,) controls of each interval.
+        ng: (N,) rows of each interval's path constraint.
     """
 
     programme: dict[str, ca.MX]
     bounds: ca.Function
-    nodes: int
-    nx: int
-    ndx: int
-    nu: int
-    ng: int
-    retract: ca.Function
+    state: State
+    nu: tuple[int, ...]
+    ng: tuple[int, ...]
+
+    @property
+    def nodes(self) -> int:
+        """N."""
+        return len(self.nu)
 
     @property
     def size(self) -> int:
         """Number of variables."""
-        return self.nodes * (self.nu + self.ndx)
+        return sum(self.nu) + self.nodes * self.state.ndx
+
+    @property
+    def equalities(self) -> list[bool]:
+        """Which rows of g are gaps."""
+        return [gap for ng in self.ng for gap in [True] * self.state.ndx + [False] * ng]
 
     def pack_parameters(self, problem: ShootingProblem, base: Trajectory) -> Array:
         """Return p for a problem's data around a base trajectory, whose first state is replaced by the problem's."""
@@ -59,47 +67,85 @@ class MultipleShooting:
 
     def unpack(self, z: Array, p: Array) -> Trajectory:
         """Return the trajectory that the variables z stand for."""
-        steps = z.reshape(self.nodes, self.nu + self.ndx)
-        split = (self.nodes + 1) * self.nx
-        xs = p[:split].reshape(self.nodes + 1, self.nx)
-        us = p[split : split + self.nodes * self.nu].reshape(self.nodes, self.nu)
-        dxs = np.vstack([np.zeros(self.ndx), steps[:, self.nu :]])
-        return Trajectory(np.array(self.retract(xs.T, dxs.T)).T.copy(), us + steps[:, : self.nu])
+        n, nx = self.nodes, self.state.nx
+        xs = p[: (n + 1) * nx].reshape(n + 1, nx).copy()
+        us = p[(n + 1) * nx : (n + 1) * nx + n * max(self.nu)].reshape(n, max(self.nu)).copy()
+        start = 0
+        for k, nu in enumerate(self.nu):
+            us[k, :nu] += z[start : start + nu]
+            us[k, nu:] = 0.0
+            start += nu + self.state.ndx
+            xs[k + 1] = self.state.integrate(xs[k + 1], z[start - self.state.ndx : start])
+        return Trajectory(xs, us)
 
-    def unpack_multipliers(self, multipliers: Array) -> tuple[Array, Array]:
-        """Return costates (N, ndx) and path constraint multipliers (N, ng) from those of g."""
-        split = self.nodes * self.ndx
-        return multipliers[:split].reshape(self.nodes, self.ndx), multipliers[split:].reshape(self.nodes, self.ng)
+    def unpack_multipliers(self, multipliers: Array, p: Array, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Return costates (N, ndx) and path constraint multipliers (N, ng) from those of g at a trajectory.
+
+        The costates are those of ``f(x_k, u_k) (-) x_{k+1}``, in the tangent space of the trajectory's own states.
+        """
+        n, nx, ndx = self.nodes, self.state.nx, self.state.ndx
+        base = p[: (n + 1) * nx].reshape(n + 1, nx)
+        costates, path = np.empty((n, ndx)), np.zeros((n, max(self.ng)))
+        start = 0
+        for k, ng in enumerate(self.ng):
+            _, jacobian = self.state.Jdiff(base[k + 1], trajectory.xs[k + 1])
+            costates[k] = -jacobian.T @ multipliers[start : start + ndx]
+            path[k, :ng] = multipliers[start + ndx : start + ndx + ng]
+            start += ndx + ng
+        return costates, path
 
 
-def transcribe(action: Action, nodes: int) -> MultipleShooting:
-    """Write the problem of an action over ``nodes`` intervals as one nonlinear programme."""
-    state, nu, n_p, n = action.state, action.nu, action.parameters.size, nodes
-    x, dx, u, x_next = (
-        ca.SX.sym(name, size) for name, size in (("x", state.nx), ("dx", state.ndx), ("u", nu), ("x1", state.nx))
-    )
-    p = ca.SX.sym("p", n_p)
-    path = action.constraint(x, u, p)
-    gap = ca.Function("gap", [x, u, x_next, p], [state.diff_symbolic(x_next, action.step(x, u, p))])
-    value = ca.Function("value", [x, u, p], [action.value_function(x, u, p)[1], path.value])
-    limits = ca.Function("limits", [p], [path.lower, path.upper])
+def transcribe(problem: ShootingProblem) -> MultipleShooting:
+    """Write a problem as one nonlinear programme, whose data (first state, parameters) are its parameters."""
+    state, n = problem.state, problem.nodes
+    nx, ndx, nu, n_p = state.nx, state.ndx, problem.nu, problem.parameters.shape[1]
+    runs = runs_of(problem.actions)
+    x, dx = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx)
     integrate = ca.Function("integrate", [x, dx], [state.integrate_symbolic(x, dx)])
 
-    z = ca.MX.sym("z", n * (nu + state.ndx))
-    data = ca.MX.sym("data", (n + 1) * state.nx + n * nu + (n + 1) * n_p)
-    steps = ca.reshape(z, nu + state.ndx, n)
-    split = (n + 1) * state.nx
-    base_xs = ca.reshape(data[:split], state.nx, n + 1)
-    base_us = ca.reshape(data[split : split + n * nu], nu, n)
-    parameters = ca.reshape(data[split + n * nu :], n_p, n + 1)
-    xs = ca.horzcat(base_xs[:, 0], integrate.map(n)(base_xs[:, 1:], steps[nu:, :]))
-    us = base_us + steps[:nu, :]
-    costs, rows = value.map(n)(xs[:, :n], us, parameters[:, :n])
-    gaps = gap.map(n)(xs[:, :n], us, xs[:, 1:], parameters[:, :n])
-    cost = ca.sum2(costs) + action.terminal_value_function(xs[:, n], parameters[:, n])
-    lower, upper = limits.map(n)(parameters[:, :n])
-    zeros = ca.DM.zeros(n * state.ndx)
-    bounds = ca.Function("bounds", [data], [ca.vertcat(zeros, ca.vec(lower)), ca.vertcat(zeros, ca.vec(upper))])
-    programme = {"x": z, "p": data, "f": cost, "g": ca.vertcat(ca.vec(gaps), ca.vec(rows))}
-    ng = path.value.shape[0]
-    return MultipleShooting(programme, bounds, n, state.nx, state.ndx, nu, ng, integrate.map(n + 1))
+    z = ca.MX.sym("z", sum(action.nu for action in problem.actions) + n * ndx)
+    data = ca.MX.sym("data", (n + 1) * nx + n * nu + (n + 1) * n_p)
+    base_xs = ca.reshape(data[: (n + 1) * nx], nx, n + 1)
+    base_us = ca.reshape(data[(n + 1) * nx : (n + 1) * nx + n * nu], nu, n)
+    parameters = ca.reshape(data[(n + 1) * nx + n * nu :], n_p, n + 1)
+    steps, offset = [], 0
+    for action, start, stop in runs:
+        size = (action.nu + ndx) * (stop - start)
+        steps.append(ca.reshape(z[offset : offset + size], action.nu + ndx, stop - start))
+        offset += size
+    dxs = ca.horzcat(*(step[action.nu :, :] for step, (action, _, _) in zip(steps, runs, strict=True)))
+    xs = ca.horzcat(base_xs[:, 0], integrate.map(n)(base_xs[:, 1:], dxs))
+
+    cost = ca.MX(0)
+    rows, lower, upper = [], [], []
+    for step, (action, start, stop) in zip(steps, runs, strict=True):
+        length = stop - start
+        stage, limits = _interval(action)
+        us = base_us[: action.nu, start:stop] + step[: action.nu, :]
+        p = parameters[: action.parameters.size, start:stop]
+        behind = base_xs[:, start + 1 : stop + 1]
+        costs, row = stage.map(length)(xs[:, start:stop], us, behind, dxs[:, start:stop], p)
+        low, high = limits.map(length)(p)
+        cost += ca.sum2(costs)
+        rows.append(ca.vec(row))
+        lower.append(ca.vec(low))
+        upper.append(ca.vec(high))
+    terminal = problem.terminal
+    cost += terminal.terminal_value_function(xs[:, n], parameters[: terminal.parameters.size, n])
+    bounds = ca.Function("bounds", [data], [ca.vertcat(*lower), ca.vertcat(*upper)])
+    programme = {"x": z, "p": data, "f": cost, "g": ca.vertcat(*rows)}
+    ng = tuple(action.value_function.size1_out("constraint") for action in problem.actions)
+    return MultipleShooting(programme, bounds, state, tuple(action.nu for action in problem.actions), ng)
+
+
+def _interval(action: Action) -> tuple[ca.Function, ca.Function]:
+    """``(x, u, base behind, dx behind, p) -> (cost, [gap; path constraint])`` and ``p -> (lower, upper)``."""
+    state = action.state
+    x, base, dx = ca.SX.sym("x", state.nx), ca.SX.sym("base", state.nx), ca.SX.sym("dx", state.ndx)
+    u, p = ca.SX.sym("u", action.nu), ca.SX.sym("p", action.parameters.size)
+    x_next, cost, path, lower, upper = action.value_function.call([x, u, p])
+    gap = dx - state.diff_symbolic(base, x_next)
+    zeros = ca.SX.zeros(state.ndx)
+    stage = ca.Function("stage", [x, u, base, dx, p], [cost, ca.densify(ca.vertcat(gap, path))])
+    edges = [ca.densify(ca.vertcat(zeros, lower)), ca.densify(ca.vertcat(zeros, upper))]
+    return stage, ca.Function("limits", [p], edges)

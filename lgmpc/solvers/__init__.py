@@ -2,7 +2,7 @@
 
 from lgmpc.solvers.fddp import BoxFddp, Fddp, FddpSettings
 from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress
-from lgmpc.solvers.nlp import IpoptSolver, NlpResult, NlpStatus
+from lgmpc.solvers.nlp import NlpSolver
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sqp import SqpResult, SqpSolver, SqpStatus, SqpTimings
 
@@ -11,10 +11,8 @@ __all__ = [
     "Callback",
     "Fddp",
     "FddpSettings",
-    "IpoptSolver",
     "IterativeSolver",
-    "NlpResult",
-    "NlpStatus",
+    "NlpSolver",
     "PrintProgress",
     "Progress",
     "Solution",

@@ -1,105 +1,216 @@
-"""Interior point solution of the nonlinear programme by ipopt, with exact derivatives: slow, and the reference."""
+"""Interior point solution of the whole problem as one nonlinear programme, with exact derivatives: the reference.
+
+Ipopt takes any problem; fatrop works stage by stage on the structure of optimal control (Vanroye, Sathya, De Schutter,
+Decre, "FATROP: a fast constrained optimal control problem solver", IROS 2023). Both come with CasADi.
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from lgmpc.ocp import ShootingProblem, Trajectory, transcribe
-from lgmpc.typing import Array
+from lgmpc.compile import compile_programme
+from lgmpc.errors import InputError, SolverError
+from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
+from lgmpc.solvers.loop import Callback, Progress
+from lgmpc.solvers.solution import Solution, Status, Timings
 
-__all__ = ["IpoptSolver", "NlpResult", "NlpStatus"]
+__all__ = ["NlpSolver"]
 
-
-class NlpStatus(Enum):
-    """How ipopt ended; the value says what to do about it."""
-
-    CONVERGED = "nothing to do"
-    ACCEPTABLE = "nothing to do if the accuracy is enough; else scale the problem better"
-    INFEASIBLE = "no feasible point was found: check bounds and first state, or start elsewhere"
-    ITERATION_LIMIT = "raise max_iterations, or start closer to the solution"
-    FAILED = "check the parameters for NaN and the weights for very different magnitudes"
-
-
+PLUGINS = ("ipopt", "fatrop")
 _STATUS = {
-    "Solve_Succeeded": NlpStatus.CONVERGED,
-    "Solved_To_Acceptable_Level": NlpStatus.ACCEPTABLE,
-    "Infeasible_Problem_Detected": NlpStatus.INFEASIBLE,
-    "Maximum_Iterations_Exceeded": NlpStatus.ITERATION_LIMIT,
+    "Solve_Succeeded": Status.CONVERGED,
+    "0": Status.CONVERGED,  # fatrop's
+    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "User_Requested_Stop": Status.STOPPED,
+    "Invalid_Number_Detected": Status.NOT_FINITE,
 }
 
 
-@dataclass(frozen=True)
-class NlpResult:
-    """What ipopt found.
-
-    Attributes:
-        trajectory: states (N+1, nx) and controls (N, nu).
-        costates: (N, ndx) multipliers of the dynamics.
-        multipliers: (N, ng) of the path constraint.
-        status: how it ended.
-        iterations: of ipopt.
-        cost: at the trajectory.
-        duration: s.
-    """
-
-    trajectory: Trajectory
-    costates: Array
-    multipliers: Array
-    status: NlpStatus
-    iterations: int
-    cost: float
-    duration: float
-
-
-class IpoptSolver:
-    """Solves a :class:`~lgmpc.ocp.ShootingProblem` by multiple shooting and ipopt.
+class NlpSolver:
+    """Solves any :class:`~lgmpc.ocp.ShootingProblem`, path constraints included, by multiple shooting.
 
     Args:
         problem: the problem; its data are read at every solve.
-        tolerance: of ipopt's optimality conditions.
-        max_iterations: of ipopt.
+        plugin: ``ipopt`` or ``fatrop``.
+        tolerance: of the optimality conditions.
+        max_iterations: most iterations.
+        compiled: whether to evaluate machine code; it takes a while to build (once: it is cached) and is several times
+            faster.
+        progress: told what is being compiled.
+
+    Raises:
+        InputError: no such plugin.
     """
 
-    def __init__(self, problem: ShootingProblem, tolerance: float = 1e-10, max_iterations: int = 200) -> None:
+    def __init__(
+        self,
+        problem: ShootingProblem,
+        plugin: str = "ipopt",
+        *,
+        tolerance: float = 1e-10,
+        max_iterations: int = 200,
+        compiled: bool = False,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        if plugin not in PLUGINS:
+            raise InputError("plugin", plugin, "a solver that comes with CasADi", PLUGINS)
+        self.name = plugin
         self.problem = problem
-        self._shooting = transcribe(problem.action, problem.nodes)
+        self._shooting = transcribe(problem)
+        self._watch = _Watch(self._shooting)
+        options = _ipopt if plugin == "ipopt" else _fatrop
+        settings = options(self._shooting, tolerance, max_iterations)
+        if plugin == "ipopt":
+            settings["iteration_callback"] = self._watch
         programme: Any = self._shooting.programme
-        options: Any = {
-            "print_time": False,
-            "error_on_fail": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "tol": tolerance,
-                "compl_inf_tol": tolerance,  # of the unscaled problem, as the next: tol itself is relative
-                "dual_inf_tol": 1e2 * tolerance,
-                "max_iter": max_iterations,
-                "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value
-            },
-        }
-        self._solver = ca.nlpsol("ipopt", "ipopt", programme, options)
+        name = f"nlp_{problem.actions[0].name}_{problem.nodes}"
+        self._solver = ca.nlpsol(name, plugin, programme, settings)
+        library = compile_programme(self._solver, progress=progress) if compiled else None
+        self.compiled = library is not None
+        if library is not None:
+            self._solver = ca.nlpsol(name, plugin, str(library), settings)
 
-    def solve(self, guess: Trajectory) -> NlpResult:
-        """Solve from a guess (whose first state is replaced by the problem's)."""
+    def solve(
+        self,
+        guess: Trajectory | None = None,
+        *,
+        time_limit: float | None = None,
+        callback: Callback | None = None,
+        throw: bool = False,
+    ) -> Solution:
+        """Solve from a guess.
+
+        Args:
+            guess: states and controls to start from (the first state is replaced by the problem's); the first state at
+                rest at all nodes unless given.
+            time_limit: s; checked after each iteration (of ipopt).
+            callback: told the progress after every iteration (of ipopt); stops the solve by returning True.
+            throw: raise where the solve ends without a solution.
+
+        Raises:
+            InputError: a guess of the wrong shape; a time limit or callback for fatrop, which has no means for them.
+            SolverError: no solution, with ``throw``.
+        """
+        if self.name != "ipopt" and (time_limit is not None or callback is not None):
+            raise InputError("time_limit or callback", "one for fatrop", "none: fatrop cannot be interrupted")
         start = time.perf_counter()
-        shooting = self._shooting
-        p = shooting.pack_parameters(self.problem, guess)
+        shooting, problem = self._shooting, self.problem
+        base = problem.check(problem.hold() if guess is None else guess)
+        p = shooting.pack_parameters(problem, base)
         lower, upper = shooting.bounds(p)
+        self._watch.begin(start, time_limit, callback)
         found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
+        if self._watch.error is not None:
+            raise self._watch.error
         stats = self._solver.stats()
-        costates, multipliers = shooting.unpack_multipliers(found["lam_g"].full()[:, 0])
-        return NlpResult(
-            shooting.unpack(found["x"].full()[:, 0], p),
-            costates,
-            multipliers,
-            _STATUS.get(stats["return_status"], NlpStatus.FAILED),
-            int(stats["iter_count"]),
-            float(found["f"]),
-            time.perf_counter() - start,
-        )
+        z = found["x"].full()[:, 0]
+        finite = bool(np.isfinite(p).all() and np.isfinite(z).all() and math.isfinite(float(found["f"])))
+        status = _STATUS.get(str(stats["return_status"]), Status.FAILED) if finite else Status.NOT_FINITE
+        if self._watch.late and status is Status.STOPPED:
+            status = Status.TIME_LIMIT
+        with np.errstate(invalid="ignore"):
+            solution = self._solution(z, p, found, status, stats, start)
+        if throw and not status.solved:
+            raise SolverError(self.name, status.name.lower(), solution.explain())
+        return solution
+
+    def _solution(self, z: Any, p: Any, found: dict[str, Any], status: Status, stats: Any, start: float) -> Solution:
+        shooting, problem = self._shooting, self.problem
+        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
+        trajectory = shooting.unpack(z, p)
+        if np.isfinite(z).all() and np.isfinite(p).all():
+            costates, multipliers = shooting.unpack_multipliers(found["lam_g"].full()[:, 0], p, trajectory)
+        else:
+            costates, multipliers = np.full((n, ndx), np.nan), np.full((n, max(shooting.ng)), np.nan)
+        elapsed = time.perf_counter() - start
+        unmeasured = Solution(
+            problem.copy(), trajectory.xs, trajectory.us, np.zeros((0, nu, ndx)), np.zeros((0, nu)), costates,
+            multipliers, status, int(stats["iter_count"]), float(found["f"]), np.full((n + 1, ndx), np.nan),
+            KktResidual.unknown(), Timings(elapsed),
+        )  # fmt: skip
+        return unmeasured if status is Status.NOT_FINITE else unmeasured.measured()
+
+
+class _Watch(ca.Callback):
+    """Passes ipopt's iterations on to a callback, and watches the clock."""
+
+    def __init__(self, shooting: MultipleShooting) -> None:
+        ca.Callback.__init__(self)
+        self._size = {"x": shooting.size, "f": 1, "g": len(shooting.equalities), "lam_x": shooting.size}
+        self._size |= {"lam_g": self._size["g"], "lam_p": int(shooting.programme["p"].numel())}
+        self._gaps = np.array(shooting.equalities)
+        self.begin(0.0, None, None)
+        self.construct("watch", {})
+
+    def begin(self, start: float, time_limit: float | None, callback: Callback | None) -> None:
+        """Get ready for a solve that began at ``start``."""
+        self.late = False
+        self.error: BaseException | None = None
+        self._start, self._limit, self._callback, self._count = start, time_limit, callback, 0
+
+    def get_n_in(self) -> int:
+        """As CasADi asks."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """As CasADi asks."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """As CasADi asks."""
+        return ca.Sparsity.dense(self._size[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: Any) -> Any:
+        """Return 1 to stop."""
+        elapsed = time.perf_counter() - self._start
+        self.late = self._limit is not None and elapsed >= self._limit
+        stop = self.late
+        if self._callback is not None and self._count > 0:
+            values = dict(zip((ca.nlpsol_out(i) for i in range(len(arg))), arg, strict=True))
+            gap = float(np.abs(values["g"].full()[self._gaps, 0]).max())
+            progress = Progress(self._count, float(values["f"]), math.nan, gap, math.nan, 0.0, True, elapsed)
+            try:
+                stop = self._callback(progress) is True or stop
+            except BaseException as error:  # noqa: B036 - CasADi would only print it: it is raised after the solve
+                self.error, stop = error, True
+        self._count += 1
+        return [int(stop)]
+
+
+def _ipopt(shooting: MultipleShooting, tolerance: float, max_iterations: int) -> dict[str, Any]:
+    return {
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": tolerance,
+            "compl_inf_tol": tolerance,  # of the unscaled problem, as the next: tol itself is relative
+            "dual_inf_tol": 1e2 * tolerance,
+            "max_iter": max_iterations,
+            "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value
+        },
+    }
+
+
+def _fatrop(shooting: MultipleShooting, tolerance: float, max_iterations: int) -> dict[str, Any]:
+    n, ndx = shooting.nodes, shooting.state.ndx
+    return {
+        "print_time": False,
+        "error_on_fail": False,
+        "structure_detection": "manual",
+        "N": n,
+        "nx": [0, *[ndx] * n],  # the first state is data
+        "nu": [*shooting.nu, 0],
+        "ng": [*shooting.ng, 0],
+        "equality": shooting.equalities,
+        "fatrop": {"print_level": 0, "tol": tolerance, "max_iter": max_iterations},
+    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -160,10 +160,16 @@ class Solution:
         parts = (self.stationarity(), self.defects(), self.constraint_violation(), self.complementarity())
         return KktResidual(*(float(np.abs(part).max()) for part in parts))
 
+    def measured(self) -> Solution:
+        """The same with gaps and residual as recomputed."""
+        return replace(self, gaps=self.defects(), kkt=self.residual())
+
     def explain(self) -> str:
         """Say in a few lines how it ended, what to do, and which node holds convergence back in which condition."""
         iterations = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
         lines = [f"{self.status.name.lower()} after {iterations}: {self.status.remedy}."]
+        if not np.isfinite(self.problem.x0).all():
+            return "\n".join([*lines, "The first state holds NaN or infinity."])
         bad = np.flatnonzero(~np.isfinite(np.hstack([self.xs[:-1], self.us])).all(axis=1))
         if bad.size:
             return "\n".join([*lines, f"NaN or infinity first at node {bad[0]} of the trajectory."])
@@ -203,8 +209,6 @@ class Solution:
 
     def _first_not_finite(self) -> str | None:
         """Name the first node whose own values are not finite at a trajectory that is."""
-        if not np.isfinite(self.problem.x0).all():
-            return "The first state holds NaN or infinity."
         bad = np.flatnonzero(~np.isfinite(self.problem.parameters).all(axis=1))
         for k, (x, u) in enumerate(self._nodes()):
             point = self.problem.evaluate(k, x, u)

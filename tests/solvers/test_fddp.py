@@ -9,7 +9,7 @@ import pytest
 from lgmpc.actions import Action
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, IpoptSolver, PrintProgress, Progress, Solution, Status
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, NlpSolver, PrintProgress, Progress, Solution, Status
 from lgmpc.solvers.box import minimise_in_box
 
 Make = Callable[..., ShootingProblem]
@@ -100,7 +100,7 @@ def test_feedback_is_that_of_the_closed_form(linear: Callable[..., Action]) -> N
 
 
 def check_against_ipopt(solution: Solution, problem: ShootingProblem, guess: Trajectory, atol: float) -> None:
-    reference = IpoptSolver(problem).solve(guess)
+    reference = NlpSolver(problem).solve(guess)
     assert solution.cost == pytest.approx(reference.cost, rel=1e-8)
     np.testing.assert_allclose(solution.us, reference.trajectory.us, atol=atol)
     for x, other in zip(solution.xs, reference.trajectory.xs, strict=True):

@@ -5,14 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from lgmpc.actions import Action
+from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import IpoptSolver, NlpStatus
+from lgmpc.solvers import Fddp, NlpSolver, Progress, Status
 
 
 def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
     guess = Trajectory(np.zeros((9, 2)), np.zeros((8, 1)))
-    result = IpoptSolver(cart).solve(guess)
-    assert result.status is NlpStatus.CONVERGED
+    result = NlpSolver(cart).solve(guess)
+    assert result.status is Status.CONVERGED
     xs, us = result.trajectory.xs, result.trajectory.us
     np.testing.assert_array_equal(xs[0], cart.x0)
     np.testing.assert_allclose(xs, cart.rollout(us).xs, atol=1e-9)
@@ -37,8 +39,62 @@ def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
 
 def test_statuses_say_what_happened(cart: ShootingProblem, centroidal: Callable[..., ShootingProblem]) -> None:
     guess = Trajectory(np.zeros((9, 2)), np.zeros((8, 1)))
-    assert IpoptSolver(cart, max_iterations=2).solve(guess).status is NlpStatus.ITERATION_LIMIT
+    assert NlpSolver(cart, max_iterations=2).solve(guess).status is Status.ITERATION_LIMIT
     cart.set("limit", [2.0, 0.6, -5.0])
-    assert IpoptSolver(cart).solve(guess).status is NlpStatus.INFEASIBLE
+    assert NlpSolver(cart).solve(guess).status is Status.INFEASIBLE
     cart.x0[0] = np.nan
-    assert IpoptSolver(cart).solve(guess).status is NlpStatus.FAILED
+    result = NlpSolver(cart).solve(guess)
+    assert result.status is Status.NOT_FINITE
+    assert "first state holds NaN" in result.explain()
+
+
+@pytest.mark.parametrize(("plugin", "compiled"), [("ipopt", True), ("fatrop", False)])
+def test_every_way_finds_the_same(satellite: Callable[..., ShootingProblem], plugin: str, compiled: bool) -> None:
+    problem = satellite(bounded=True, nodes=4)
+    reference = NlpSolver(problem).solve()
+    solver = NlpSolver(problem, plugin, compiled=compiled)
+    assert solver.compiled is compiled
+    solution = solver.solve()
+    for each in (reference, solution):
+        assert each.status is Status.CONVERGED
+        assert each.kkt.largest < 1e-7 and each.residual() == each.kkt
+    np.testing.assert_allclose(solution.us, reference.us, atol=1e-6)
+    np.testing.assert_allclose(solution.costates, reference.costates, atol=1e-5)
+    np.testing.assert_allclose(solution.multipliers, reference.multipliers, atol=1e-5)
+
+
+def test_intervals_may_differ(linear: Callable[..., Action]) -> None:
+    rng = np.random.default_rng(0)
+    one, other, jump = (
+        linear(np.eye(3), rng.standard_normal((3, nu)), rng.standard_normal(3), f"of_{nu}") for nu in (1, 2, 0)
+    )
+    problem = ShootingProblem([one, one, jump, other, one], terminal=other)
+    problem.set("goal", 1.0)
+    problem.set("weight", 0.1)
+    solution, swept = NlpSolver(problem).solve(), Fddp(problem).solve()
+    assert solution.status is Status.CONVERGED and solution.kkt.largest < 1e-9
+    np.testing.assert_allclose(solution.us, swept.us, atol=1e-6)
+    np.testing.assert_allclose(solution.costates, swept.costates, atol=1e-5)
+
+
+def test_ipopt_tells_its_progress_and_can_be_stopped(cart: ShootingProblem) -> None:
+    solver = NlpSolver(cart)
+    told: list[Progress] = []
+    solution = solver.solve(callback=told.append)
+    assert [p.iteration for p in told] == list(range(1, solution.iterations + 1))
+    assert told[-1].cost == pytest.approx(solution.cost)
+    stopped = solver.solve(callback=lambda progress: progress.iteration == 2)
+    assert stopped.status is Status.STOPPED and stopped.iterations == 2
+    assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT
+
+    def fail(progress: Progress) -> None:
+        raise RuntimeError("my own")
+
+    with pytest.raises(RuntimeError, match="my own"):
+        solver.solve(callback=fail)
+    with pytest.raises(SolverError, match="iteration_limit"):
+        NlpSolver(cart, max_iterations=1).solve(throw=True)
+    with pytest.raises(InputError, match="cannot be interrupted"):
+        NlpSolver(cart, "fatrop").solve(time_limit=1.0)
+    with pytest.raises(InputError, match="Did you mean ipopt"):
+        NlpSolver(cart, "ipop")

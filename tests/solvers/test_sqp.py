@@ -10,7 +10,7 @@ import pytest
 from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import IpoptSolver, NlpStatus, SqpSolver, SqpStatus
+from lgmpc.solvers import NlpSolver, SqpSolver, SqpStatus, Status
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
 from lgmpc.state import StateMultibody
 
@@ -42,8 +42,8 @@ def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: st
     problem.view("external_wrench")[:6] = [0.0, 4.0, 0.0, 0.1, 0.0, 0.0]
     problem.set_initial_state(problem.x0 + PUSHES[push])
     guess = standing(problem)
-    reference = IpoptSolver(problem).solve(guess)
-    assert reference.status is NlpStatus.CONVERGED
+    reference = NlpSolver(problem).solve(guess)
+    assert reference.status is Status.CONVERGED
     solver = SqpSolver(problem, ACCURATE[qp_solver])
     solver.set_guess(guess)
     for _ in range(30):
@@ -180,8 +180,8 @@ def test_states_on_a_manifold_need_nothing_special(monkeypatch: pytest.MonkeyPat
     problem.set("limit", 4.0)
     problem.set_initial_state(start)
     guess = Trajectory(np.tile(start, (11, 1)), np.zeros((10, 6)))
-    reference = IpoptSolver(problem).solve(guess)
-    assert reference.status is NlpStatus.CONVERGED
+    reference = NlpSolver(problem).solve(guess)
+    assert reference.status is Status.CONVERGED
     solver = SqpSolver(problem)
     assert not solver.compiled
     solver.set_guess(guess)

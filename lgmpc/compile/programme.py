@@ -1,0 +1,50 @@
+"""The functions that a nonlinear programme's solver calls (derivatives included) as one cached library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi
+
+from lgmpc.compile.cache import cache_folder, find_entry, make_entry, request_key
+from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.native import Progress
+from lgmpc.errors import CompileError
+
+__all__ = ["compile_programme"]
+
+
+def compile_programme(solver: casadi.Function, *, progress: Progress | None = None) -> Path | None:
+    """Build (or find in the cache) the machine code of what a solver made by ``casadi.nlpsol`` evaluates.
+
+    Args:
+        solver: made from expressions; its name and options decide what it evaluates.
+        progress: told when something is being compiled.
+
+    Returns:
+        A library to give to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
+        be compiled.
+
+    Raises:
+        CompileError: the compiler failed.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+    compiler = find_compiler() if jit_enabled() else None
+    if compiler is None:
+        return None
+    name = solver.name()
+    generator = casadi.CodeGenerator(f"{name}.c", {"with_header": False})
+    try:
+        for function in (solver.oracle(), *(solver.get_function(part) for part in solver.get_function())):
+            generator.add(function)
+        source = str(generator.dump())
+    except RuntimeError as error:
+        raise CompileError(name, "CasADi code generation", str(error)) from error
+    folder = cache_folder()
+    key = request_key("programme", casadi.CasadiMeta.version(), compiler.identity, source)
+    entry = find_entry(folder, name, key)
+    if entry is None:
+        if progress is not None:
+            progress(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+        entry = make_entry(folder, name, key, source, lambda c, so: compiler.build(c, so, name), lambda: None)
+    return entry

@@ -4,8 +4,8 @@ Conventions, one each, everywhere in the package:
 
 * Configuration ``q = [base position (world), quaternion x y z w, joints]``; velocity
   ``v = [base linear, base angular (both in the body frame), joint rates]``: Pinocchio's.
-* State ``x = (q, v)``: ``nx = nq + nv``, ``ndx = 2 nv``. ``diff(x0, x1) = x1 (-) x0`` and ``integrate(x, dx) = x (+) dx``.
-* SE(3) twists and wrenches are linear first. Extended poses SE_k(3) have tangent (rotation, then one 3-vector a column).
+* State ``x = (q, v)``: ``nx = nq + nv``, ``ndx = 2 nv``. ``diff(x0, x1) = x1 (-) x0``, ``integrate(x, dx) = x (+) dx``.
+* SE(3) twists and wrenches are linear first. Extended poses SE_k(3) have tangent (rotation, then a 3-vector a column).
 * ``coadjoint(xi) = ad(xi)^T``; ``force_cross(xi) = -ad(xi)^T``.
 * Contact forces are in world axes and act on the robot. Centroidal momentum is ``[linear; angular]`` about the centre
   of mass in world axes.

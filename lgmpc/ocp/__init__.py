@@ -4,6 +4,7 @@ from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
+from lgmpc.ocp.subproblem import SubproblemFunctions
 from lgmpc.ocp.transcription import MultipleShooting, transcribe
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "OcpQpStructure",
     "ShootingFunctions",
     "ShootingProblem",
+    "SubproblemFunctions",
     "Trajectory",
     "transcribe",
 ]

@@ -201,7 +201,7 @@ class ShootingProblem:
 
     def _having(self, name: str) -> list[int]:
         """Nodes whose action has a parameter; the error that names the nearest where there is none."""
-        chosen = [k for k in range(self.nodes + 1) if name in self.action_at(k).parameters]
+        chosen = [k for k in range(self.nodes + 1) if name in tuple(self.action_at(k).parameters)]
         if not chosen:
             known = {key: None for k in range(self.nodes + 1) for key in self.action_at(k).parameters}
             raise InputError("parameter", name, "a parameter of an action", tuple(known))

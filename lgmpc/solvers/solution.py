@@ -192,6 +192,10 @@ class Solution:
             bounds = f"[{point.lower[row]:.4g}, {point.upper[row]:.4g}]"
             value = f"{point.constraint[row]:.4g}, not in {bounds}"
             lines.append(f"constraint: largest violation {violation[k]:.2e} at node {k}, row {row} ({value}).")
+        loose = self.complementarity()
+        if loose.max() > 0.0:
+            k = int(loose.argmax())
+            lines.append(f"complementarity: largest {loose[k]:.2e} (a multiplier away from its bound) at node {k}.")
         costs = self._costs()
         k = int(costs.argmax())
         lines.append(f"cost: {costs.sum():.6g}, most of it at node {k} ({costs[k]:.6g}).")

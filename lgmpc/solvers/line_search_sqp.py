@@ -1,0 +1,233 @@
+"""Sequential quadratic programming to convergence: hard path constraints, any action, any state, from poor guesses.
+
+Each iteration solves the linear-quadratic problem with its constraints and searches along its step for a decrease of
+the exact penalty function
+
+    cost + penalty (sum |gaps| + sum of the constraints' violations),
+
+whose penalty stays above the largest multiplier (Nocedal and Wright, "Numerical optimization", 2nd ed., ch. 18). The
+decrease is measured from the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
+so that full steps along curved constraints are not refused. The Hessian is the Gauss-Newton one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
+from lgmpc.solvers.loop import IterativeSolver, Progress
+from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, QpSolver, QpStatus, make_qp_solver
+from lgmpc.solvers.solution import Solution, Status, Timings
+from lgmpc.solvers.sweep import all_finite
+from lgmpc.typing import Array
+
+__all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
+
+_FAILED = {
+    QpStatus.INFEASIBLE: Status.INFEASIBLE,
+    QpStatus.UNBOUNDED: Status.FAILED,
+    QpStatus.NUMERICAL: Status.FAILED,
+    QpStatus.NOT_FINITE: Status.NOT_FINITE,
+}
+
+
+@dataclass(frozen=True)
+class LineSearchSqpSettings:
+    """Tolerances of the iterations and of the search.
+
+    Attributes:
+        tolerance: largest residual of the optimality conditions of a solution.
+        acceptance: least fraction of the expected decrease that a step has to bring.
+        memory: how many points the decrease is measured from the worst of.
+        least_step: step length below which the search gives up.
+        penalty_margin: the penalty's least multiple of the largest multiplier.
+    """
+
+    tolerance: float = 1e-6
+    acceptance: float = 1e-4
+    memory: int = 4
+    least_step: float = 1e-4
+    penalty_margin: float = 1.5
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        if not self.tolerance > 0.0:
+            raise InputError("tolerance", self.tolerance, "above 0")
+        if not 0.0 < self.acceptance < 0.5:
+            raise InputError("acceptance", self.acceptance, "above 0, below 0.5")
+        if self.memory < 1:
+            raise InputError("memory", self.memory, "at least 1")
+        if not 0.0 < self.least_step < 1.0:
+            raise InputError("least_step", self.least_step, "above 0, below 1")
+        if not self.penalty_margin > 1.0:
+            raise InputError("penalty_margin", self.penalty_margin, "above 1")
+
+
+class LineSearchSqp(IterativeSolver):
+    """SQP with a line search, for any :class:`~lgmpc.ocp.ShootingProblem` (see the module).
+
+    :class:`~lgmpc.solvers.SqpSolver` is the one for control loops: full steps, one at a time.
+
+    Args:
+        problem: the problem; its data are read at every solve.
+        settings: tolerances.
+        qp_solver: solver of the subproblems: a name, or a function that makes one. It has to be more accurate than the
+            tolerance; unless given, PIQP, much more accurate.
+        progress: told what is being compiled.
+
+    Raises:
+        InputError: no such QP solver.
+        MissingDependencyError: its package is not installed.
+    """
+
+    name = "SQP"
+
+    def __init__(
+        self,
+        problem: ShootingProblem,
+        settings: LineSearchSqpSettings | None = None,
+        qp_solver: str | Callable[[OcpQp], QpSolver] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.problem = problem
+        self.settings = LineSearchSqpSettings() if settings is None else settings
+        self.functions = SubproblemFunctions(problem, progress)
+        qp = self.functions.qp
+        if isinstance(qp_solver, str):
+            self.qp_solver = make_qp_solver(qp_solver, qp, progress)
+        elif qp_solver is not None:
+            self.qp_solver = qp_solver(qp)
+        else:
+            large = qp.structure.ndx + qp.structure.nu > 30
+            kind = "sparse_multistage" if large else "sparse_ldlt"
+            # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
+            accuracy = min(max(self.settings.tolerance**2, 1e-11), 1e-2 * self.settings.tolerance)
+            self.qp_solver = PiqpSolver(qp, PiqpSettings(kind, accuracy, 200))
+
+    def _begin(self, guess: Trajectory) -> Status | None:
+        f, s = self.functions, self.qp.structure
+        f.xs[...] = guess.xs
+        f.xs[0] = self.problem.x0
+        f.us[...] = guess.us
+        for k, action in enumerate(self.problem.actions):
+            f.us[k, action.nu :] = 0.0
+        self.qp_solver.reset()
+        self._costates, self._multipliers = np.zeros((s.nodes, s.ndx)), np.zeros((s.nodes, s.ng))
+        self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
+        self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
+        self._clock = [0.0, 0.0, 0.0]
+        self._linearize(0)
+        self._kkt = KktResidual.unknown()
+        return None if self._finite else Status.NOT_FINITE
+
+    def _iterate(self) -> Status | None:
+        f, s = self.functions, self.settings
+        start = time.perf_counter()
+        self.qp_solver.prepare()
+        status = self.qp_solver.solve(np.zeros(f.qp.structure.ndx))
+        self._clock[1] += time.perf_counter() - start
+        if status in _FAILED:
+            return _FAILED[status]
+        step = self.qp_solver.solution
+        largest = max(float(np.abs(step.costates).max()), float(np.abs(step.multipliers).max(initial=0.0)))
+        if self._penalty < s.penalty_margin * largest:
+            self._penalty = 2.0 * s.penalty_margin * largest
+        self._last.append((self._cost, self._infeasibility))
+        slope = self._slope(step.dxs, step.dus) - self._penalty * self._infeasibility
+        worst = max(cost + self._penalty * outside for cost, outside in self._last)
+        # What rounding alone changes is no increase.
+        worst += 1e-13 * (abs(worst) + self._penalty)
+        f.xs_base[...] = f.xs
+        us, dxs, dus = f.us.copy(), step.dxs.copy(), step.dus.copy()
+        alpha, self._accepted = 1.0, False
+        while alpha >= s.least_step:
+            np.multiply(dxs, alpha, out=f.dxs)
+            f.retract()
+            f.us[...] = us + alpha * dus
+            self._linearize(2)
+            merit = self._cost + self._penalty * self._infeasibility
+            if self._finite and merit <= worst + s.acceptance * alpha * min(slope, 0.0):
+                self._accepted = True
+                break
+            alpha *= 0.5
+        self._step_length = alpha
+        if not self._accepted:
+            f.xs[...], f.us[...] = f.xs_base, us
+            self._linearize(0)
+            return Status.STALLED
+        self._costates += alpha * (step.costates - self._costates)
+        self._multipliers += alpha * (step.multipliers - self._multipliers)
+        self._kkt = self._residual()
+        return Status.CONVERGED if self._kkt.largest <= s.tolerance else None
+
+    @property
+    def qp(self) -> OcpQp:
+        """The current subproblem."""
+        return self.functions.qp
+
+    def _progress(self, iteration: int, elapsed: float) -> Progress:
+        return Progress(
+            iteration, self._cost, self._kkt.largest, self._gap, self._step_length, 0.0, self._accepted, elapsed
+        )
+
+    def _finish(self, status: Status, iterations: int, start: float) -> Solution:
+        f, s = self.functions, self.qp.structure
+        if not self._finite:
+            status = Status.NOT_FINITE
+        expansion, backward, forward = self._clock
+        gaps = np.vstack([np.zeros(s.ndx), self.qp.vector("b")])
+        kkt = self._residual() if status is not Status.NOT_FINITE else KktResidual.unknown()
+        return Solution(
+            self.problem.copy(), f.xs.copy(), f.us.copy(), np.zeros((0, s.nu, s.ndx)), np.zeros((0, s.nu)),
+            self._costates.copy(), self._multipliers.copy(), status, iterations, self._cost, gaps, kkt,
+            Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
+        )  # fmt: skip
+
+    def _linearize(self, clock: int) -> None:
+        """Expand around the functions' point, and measure it."""
+        start = time.perf_counter()
+        self.functions.linearize()
+        qp = self.qp
+        bounds = qp.structure.blocks["lower"].where.start, qp.structure.blocks["upper"].where.stop
+        values = qp.values
+        self._finite = all_finite(values[:, : bounds[0]], values[:, bounds[1] :], qp.terminal_values)
+        lower, upper = qp.vector("lower"), qp.vector("upper")
+        self._finite = self._finite and not (np.isnan(lower).any() or np.isnan(upper).any())
+        self._outside = np.maximum(np.maximum(lower, -upper), 0.0)
+        gaps = np.abs(qp.vector("b"))
+        self._gap = float(gaps.max())
+        self._infeasibility = float(gaps.sum() + self._outside.sum())
+        last = qp.terminal_values[qp.structure.terminal_blocks["cost"].where]
+        self._cost = float(qp.vector("cost").sum() + last[0]) if self._finite else np.nan
+        self._clock[clock] += time.perf_counter() - start
+
+    def _slope(self, dxs: Array, dus: Array) -> float:
+        """Slope of the cost along a step."""
+        qp = self.qp
+        last = qp.terminal_values[qp.structure.terminal_blocks["q"].where]
+        inner = np.vdot(qp.vector("q"), dxs[:-1]) + np.vdot(qp.vector("r"), dus)
+        return float(inner + np.vdot(last, dxs[-1]))
+
+    def _residual(self) -> KktResidual:
+        """Residual of the nonlinear problem's conditions at the point of expansion."""
+        qp, costates, multipliers = self.qp, self._costates, self._multipliers
+        dense = {name: qp.dense(name) for name in "ABCD"}
+
+        def gradient(vector: str, dynamics: str, rows: str) -> Array:
+            product = np.einsum("kij,ki->kj", dense[dynamics], costates)
+            out: Array = qp.vector(vector) + product + np.einsum("kij,ki->kj", dense[rows], multipliers)
+            return out
+
+        states, controls = gradient("q", "A", "C")[1:] - costates[:-1], gradient("r", "B", "D")
+        last = qp.terminal_values[qp.structure.terminal_blocks["q"].where] - costates[-1]
+        stationarity = max(float(np.abs(part).max(initial=0.0)) for part in (states, controls, last))
+        above = np.minimum(np.maximum(multipliers, 0.0), np.abs(qp.vector("upper")))
+        below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(qp.vector("lower")))
+        loose = float(np.maximum(above, below).max(initial=0.0))
+        return KktResidual(stationarity, self._gap, float(self._outside.max(initial=0.0)), loose)

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from lgmpc.actions import Action, Bounded
+from lgmpc.errors import InputError, SolverError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, NlpSolver, Status
+
+Make = Callable[..., ShootingProblem]
+
+
+def guesses(problem: ShootingProblem) -> dict[str, Trajectory]:
+    rng = np.random.default_rng(1)
+    hold = problem.hold()
+    xs = [problem.state.integrate(x, 0.4 * rng.standard_normal(problem.state.ndx)) for x in hold.xs]
+    return {"hold": hold, "far": Trajectory(np.array(xs), rng.standard_normal(hold.us.shape))}
+
+
+@pytest.mark.parametrize("which", ["cart", "satellite", "unicycle"])
+@pytest.mark.parametrize("start", ["hold", "far"])
+def test_sqp_and_ipopt_find_the_same(
+    cart: ShootingProblem, satellite: Make, unicycle: ShootingProblem, which: str, start: str
+) -> None:
+    problem = {"cart": cart, "satellite": satellite(bounded=True), "unicycle": unicycle}[which]
+    guess = guesses(problem)[start]
+    solution = LineSearchSqp(problem).solve(guess)
+    assert solution.status is Status.CONVERGED
+    reference = NlpSolver(problem).solve(guess)
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-7)
+    np.testing.assert_allclose(solution.us, reference.us, atol=1e-4)
+    np.testing.assert_allclose(solution.costates, reference.costates, atol=1e-4)
+    np.testing.assert_allclose(solution.multipliers, reference.multipliers, atol=1e-4)
+    recomputed = solution.residual()
+    assert recomputed.largest <= 1e-6
+    for name in ("stationarity", "dynamics", "constraint", "complementarity"):
+        assert getattr(recomputed, name) == pytest.approx(getattr(solution.kkt, name), rel=1e-3, abs=1e-10), name
+
+
+def test_sqp_box_fddp_and_ipopt_agree(satellite: Make) -> None:
+    problem = satellite(bounded=True)
+    found = [
+        LineSearchSqp(problem).solve(),
+        BoxFddp(problem, FddpSettings(tolerance=1e-12)).solve(),
+        NlpSolver(problem).solve(),
+    ]
+    for solution in found:
+        assert solution.status is Status.CONVERGED
+        np.testing.assert_allclose(solution.us, found[0].us, atol=1e-5)
+        np.testing.assert_allclose(solution.costates, found[0].costates, atol=1e-5)
+        np.testing.assert_allclose(solution.multipliers, found[0].multipliers, atol=1e-5)
+
+
+class Fenced(Action):
+    """A unicycle that has to stay outside a circle around the origin's corner."""
+
+    name = "fenced"
+
+    def __init__(self, base: Action) -> None:
+        self.state, self.nu, self.parameters = base.state, base.nu, base.parameters
+        self._base = base
+
+    def step(self, x, u, p):
+        return self._base.step(x, u, p)
+
+    def cost(self, x, u, p):
+        return self._base.cost(x, u, p)
+
+    def terminal_cost(self, x, p):
+        return self._base.terminal_cost(x, p)
+
+    def constraint(self, x, u, p):
+        distance = (x[0] + 0.5) ** 2 + (x[1] + 0.6) ** 2
+        return Bounded(ca.vertcat(distance, u[0]), ca.vertcat(0.16, -ca.inf), ca.vertcat(ca.inf, 4.0))
+
+
+def test_intervals_with_other_constraints_and_controls(
+    unicycle: ShootingProblem, linear: Callable[..., Action]
+) -> None:
+    """A fence in the first half, none behind it, and one interval without controls."""
+    base = unicycle.action
+    fenced, jump = Fenced(base), linear(np.diag([1.0, 1.0, 0.5]), np.zeros((3, 0)), np.zeros(3), "jump")
+    problem = ShootingProblem([fenced] * 10 + [jump] + [base] * 9)
+    problem.set("weights", [3.0, 1.0])
+    problem.set("weight", 1.0)
+    problem.set_initial_state([-1.0, -1.0, 1.0])
+    solution = LineSearchSqp(problem).solve(max_iterations=200)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    assert (np.abs(solution.multipliers[:10, 0]) > 1e-2).any()  # the fence is in the way
+    assert not solution.multipliers[10:].any() and not solution.us[10].any()
+    assert solution.residual().largest <= 1e-6
+    reference = NlpSolver(problem).solve(solution.trajectory)
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-6)
+    np.testing.assert_allclose(solution.us, reference.us, atol=1e-4)
+
+
+def test_without_constraints_it_agrees_with_fddp(unicycle: ShootingProblem) -> None:
+    swept = Fddp(unicycle, FddpSettings(tolerance=1e-13)).solve()
+    solution = LineSearchSqp(unicycle, LineSearchSqpSettings(tolerance=1e-8)).solve()
+    np.testing.assert_allclose(solution.xs, swept.xs, atol=1e-6)
+
+
+def test_what_cannot_be_solved_says_so(cart: ShootingProblem) -> None:
+    solver = LineSearchSqp(cart)
+    assert solver.solve(max_iterations=1).status is Status.ITERATION_LIMIT
+    assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT
+    cart.set("limit", [2.0, 0.6, -5.0])
+    infeasible = solver.solve()
+    assert infeasible.status is Status.INFEASIBLE
+    assert "constraint: largest violation" in infeasible.explain()
+    with pytest.raises(SolverError, match="infeasible"):
+        solver.solve(throw=True)
+    cart.parameters[3] = np.nan
+    assert solver.solve().status is Status.NOT_FINITE
+    cart.set("limit", [2.0, 0.6, 1.5])
+    cart.set("target", 1.0)
+    cart.x0[1] = np.inf
+    assert solver.solve().status is Status.NOT_FINITE
+
+
+def test_solves_are_repeatable_to_the_bit(cart: ShootingProblem) -> None:
+    solver = LineSearchSqp(cart)
+    first, second = solver.solve(), solver.solve()
+    np.testing.assert_array_equal(first.xs, second.xs)
+    np.testing.assert_array_equal(first.multipliers, second.multipliers)
+    assert first.kkt == second.kkt
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tolerance", 0.0), ("acceptance", 0.5), ("memory", 0), ("least_step", 1.0), ("penalty_margin", 1.0)],
+)
+def test_settings_that_cannot_work_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=name):
+        LineSearchSqpSettings(**{name: value})

@@ -1,4 +1,4 @@
-"""Make the README's picture from a pushed run: the moment of the hardest push, and the robot after it.
+"""Make the README's picture from a pushed run: the hardest push, how far the robot gave way, and how it ended.
 
     python scripts/make_readme_picture.py runs/20260301T120000Z-solo12_balance .assets/balance.png
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import html
 import sys
 import tempfile
 from pathlib import Path
@@ -23,9 +22,9 @@ from lgmpc.runs import PushInterval, Run, RunFolder, atomic_write, push_interval
 from lgmpc.viz.replay import export_html
 from lgmpc.viz.snapshot import headless_chromium, snapshots
 
-PANEL = (800, 500)
+PANEL = (560, 460)
 PAGE = """<!DOCTYPE html><meta charset="utf-8"><style>
-body {{ margin: 0; display: flex; gap: 4px; background: #fff; font: 22px system-ui, "DejaVu Sans", sans-serif; }}
+body {{ margin: 0; display: flex; gap: 4px; background: #fff; font: 19px system-ui, "DejaVu Sans", sans-serif; }}
 figure {{ margin: 0; width: {width}px; position: relative; }}
 img {{ display: block; width: 100%; border-radius: 8px; }}
 figcaption {{ position: absolute; left: 18px; bottom: 14px; color: #1d2733; }}
@@ -56,7 +55,7 @@ def main() -> int:
 
 
 def draw(run: Run, pushes: tuple[PushInterval, ...]) -> bytes:
-    """Return the PNG: two panels side by side, each with its caption."""
+    """Return the PNG: panels side by side, each with its caption."""
     moments, captions = tell(run, pushes)
     robot = build_robot(parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path))
     with tempfile.TemporaryDirectory() as folder, headless_chromium() as browser:
@@ -68,30 +67,30 @@ def draw(run: Run, pushes: tuple[PushInterval, ...]) -> bytes:
             f"<figcaption>{caption}</figcaption></figure>"
             for picture, caption in zip(pictures, captions, strict=True)
         )
-        tab = browser.new_page(viewport={"width": 2 * PANEL[0] + 4, "height": PANEL[1]})
+        tab = browser.new_page(viewport={"width": len(moments) * (PANEL[0] + 4) - 4, "height": PANEL[1]})
         tab.set_content(PAGE.format(width=PANEL[0], figures=figures))
         tab.evaluate("Promise.all([...document.images].map(image => image.decode()))")
         return tab.screenshot()
 
 
-def tell(run: Run, pushes: tuple[PushInterval, ...]) -> tuple[tuple[float, float], tuple[str, str]]:
-    """Choose the two moments, s, and say what they show: the hardest push near its end, and the rest after it."""
+def tell(run: Run, pushes: tuple[PushInterval, ...]) -> tuple[tuple[float, ...], tuple[str, ...]]:
+    """Choose three moments, s, and say what they show: the hardest push, where the base gave way most, and the rest."""
     log = run.log
     # To three digits, so that of equally hard ones the first is taken, whatever the rounding of its components.
     hardest = max(range(len(pushes)), key=lambda k: round(float(np.linalg.norm(pushes[k].impulse)), 3))
     push = pushes[hardest]
-    pushed = push.start + 0.85 * (push.end - push.start)
     calm_until = pushes[hardest + 1].start if hardest + 1 < len(pushes) else float(log.time[-1])
     calm = max(push.end, calm_until - 0.05)
+    after = (log.time >= push.start) & (log.time <= calm)
     base = log.base_pose[:, :3]
-    before = base[np.searchsorted(log.time, push.start)]
-    during = (log.time >= push.start) & (log.time <= calm)
-    moved = 1e3 * np.linalg.norm(base[during] - before, axis=1)
+    moved = 1e3 * np.linalg.norm(base[after] - base[np.searchsorted(log.time, push.start)], axis=1)
+    furthest = float(log.time[after][np.argmax(moved)])
     force = np.linalg.norm(push.impulse) / (push.end - push.start)
-    name = html.escape(run.result.name)
-    return (pushed, calm), (
-        f"<b>{pushed:.2f} s</b> &ensp; {name}: {force:.3g} N for {push.end - push.start:.2g} s",
-        f"<b>{calm:.2f} s</b> &ensp; it gave way by {moved.max():.1f} mm and came back to {moved[-1]:.1f} mm",
+    pushed = push.start + 0.6 * (push.end - push.start)
+    return (pushed, furthest, calm), (
+        f"<b>{pushed:.2f} s</b> &ensp; {force:.3g} N for {push.end - push.start:.2g} s",
+        f"<b>{furthest:.2f} s</b> &ensp; the base gave way by {moved.max():.1f} mm",
+        f"<b>{calm:.2f} s</b> &ensp; and is back within {max(moved[-1], 0.1):.1f} mm",
     )
 
 

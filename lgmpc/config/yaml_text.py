@@ -101,7 +101,10 @@ def parse_scalar(text: str, key: str, name: str) -> Any:
         return parse_yaml(text, name)[0]
     except ConfigError as error:
         raise ConfigError(
-            name, key, text, "a YAML value, such as 0.5, true, [0, 3, 0] (in quotes if your shell needs them)"
+            name,
+            key,
+            text if len(text) <= 60 else f"{text[:57]}...",
+            "a YAML value, such as 0.5, true, [0, 3, 0] (in quotes if your shell needs them)",
         ) from error
 
 

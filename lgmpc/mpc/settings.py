@@ -58,7 +58,7 @@ class CentroidalMpcSettings:
     """Horizon, weights and limits of the centroidal MPC.
 
     Attributes:
-        nodes: number of intervals of the horizon.
+        nodes: number of intervals of the horizon, at least 2.
         node_duration: length of each, s.
         weights: of the cost.
         friction: coefficient that the plan relies on.
@@ -86,7 +86,7 @@ class CentroidalMpcSettings:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used."""
-        for name, lowest in (("nodes", 1), ("facets", 3), ("sqp_iterations", 1), ("stale_after", 1)):
+        for name, lowest in (("nodes", 2), ("facets", 3), ("sqp_iterations", 1), ("stale_after", 1)):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < lowest:
                 raise InputError(name, value, f"a whole number of at least {lowest}")

@@ -11,7 +11,7 @@ from lgmpc.mpc import CentroidalMpcSettings, CentroidalWeights
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"nodes": 0}, "nodes: got 0; expected a whole number of at least 1"),
+        ({"nodes": 1}, "nodes: got 1; expected a whole number of at least 2"),
         ({"nodes": 2.5}, "nodes: got 2.5"),
         ({"nodes": True}, "nodes: got True"),
         ({"facets": 2}, "facets: got 2; expected a whole number of at least 3"),

@@ -10,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "LARGEST",
     "PROBLEM",
     "Count",
     "Finite",
@@ -21,6 +22,7 @@ __all__ = [
     "Positive",
     "Problem",
     "Range",
+    "RangeFromZero",
     "Section",
     "Vector3",
     "problem",
@@ -62,16 +64,19 @@ def problem(expected: str, key: str = "", got: Any = None) -> PydanticCustomErro
     return problems([Problem(key, got, expected)])
 
 
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+LARGEST = 1e9
+"""No number of a config is larger: beyond it there is no robot, only overflow."""
+
+Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 """A finite number."""
-Positive = Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0.0, le=LARGEST, allow_inf_nan=False)]
 """A finite number above zero."""
-NonNegative = Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(strict=True, ge=0.0, le=LARGEST, allow_inf_nan=False)]
 """A finite number, zero or above."""
 Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0, allow_inf_nan=False)]
 """A number from 0 to 1."""
-Count = Annotated[int, Field(strict=True, ge=1)]
-"""A whole number, one or above."""
+Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+"""A whole number from 1 to 10000."""
 
 
 def _need_list(length: int, words: str) -> BeforeValidator:
@@ -93,6 +98,10 @@ Vector3 = Annotated[tuple[Finite, Finite, Finite], _need_list(3, "three numbers 
 """Three finite numbers, world axes."""
 Range = Annotated[tuple[Finite, Finite], BeforeValidator(_check_order), _need_list(2, "two numbers [lowest, highest]")]
 """Two finite numbers, the lower one first."""
+RangeFromZero = Annotated[
+    tuple[NonNegative, Positive], BeforeValidator(_check_order), _need_list(2, "two numbers [lowest, highest]")
+]
+"""Two numbers, zero or above, the lower one first."""
 
 
 def _number_or_table(value: Any) -> str:

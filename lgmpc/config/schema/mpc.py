@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Range, Section, Vector3
+from lgmpc.config.schema.base import Count, NonNegative, Positive, RangeFromZero, Section, Vector3
 
 __all__ = ["MpcSection", "MpcWeights"]
 
@@ -19,7 +19,7 @@ class MpcWeights(Section):
     angular_momentum: NonNegative = Field(
         default=10.0, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2."
     )
-    force: NonNegative = Field(default=1e-3, description="Contact forces, from an even share of the weight, 1/N2.")
+    force: Positive = Field(default=1e-3, description="Contact forces, from an even share of the weight, 1/N2.")
     terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
 
 
@@ -29,8 +29,10 @@ class MpcSection(Section):
     enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller works alone.")
     model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
     rate_hz: Positive = Field(default=100.0, description="Updates per second, Hz.")
-    nodes: Count = Field(default=20, description="Number of nodes of the horizon.")
-    node_s: Positive = Field(default=0.02, description="Time between nodes, s.")
+    nodes: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
+        default=20, description="Number of intervals of the horizon, 2 to 200."
+    )
+    node_s: Annotated[Positive, Field(le=1.0)] = Field(default=0.02, description="Length of each, s, at most 1.")
     qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
         default="riccati", description="Solver of each quadratic programme."
     )
@@ -38,7 +40,7 @@ class MpcSection(Section):
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )
     friction: Positive = Field(default=0.6, description="Friction coefficient that the MPC relies on.")
-    normal_force_n: Range = Field(
+    normal_force_n: RangeFromZero = Field(
         default=(0.5, 30.0), description="[lowest, highest] normal force of a foot in contact, N."
     )
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -15,7 +15,9 @@ class PlantSection(Section):
     """The physics engine and its parameters."""
 
     kind: Literal["mujoco", "pinocchio"] = Field(default="mujoco", description="Physics engine.")
-    rate_hz: Positive = Field(default=1000.0, description="Steps of the engine per second, Hz.")
+    rate_hz: Annotated[Positive, Field(le=1e5)] = Field(
+        default=1000.0, description="Steps of the engine per second, Hz."
+    )
     friction: Positive = Field(default=0.6, description="Coulomb friction coefficient between feet and floor.")
     joint_friction_nm: NonNegative = Field(default=0.0, description="Coulomb friction of every joint, N.m.")
     joint_damping_nms: NonNegative = Field(default=0.0, description="Viscous friction of every joint, N.m.s/rad.")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from lgmpc.config.schema.base import Positive, Problem, Section, problems
+from lgmpc.config.schema.base import Positive, Problem, Section, problem, problems
 from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
 from lgmpc.config.schema.mpc import MpcSection
@@ -19,7 +19,10 @@ from lgmpc.config.schema.wbc import WbcSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.errors import ConfigError
 
-__all__ = ["Config"]
+__all__ = ["MOST_TICKS", "Config"]
+
+MOST_TICKS = 3_600_000
+"""Ticks of the longest run: an hour at 1 kHz, which takes 4 GB."""
 
 
 class Config(Section):
@@ -30,7 +33,9 @@ class Config(Section):
         max_length=80,
         description="Name of the run; part of its folder's name, so letters, digits, '.', '_' and '-' only.",
     )
-    seed: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="Seed of all random numbers.")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
+        default=0, description="Seed of all random numbers."
+    )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
     robot: RobotSection = Field(description="The robot.")
     plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
@@ -59,6 +64,15 @@ class Config(Section):
                 found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
         if found:
             raise problems(found)
+        return self
+
+    @model_validator(mode="after")
+    def _has_ticks(self) -> Config:
+        """Every tick of the whole-body controller is recorded, in memory."""
+        ticks, rate = self.duration_s * self.wbc.rate_hz, self.wbc.rate_hz
+        if not 0.5 < ticks <= MOST_TICKS:
+            expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
+            raise problem(expected, key="duration_s", got=self.duration_s)
         return self
 
     @property

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Range, Section, Vector3
+from lgmpc.config.schema.base import Count, NonNegative, Positive, RangeFromZero, Section, Vector3
 
 __all__ = ["WbcGain", "WbcGains", "WbcSection", "WbcWeights"]
 
@@ -57,7 +57,7 @@ class WbcSection(Section):
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
-    normal_force_n: Range = Field(
+    normal_force_n: RangeFromZero = Field(
         default=(0.1, 25.0), description="[lowest, highest] normal force of a foot in contact, N."
     )
     joint_horizon_s: Positive = Field(
@@ -68,8 +68,6 @@ class WbcSection(Section):
     )
     weights: WbcWeights = Field(default=WbcWeights(), description="Weights of the tasks.")
     gains: WbcGains = Field(default=WbcGains(), description="Gains of the tasks.")
-    joint_kp_nm: NonNegative = Field(default=0.0, description="Joint stiffness around the commanded torque, N.m/rad.")
-    joint_kd_nms: NonNegative = Field(default=0.0, description="Joint damping around the commanded torque, N.m.s/rad.")
     tolerance: Positive = Field(default=1e-5, description="Residual at which the solver stops.")
     max_iterations: Count = Field(default=50, description="Most iterations of the solver per tick.")
     fallback_damping_nms: NonNegative = Field(

@@ -149,14 +149,16 @@ class MujocoPlant:
     def _contact_forces(self) -> Array:
         """Return the (nc, 3) world-frame forces on the feet during the last step."""
         forces = np.zeros((self._nc + 1, 3))
-        count = self.data.ncon
-        if count:
+        if self.data.ncon:
             contact = self.data.contact
+            pressing = contact.exclude == 0  # at a distance of exactly 0 a contact is listed, but has no rows
+            count = np.count_nonzero(pressing)
             # Contacts come last. Rows of an elliptic contact: normal, two tangents; its frame's rows are those axes,
             # the normal from the floor to the robot.
-            local = self.data.efc_force[-3 * count :].reshape(count, 1, 3)
+            local = self.data.efc_force[self.data.nefc - 3 * count :].reshape(count, 1, 3)
             # A sphere touches a plane once, so no foot occurs twice and assigning is summing.
-            forces[self._foot_of_geom[contact.geom[:, 1]]] = (local @ contact.frame.reshape(count, 3, 3))[:, 0]
+            feet = self._foot_of_geom[contact.geom[pressing, 1]]
+            forces[feet] = (local @ contact.frame[pressing].reshape(count, 3, 3))[:, 0]
         return forces[: self._nc]
 
 

@@ -125,3 +125,22 @@ def test_divergence_is_raised_and_leaves_no_file(solo12, tmp_path, monkeypatch, 
         plant.step(np.zeros(12))
     assert not list(tmp_path.iterdir())
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_foot_that_touches_without_pressing_feels_no_force(solo12) -> None:
+    """At a distance of exactly 0 MuJoCo lists a contact but gives it no rows: forces must not move to other feet."""
+    plant = MujocoPlant(solo12, PlantParameters())
+    q = solo12.q_reference.copy()
+    found = 0
+    for _ in range(200):
+        plant.reset(np.concatenate([q, np.zeros(solo12.nv)]))
+        plant.step(np.zeros(solo12.nu))
+        touching = plant.data.contact.exclude != 0
+        forces = plant.sense().contact_forces
+        if touching.any():
+            found += 1
+            feet = plant._foot_of_geom[plant.data.contact.geom[:, 1]]
+            assert not forces[feet[touching]].any()
+            assert (forces[feet[~touching], 2] > 0.0).all()
+        q[2] = np.nextafter(q[2], 1.0)
+    assert found

@@ -5,9 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-from lgmpc.cli.app import app
-from lgmpc.cli.failures import EXIT_INTERRUPTED
-
 __all__ = ["main"]
 
 
@@ -17,6 +14,8 @@ def main() -> None:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
+        from lgmpc.cli.app import app  # in here, so that Ctrl-C while it loads ends quietly too
+
         app()
     except KeyboardInterrupt:
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(130)

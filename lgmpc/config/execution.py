@@ -43,9 +43,9 @@ def run_config(
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
-    The folder is made first, so that a run never ends with nowhere to go, and removed again if the run cannot start or
-    breaks. Ctrl-C during the simulation ends it between two ticks: what was recorded is saved, marked as interrupted.
-    A second Ctrl-C acts at once, wherever the program is.
+    The folder is made first, so that a run never ends with nowhere to go, and removed again if the run cannot start,
+    breaks, or cannot be saved. Ctrl-C during the simulation ends it between two ticks: what was recorded is saved,
+    marked as interrupted; Ctrl-C while saving lets it finish. A second Ctrl-C acts at once, wherever the program is.
 
     Args:
         config: what to run.
@@ -62,12 +62,12 @@ def run_config(
         session = prepare(config, notify=notify)
         with _stop_between_ticks(progress) as stoppable:
             result = session.run(stoppable)
+            folder.write_log(result.log)
+            saved = RunResult(name=config.name, verdict=result.verdict, metrics=result.metrics, seed=config.seed)
+            folder.write_result(saved)
     except BaseException:
         shutil.rmtree(folder.path, ignore_errors=True)
         raise
-    folder.write_log(result.log)
-    saved = RunResult(name=config.name, verdict=result.verdict, metrics=result.metrics, seed=config.seed)
-    folder.write_result(saved)
     return FinishedRun(folder, result, saved)
 
 

@@ -1,5 +1,6 @@
 """Running a config into its folder, with the real thing for a tenth of a second."""
 
+import resource
 import signal
 import threading
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from lgmpc.config import Config, load_config
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Outcome, RunFolder
 
 STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
@@ -73,6 +74,28 @@ def test_a_second_interrupt_acts_at_once(short: Config, tmp_path: Path) -> None:
 
     finished = run_config(short, tmp_path, progress=press_twice)
     assert finished.session.interrupted
+
+
+def test_an_interrupt_while_saving_lets_it_finish(short: Config, tmp_path: Path) -> None:
+    write_log = RunFolder.write_log
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunFolder, "write_log", lambda *args: (signal.raise_signal(signal.SIGINT), write_log(*args)))
+        finished = run_config(short, tmp_path)
+    assert not finished.session.interrupted
+    assert RunFolder.load(finished.folder.path).result.verdict.passed
+
+
+def test_a_run_that_cannot_be_saved_leaves_no_folder(short: Config, tmp_path: Path) -> None:
+    def fill_the_disk(now: Progress) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with pytest.raises(RunFolderError, match="cannot write .*log.npz: file too large"):
+            run_config(short, tmp_path, progress=fill_the_disk)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_works_outside_the_main_thread(short: Config, tmp_path: Path) -> None:

@@ -114,6 +114,16 @@ def test_a_floor_as_slippery_as_the_controller_believes_does_not_move_the_feet()
     assert metrics.max_displacement_m < 0.005
 
 
+@pytest.mark.parametrize("mpc", ["true", "false"])
+def test_a_floor_more_slippery_than_believed_is_found_out_by_sliding(mpc: str) -> None:
+    """The pushes need a friction of 0.41; the floor has 0.4, the controller believes in 0.6."""
+    metrics = run("solo12_balance", "plant.friction=0.4", f"mpc.enabled={mpc}").metrics
+    assert metrics is not None and not metrics.fell
+    assert metrics.max_tilt_deg < 3.0  # measured 1.0 with the MPC, 1.3 without
+    assert metrics.max_slip_m < 0.03  # 15 mm, 10 mm; both slid by 0.25 m before the monitor was there
+    assert metrics.final_position_error_m < 0.003
+
+
 def test_torques_stay_within_the_cap_when_a_push_is_too_strong_to_stay() -> None:
     result = run("solo12_balance", "duration_s=3.0", "pushes.0.impulse_ns=[6.0, 3.0, 0.0]")
     assert not result.verdict.passed

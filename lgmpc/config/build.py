@@ -16,7 +16,7 @@ from lgmpc.control import (
     PlannerSettings,
     StandReference,
 )
-from lgmpc.estimation import WrenchObserver
+from lgmpc.estimation import FrictionMonitor, WrenchObserver
 from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, CentroidalWeights
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Recorder
@@ -155,7 +155,8 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
     """Return the controller of sections ``mpc``, ``wbc`` and ``reference``."""
     reference = build_reference(config)
     planner = build_planner(config, robot, reference, notify) if config.mpc.enabled else None
-    return BalanceController(robot, build_whole_body_controller(config, robot), reference, planner)
+    floor = FrictionMonitor(config.wbc.friction, 1.0 / config.wbc.rate_hz)
+    return BalanceController(robot, build_whole_body_controller(config, robot), reference, floor, planner)
 
 
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lgmpc.control.planner import CentroidalPlanner
 from lgmpc.control.reference import ComReference
+from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
 from lgmpc.simulation.control import Command
 from lgmpc.typing import Array
@@ -30,10 +31,12 @@ class BalanceController:
         robot: the controller's model.
         wbc: the whole-body controller.
         reference: where the centre of mass should go, relative to where it stands first.
+        floor: how much friction can be relied on.
         planner: the MPC with its disturbance observer, or None.
 
     Attributes:
         wbc: the whole-body controller; its forces, torques and status are those of the last update.
+        floor: as given.
         planner: as given.
         target: (3,) centre of mass that the user asked for at the last update, world, m.
         base_target: (7,) base pose that goes with it [position, quaternion x y z w].
@@ -46,10 +49,12 @@ class BalanceController:
         robot: Robot,
         wbc: WholeBodyController,
         reference: ComReference,
+        floor: FrictionMonitor,
         planner: CentroidalPlanner | None = None,
     ) -> None:
         self.robot = robot
         self.wbc = wbc
+        self.floor = floor
         self.planner = planner
         self._reference = reference
         self._start_com: Array | None = None
@@ -70,6 +75,7 @@ class BalanceController:
         if self._start_com is None:
             self._begin(q)
         self._follow_reference(time)
+        self._tracked.friction = self.floor.update(terms.contact_velocities, self._tracked.stance)
         planning = 0.0
         if self.planner is not None:
             self.planner.update(time, terms, self._tracked)

@@ -148,6 +148,8 @@ class CentroidalPlanner:
         np.multiply(velocity, self._mass, out=reference[:, 3:6])
         tilt = pin.log3(terms.rotation.T @ tracked.base_rotation)  # body axes, towards upright
         reference[:, 6:9] = self._uprighting * (terms.momentum_matrix[3:, 3:6] @ tilt)
+        if tracked.friction is not None:
+            self.mpc.friction = tracked.friction
         return self.mpc.update(
             time,
             terms.com,

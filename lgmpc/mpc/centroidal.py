@@ -94,6 +94,15 @@ class CentroidalMpc:
         self._plan: CentroidalPlan | None = None  # the last fresh one
         self._guess_time: float | None = None
 
+    @property
+    def friction(self) -> float:
+        """Friction coefficient that plans rely on; may be set between updates."""
+        return float(self.problem.parameters[0, self.problem.action.parameters["friction"]][0])
+
+    @friction.setter
+    def friction(self, coefficient: float) -> None:
+        self.problem.view("friction")[:] = coefficient
+
     def reset(self) -> None:
         """Forget the last plan and the failure counts: the next update begins as the first one did."""
         self.failures = 0

@@ -11,6 +11,7 @@ Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 n
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,8 +133,12 @@ class QpAssembly:
         self._wrench_on_base = np.zeros((2, 3))
         self.hessian[nv:, nv:] = force_weight * np.eye(3 * nc)
         pyramid = friction_pyramid(limits.friction, facets)
+        self._friction = limits.friction
+        self._pyramid_slopes: list[Array] = []
         for i in range(nc):
-            self.inequality[nu + facets * i : nu + facets * (i + 1), nv + 3 * i : nv + 3 * i + 3] = pyramid
+            block = self.inequality[nu + facets * i : nu + facets * (i + 1), nv + 3 * i : nv + 3 * i + 3]
+            block[:] = pyramid
+            self._pyramid_slopes.append(block[:, 2])
         self._joint_box_lower, self._joint_box_upper = self.box_lower[base:nv], self.box_upper[base:nv]
         self._stance: list[bool] = []
         self._normal_lower, self._normal_upper = self.box_lower[nv + 2 :: 3], self.box_upper[nv + 2 :: 3]
@@ -143,6 +148,11 @@ class QpAssembly:
         self._objective(reference)
         self._dynamics(terms, reference)
         self._joint_bounds(terms)
+        friction = self._limits.friction if reference.friction is None else reference.friction
+        if friction != self._friction:
+            self._friction = friction
+            for slopes in self._pyramid_slopes:
+                slopes[:] = -friction * math.cos(math.pi / self._limits.friction_facets)
         stance = reference.stance.tolist()
         if stance != self._stance:
             self._stance = stance

@@ -35,6 +35,7 @@ class WholeBodyReference:
         foot_position: (nc, 3) contact point targets of swing feet, m.
         foot_velocity: (nc, 3) m/s.
         foot_acceleration: (nc, 3) m/s^2.
+        friction: coefficient to rely on now; None for that of the controller's limits.
     """
 
     com: Array
@@ -54,6 +55,7 @@ class WholeBodyReference:
     foot_position: Array
     foot_velocity: Array
     foot_acceleration: Array
+    friction: float | None = None
 
     @classmethod
     def standing(cls, robot: Robot, com: Array, contact_points: Array) -> WholeBodyReference:

@@ -87,6 +87,12 @@ class WholeBodyTerms:
         pin.updateFramePlacements(model, data)
         self._update_contacts()
 
+    @property
+    def contact_velocities(self) -> Array:
+        """(nc, 3) velocities of the material points in contact, world axes, m/s: zero unless a foot slides or lifts."""
+        velocities: Array = (self.contact_jacobian @ self.v).reshape(-1, 3)
+        return velocities
+
     def foot_centre(self, foot: int) -> tuple[Array, Array]:
         """Return Jacobian (3, nv) and drift (3,) of the centre of a foot's sphere, world axes.
 

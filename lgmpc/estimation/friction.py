@@ -1,0 +1,75 @@
+"""Friction that can be relied on: less while a foot slides that should stand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["FrictionMonitor"]
+
+
+class FrictionMonitor:
+    """Lowers the believed friction coefficient while stance feet slide, and trusts the floor again slowly.
+
+    A controller that believes in more friction than there is asks for forces that the floor does not give, takes what
+    is missing for a push, and asks for even more. Sliding gives it away: while any stance foot's contact point moves
+    sideways faster than ``sliding_speed``, the coefficient falls with time constant ``fall_time``; otherwise it rises
+    towards ``nominal`` with ``rise_time``.
+
+    Args:
+        nominal: coefficient to believe in while nothing slides.
+        period: time between two updates, s.
+        sliding_speed: m/s.
+        fall_time: s.
+        rise_time: s.
+        least: the coefficient never falls below this.
+
+    Attributes:
+        coefficient: the present belief.
+
+    Raises:
+        InputError: an argument that is not positive, or ``least`` above ``nominal``.
+    """
+
+    def __init__(
+        self,
+        nominal: float,
+        period: float,
+        sliding_speed: float = 0.1,
+        fall_time: float = 0.05,
+        rise_time: float = 5.0,
+        least: float = 0.1,
+    ) -> None:
+        numbers = {
+            "nominal": nominal,
+            "period": period,
+            "sliding_speed": sliding_speed,
+            "fall_time": fall_time,
+            "rise_time": rise_time,
+            "least": least,
+        }
+        for name, value in numbers.items():
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(name, value, "a positive number")
+        self._nominal, self._least = nominal, min(least, nominal)
+        self._sliding_speed_squared = sliding_speed**2
+        self._fall = math.exp(-period / fall_time)
+        self._rise = 1.0 - math.exp(-period / rise_time)
+        self.coefficient = nominal
+
+    def reset(self) -> None:
+        """Believe in the nominal coefficient."""
+        self.coefficient = self._nominal
+
+    def update(self, contact_velocities: Array, stance: BoolArray) -> float:
+        """Take the contact points' velocities (nc, 3), world axes, and return the new coefficient."""
+        sideways = contact_velocities[:, 0] ** 2 + contact_velocities[:, 1] ** 2
+        if float(np.max(sideways * stance)) > self._sliding_speed_squared:
+            self.coefficient = max(self._least, self._fall * self.coefficient)
+        elif self.coefficient < self._nominal:
+            self.coefficient += self._rise * (self._nominal - self.coefficient)
+        return self.coefficient

@@ -2,17 +2,37 @@
 
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
+from lgmpc.actions.contacts import Contact
+from lgmpc.actions.dynamics import Dynamics, Motion
+from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
+from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [
     "Action",
     "Bounded",
     "CentroidalAction",
+    "Contact",
+    "ContactForwardDynamics",
+    "ContactInverseDynamics",
     "Cost",
     "CostTerm",
+    "Dynamics",
+    "FreeForwardDynamics",
+    "ImpulseAction",
+    "Integrator",
     "LeastSquares",
+    "Motion",
+    "MultibodyAction",
     "Parameter",
     "ParameterLayout",
+    "RungeKutta4",
+    "SemiImplicitEuler",
     "Stage",
     "StageValue",
+    "Unknowns",
+    "Variational",
+    "thrusters",
 ]

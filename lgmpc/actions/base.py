@@ -142,19 +142,18 @@ class Action(ABC):
         stage = self.stage(self.state.integrate_symbolic(x, dx), u, p, unknowns)
         gap, cost, path = self.state.diff_symbolic(x_next, stage.x_next), stage.cost, stage.path
         a, b = unknowns.jacobians(gap, dx, u)
-        jx, ju = unknowns.jacobians(cost.residual, dx, u)
         c, d = unknowns.jacobians(path.value, dx, u)
-        wx, wu = _scale_rows(cost.weight, jx), _scale_rows(cost.weight, ju)
-        curved_x, curved_u = _scale_rows(cost.curvature, wx), _scale_rows(cost.curvature, wu)
+        weight = cost.weight
+        hessian, gradient = unknowns.square(cost.residual, weight * cost.curvature, weight * cost.gradient, dx, u)
         expressions = {
             "A": a,
             "B": b,
             "b": gap,
-            "Q": jx.T @ curved_x,
-            "S": ju.T @ curved_x,
-            "R": ju.T @ curved_u,
-            "q": wx.T @ cost.gradient,
-            "r": wu.T @ cost.gradient,
+            "Q": hessian[0][0],
+            "S": hessian[1][0],
+            "R": hessian[1][1],
+            "q": gradient[0],
+            "r": gradient[1],
             "C": c,
             "D": d,
             "lower": path.lower - path.value,
@@ -172,9 +171,9 @@ class Action(ABC):
         x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
         dx = ca.SX.sym("dx", self.state.ndx)
         cost = self.terminal_cost(self.state.integrate_symbolic(x, dx), p)
-        jx = ca.jacobian(cost.residual, dx)
-        wx = _scale_rows(cost.weight, jx)
-        outputs = _at_zero([jx.T @ _scale_rows(cost.curvature, wx), wx.T @ cost.gradient, cost.value], dx)
+        weight = cost.weight
+        hessian, gradient = Unknowns().square(cost.residual, weight * cost.curvature, weight * cost.gradient, dx)
+        outputs = _at_zero([hessian[0][0], gradient[0], cost.value], dx)
         return ca.Function(f"{self.name}_terminal_quadratic", [x, p], outputs, ["x", "p"], ["Q", "q", "cost"])
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
@@ -187,11 +186,6 @@ class Action(ABC):
         """
         x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
         return StageValue(x_next, float(cost[0]), value, lower, upper)
-
-
-def _scale_rows(weight: Any, jacobian: Any) -> Any:
-    """Return ``diag(weight) @ jacobian`` without losing the sparsity of the Jacobian."""
-    return ca.diag(weight) @ jacobian
 
 
 def _at_zero(expressions: list[Any], dx: Any) -> list[Any]:

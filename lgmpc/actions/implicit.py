@@ -54,13 +54,32 @@ class Unknowns:
     def jacobians(self, expression: Any, *variables: Any) -> tuple[Any, ...]:
         """Return the derivatives of an expression with respect to each of the variables; always the same ones."""
         direct = [ca.jacobian(expression, variable) for variable in variables]
-        if self._found:
-            if not self._slopes:
-                self._solve(variables)
-            for unknown, slopes in zip(self._found, self._slopes, strict=True):
-                through = ca.jacobian(expression, unknown.symbol)
-                direct = [one + through @ slope for one, slope in zip(direct, slopes, strict=True)]
-        return tuple(direct)
+        through, slopes = self._active(expression, variables)
+        if through.shape[1] == 0:
+            return tuple(direct)
+        return tuple(one + through @ slope for one, slope in zip(direct, slopes, strict=True))
+
+    def square(self, residual: Any, weight: Any, gradient: Any, *variables: Any) -> tuple[list[list[Any]], list[Any]]:
+        """Return ``J^T diag(weight) J`` in blocks, and ``J^T gradient``, for the residual's total Jacobian J.
+
+        A residual with more rows than unknowns it depends on is squared in the unknowns first, where it is sparse.
+        """
+        direct = [ca.jacobian(residual, variable) for variable in variables]
+        through, slopes = self._active(residual, variables)
+        rows = set(through.sparsity().get_triplet()[0])
+        if len(rows) <= through.shape[1]:
+            total = [one + through @ slope for one, slope in zip(direct, slopes, strict=True)] if rows else direct
+            scaled = [ca.diag(weight) @ one for one in total]
+            blocks = [[one.T @ other for other in scaled] for one in total]
+            return _mirrored(blocks), [one.T @ gradient for one in total]
+        scaled = [ca.diag(weight) @ one for one in direct]
+        inner = through.T @ (ca.diag(weight) @ through)
+        mixed = [through.T @ one for one in scaled]
+        half = [inner @ slope + one for slope, one in zip(slopes, mixed, strict=True)]
+        n = range(len(variables))
+        blocks = [[direct[i].T @ scaled[j] + mixed[i].T @ slopes[j] + slopes[i].T @ half[j] for j in n] for i in n]
+        pulled = through.T @ gradient
+        return _mirrored(blocks), [direct[i].T @ gradient + slopes[i].T @ pulled for i in n]
 
     def resolve(self, inputs: list[Any], outputs: list[Any]) -> list[Any]:
         """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values put in."""
@@ -69,6 +88,20 @@ class Unknowns:
             others = [u.value if u is unknown else u.symbol for u in self._found]
             outputs = function.call([*inputs, *others])
         return outputs
+
+    def _active(self, expression: Any, variables: tuple[Any, ...]) -> tuple[Any, list[Any]]:
+        """Derivative with respect to those unknowns' entries that the expression depends on, and these one's slopes."""
+        if self._found and not self._slopes:
+            self._solve(variables)
+        through: list[Any] = [ca.SX(expression.shape[0], 0)]
+        slopes: list[list[Any]] = [[ca.SX(0, variable.shape[0])] for variable in variables]
+        for unknown, mine in zip(self._found, self._slopes, strict=True):
+            derivative = ca.jacobian(expression, unknown.symbol)
+            columns = sorted(set(derivative.sparsity().get_triplet()[1]))
+            through.append(derivative[:, columns])
+            for known, slope in zip(slopes, mine, strict=True):
+                known.append(slope[columns, :])
+        return ca.horzcat(*through), [ca.vertcat(*known) for known in slopes]
 
     def _solve(self, variables: tuple[Any, ...]) -> None:
         sizes = [variable.shape[0] for variable in variables]
@@ -79,3 +112,10 @@ class Unknowns:
                 right += ca.jacobian(unknown.residual, earlier.symbol) @ ca.horzcat(*slopes)
             slope = -unknown.solve(right)
             self._slopes.append([slope[:, a:b] for a, b in zip(edges, edges[1:], strict=False)])
+
+
+def _mirrored(blocks: list[list[Any]]) -> list[list[Any]]:
+    """Take the diagonal blocks' lower triangles from the upper ones, so that they are not computed twice."""
+    for i, row in enumerate(blocks):
+        row[i] = ca.triu2symm(ca.triu(row[i]))
+    return blocks

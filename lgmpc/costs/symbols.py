@@ -43,7 +43,7 @@ class StageSymbols:
         u: Any = None,
         a: Any = None,
         tau: Any = None,
-        forces: Mapping[str, Any] | None = None,
+        forces: Mapping[int | str, Any] | None = None,
     ) -> None:
         self.robot = robot
         self.x = x
@@ -69,9 +69,9 @@ class StageSymbols:
         return self._have("tau", self._tau)
 
     @property
-    def forces(self) -> Mapping[str, Any]:
+    def forces(self) -> Mapping[int | str, Any]:
         """Contact forces (3,) or wrenches (6,) by frame name, world axes at the frame's origin, on the robot."""
-        found: Mapping[str, Any] = self._have("forces", self._forces)
+        found: Mapping[int | str, Any] = self._have("forces", self._forces)
         return found
 
     def force(self, frame: str) -> Any:
@@ -83,7 +83,7 @@ class StageSymbols:
         try:
             return self.forces[frame]
         except KeyError:
-            raise InputError("frame", frame, "a contact of the action", tuple(self.forces)) from None
+            raise InputError("frame", frame, "a contact of the action", tuple(map(str, self.forces))) from None
 
     def placement(self, frame: str) -> Placement:
         """Placement of a frame in the world: ``.rotation`` (3, 3) and ``.translation`` (3,)."""

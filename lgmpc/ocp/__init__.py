@@ -1,6 +1,7 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.horizon import HorizonFunctions
+from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
@@ -9,6 +10,8 @@ from lgmpc.ocp.transcription import MultipleShooting, transcribe
 
 __all__ = [
     "Block",
+    "DerivativeCheck",
+    "DerivativeReport",
     "HorizonFunctions",
     "KktResidual",
     "MultipleShooting",
@@ -18,5 +21,6 @@ __all__ = [
     "ShootingProblem",
     "SubproblemFunctions",
     "Trajectory",
+    "check_derivatives",
     "transcribe",
 ]

@@ -126,8 +126,7 @@ class ContactControlGravity(Residual):
 
     def expression(self, s: StageSymbols) -> Any:
         """Return ``tau - (g(q) - sum of J^T f)``."""
-        external: dict[int | str, Any] = {frame: force for frame, force in s.forces.items()}
-        held = s.robot.rnea(s.q, ca.SX.zeros(s.robot.nv), None, external)
+        held = s.robot.rnea(s.q, ca.SX.zeros(s.robot.nv), None, s.forces)
         return s.tau - held[s.robot.nv - self.nr :]
 
 

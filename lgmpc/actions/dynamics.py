@@ -1,0 +1,85 @@
+"""What moves a robot over an interval: accelerations, efforts and contact forces from state and control."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import pinocchio as pin
+
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.costs import Bounded, Parameter
+from lgmpc.robot.symbolic import SymbolicModel
+from lgmpc.state import StateMultibody
+
+__all__ = ["Dynamics", "Motion", "actuated"]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a dynamics gives at one point.
+
+    Attributes:
+        a: (nv,) acceleration.
+        tau: efforts of the actuated joints, None if the dynamics does not know them.
+        forces: contact forces (3,) or wrenches (6,) by frame, world axes, on the robot.
+        path: constraint that makes control and motion consistent.
+    """
+
+    a: Any
+    tau: Any
+    forces: Mapping[int | str, Any] = field(default_factory=dict)
+    path: Bounded = field(default_factory=Bounded.stack)
+
+
+class Dynamics(ABC):
+    """Equations of motion of a robot under a control.
+
+    Args:
+        model: the robot.
+        nu: dimension of the control.
+        parameters: what may change between two solves.
+
+    Attributes:
+        model: the robot.
+        robot: its symbolic algorithms.
+        state: x = (q, v).
+        nu: dimension of the control.
+        parameters: what may change between two solves.
+
+    Raises:
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, nu: int, parameters: tuple[Parameter, ...]) -> None:
+        self.model = model
+        self.robot = SymbolicModel(model)
+        self.state = StateMultibody(model)
+        self.nu = nu
+        self.parameters = parameters
+
+    @abstractmethod
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the motion at a point.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) velocity.
+            u: (nu,) control.
+            values: parameters by name.
+            unknowns: where quantities that an equation defines are declared.
+        """
+
+
+def actuated(model: pin.Model) -> slice:
+    """Entries of the velocity that motors drive: all but the free-flyer's, if the model begins with one."""
+    floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
+    return slice(6 if floating else 0, int(model.nv))
+
+
+def generalized(model: pin.Model, tau: Any) -> Any:
+    """Return (nv,) generalised forces of efforts of the actuated joints."""
+    return ca.vertcat(ca.SX(actuated(model).start, 1), tau)

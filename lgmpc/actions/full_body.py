@@ -1,0 +1,177 @@
+"""Full-body dynamics of robots with and without contacts, in forward and in inverse form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from lgmpc.actions.contacts import Contact, ContactSet
+from lgmpc.actions.dynamics import Dynamics, Motion, actuated, generalized
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.costs import Bounded, Parameter
+from lgmpc.errors import InputError
+
+__all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynamics"]
+
+
+class ContactForwardDynamics(Dynamics):
+    """u = efforts of the actuated joints; accelerations and contact forces from the constrained equations of motion.
+
+        M a + nle = [0; u] + J^T f,        J a + dJ/dt v + Baumgarte = -damping f
+
+    for the contacts whose flag is 1; the others have no force. Udwadia and Kalaba (1992); with point contacts it is
+    what Crocoddyl calls contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
+
+    Parameters: contact_flags, contact_damping, contact_points, contact_gains (and contact_orientations if there are
+    surfaces).
+
+    Args:
+        model: the robot; its base, if free, is not actuated.
+        contacts: names of frames (points) or contacts.
+
+    Raises:
+        InputError: a contact frame that is not there, or twice.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
+        self.contacts = ContactSet(model, contacts)
+        joints = actuated(model)
+        super().__init__(model, joints.stop - joints.start, (*self.contacts.parameters, *self.contacts.anchors))
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return accelerations and contact forces."""
+        robot, contacts, nv = self.robot, self.contacts, self.robot.nv
+        solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
+        effort = generalized(self.model, u)
+
+        def residual(z: Any) -> Any:
+            a, f = z[:nv], z[nv:]
+            external = contacts.by_frame(flags * f)
+            held = flags * contacts.acceleration(robot, q, v, a, values)
+            loose = (1 - flags + values["contact_damping"]) * f
+            return ca.vertcat(robot.rnea(q, v, a, external) - effort, held + loose)
+
+        still = flags * contacts.acceleration(robot, q, v, None, values)
+        value = solver.solve(ca.vertcat(effort - robot.nle(q, v), -still))
+        z = unknowns.define(value, residual, solver.solve)
+        return Motion(z[:nv], u, contacts.by_frame(z[nv:]))
+
+
+class FreeForwardDynamics(Dynamics):
+    """No contacts; generalised forces ``B u - linear drag v - quadratic drag |v| v``, entry by entry.
+
+    For an arm (B = identity), a quadrotor (B from the thrusters, see :func:`lgmpc.actions.thrusters`) and a submerged
+    body (B = identity: u is its wrench; with drag, buoyancy and added mass).
+
+    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,); if submerged also ``added_mass`` (nv,) and ``buoyancy`` (3,),
+    a force on the first joint's body, world axes, at ``buoyancy_center`` (3,) in that body's frame. The added mass
+    brings the momentum term of Kirchhoff's equations, ``v x* (m_a v)`` (Lamb, Hydrodynamics, 1932; Fossen 2011).
+
+    Args:
+        model: the robot.
+        actuation: (nv, nu) B; unless given, the identity on the actuated joints.
+        submerged: whether there are added mass and buoyancy; the model's first joint is then a free-flyer.
+
+    Raises:
+        InputError: a matrix of the wrong shape, or a submerged robot without free base.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None, submerged: bool = False) -> None:
+        nv, joints = int(model.nv), actuated(model)
+        matrix = np.eye(nv)[:, joints] if actuation is None else np.asarray(actuation, dtype=np.float64)
+        if matrix.ndim != 2 or matrix.shape[0] != nv or not np.isfinite(matrix).all():
+            raise InputError("actuation", f"shape {matrix.shape}", f"a finite matrix of shape ({nv}, nu)")
+        if submerged and joints.start == 0:
+            raise InputError("submerged", "a model with a fixed base", "a model whose first joint is a free-flyer")
+        self.actuation = ca.sparsify(ca.DM(matrix))
+        self.submerged = submerged
+        parameters: tuple[Parameter, ...] = (
+            Parameter("drag_linear", nv, "generalised drag force per velocity"),
+            Parameter("drag_quadratic", nv, "generalised drag force per squared velocity"),
+        )
+        if submerged:
+            parameters += (
+                Parameter("added_mass", 6, "inertia of the fluid that moves along, body axes, kg and kg.m2"),
+                Parameter("buoyancy", 3, "buoyant force, world axes, N"),
+                Parameter("buoyancy_center", 3, "where it acts, body frame, m"),
+            )
+        super().__init__(model, matrix.shape[1], parameters)
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the accelerations."""
+        robot = self.robot
+        effort = self.forces(q, v, u, values)
+        mass = robot.crba(q)
+        if self.submerged:
+            mass[:6, :6] += ca.diag(values["added_mass"])
+        factor = type(robot.mass_factor(q))(mass)
+        added = self._added(values)
+
+        def residual(a: Any) -> Any:
+            return robot.rnea(q, v, a) + added * a - effort
+
+        a = unknowns.define(factor.solve(effort - robot.nle(q, v)), residual, factor.solve)
+        joints = actuated(self.model)
+        return Motion(a, (self.actuation @ u)[joints])
+
+    def forces(self, q: Any, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv,) the generalised forces other than inertia and gravity."""
+        effort = self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
+        if not self.submerged:
+            return effort
+        linear, angular = v[:3], v[3:6]
+        momentum = values["added_mass"] * v[:6]
+        lift = self.robot.joint_placement(q, 1).rotation.T @ values["buoyancy"]
+        base = ca.vertcat(
+            lift - ca.cross(angular, momentum[:3]),
+            ca.cross(values["buoyancy_center"], lift)
+            - ca.cross(angular, momentum[3:])
+            - ca.cross(linear, momentum[:3]),
+        )
+        return effort + ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
+
+    def _added(self, values: Mapping[str, Any]) -> Any:
+        nv = self.robot.nv
+        return ca.vertcat(values["added_mass"], ca.SX(nv - 6, 1)) if self.submerged else ca.SX(nv, 1)
+
+
+class ContactInverseDynamics(Dynamics):
+    """u = [accelerations; contact forces]; the equations of motion are constraints, so nothing is solved.
+
+    The path constraint holds the free base's equations of motion and, for each contact,
+    ``J a + dJ/dt v + Baumgarte = 0`` or, in the air, zero force. Efforts follow from the other equations: bound them
+    with a :class:`~lgmpc.costs.library.JointEffort` constraint.
+
+    Args:
+        model: the robot; its base, if free, is not actuated.
+        contacts: names of frames (points) or contacts.
+
+    Raises:
+        InputError: a contact frame that is not there, or twice.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
+        self.contacts = ContactSet(model, contacts)
+        parameters = (*self.contacts.parameters, *self.contacts.anchors)
+        super().__init__(model, int(model.nv) + self.contacts.nf, parameters)
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the control's accelerations and forces, with the constraint that makes them a motion."""
+        robot, contacts, nv = self.robot, self.contacts, self.robot.nv
+        a, f = u[:nv], u[nv:]
+        flags = contacts.flags(values)
+        external = contacts.by_frame(flags * f)
+        efforts = robot.rnea(q, v, a, external)
+        joints = actuated(self.model)
+        held = flags * contacts.acceleration(robot, q, v, a, values)
+        rows = ca.vertcat(efforts[: joints.start], held + (1 - flags + values["contact_damping"]) * f)
+        zero = ca.SX.zeros(rows.shape[0])
+        return Motion(a, efforts[joints], contacts.by_frame(flags * f), Bounded(rows, zero, zero))

@@ -1,0 +1,199 @@
+"""Actions of a robot: a dynamics, an integrator, costs and constraints; and the impact between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from lgmpc.actions.base import Action, Stage
+from lgmpc.actions.contacts import Contact, ContactSet
+from lgmpc.actions.dynamics import Dynamics
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.actions.integrators import Integrator, SemiImplicitEuler
+from lgmpc.costs import (
+    Bounded,
+    ConstraintItem,
+    Cost,
+    CostItem,
+    Parameter,
+    ParameterLayout,
+    StageSymbols,
+    constraint_of,
+    cost_of,
+)
+from lgmpc.errors import InputError
+from lgmpc.robot.symbolic import SymbolicModel
+from lgmpc.state import StateMultibody
+
+__all__ = ["ImpulseAction", "MultibodyAction", "thrusters"]
+
+
+class _ItemAction(Action):
+    """An action whose costs and constraints are items."""
+
+    def __init__(
+        self,
+        name: str,
+        robot: SymbolicModel,
+        state: StateMultibody,
+        nu: int,
+        parameters: Iterable[Parameter],
+        costs: Sequence[CostItem],
+        constraints: Sequence[ConstraintItem],
+    ) -> None:
+        if not (name.isidentifier() and name.isascii()):
+            raise InputError("name", repr(name), "letters, digits and underscores, no digit first")
+        self.name = name
+        self.robot = robot
+        self.state = state
+        self.nu = nu
+        self.costs = tuple(costs)
+        self.constraints = tuple(constraints)
+        items = (*self.costs, *self.constraints)
+        self.parameters = ParameterLayout(*parameters, *(p for item in items for p in item.parameters()))
+
+    def step(self, x: Any, u: Any, p: Any) -> Any:
+        """Return the state (nx,) at the end of the interval."""
+        return self.stage(x, u, p, Unknowns()).x_next
+
+    def cost(self, x: Any, u: Any, p: Any) -> Cost:
+        """Return the running cost."""
+        return self.stage(x, u, p, Unknowns()).cost
+
+    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
+        """Return the path constraint."""
+        return self.stage(x, u, p, Unknowns()).path
+
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
+        """Return the costs that the state alone decides, not multiplied by a duration."""
+        symbols = StageSymbols(self.robot, x, self.parameters.split(p))
+        return cost_of(self.costs, symbols, terminal=True)
+
+
+class MultibodyAction(_ItemAction):
+    """A robot over an interval: its running costs are multiplied by the interval's duration, its terminal ones not.
+
+    Parameters: ``duration`` (s), those of the dynamics, and those of the items, called ``<item>_<parameter>``.
+
+    Args:
+        name: a C identifier; part of the names of the compiled functions.
+        dynamics: what moves the robot.
+        costs: evaluated at the interval's beginning; those of the state alone are the terminal cost.
+        constraints: held at the interval's beginning.
+        integrator: semi-implicit Euler unless given.
+
+    Attributes:
+        dynamics: what moves the robot.
+        integrator: the method.
+
+    Raises:
+        InputError: no identifier, or two items of one name.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        dynamics: Dynamics,
+        costs: Sequence[CostItem] = (),
+        constraints: Sequence[ConstraintItem] = (),
+        integrator: Integrator | None = None,
+    ) -> None:
+        self.dynamics = dynamics
+        self.integrator = SemiImplicitEuler() if integrator is None else integrator
+        parameters = (Parameter("duration", 1, "length of the interval, s", 0.01), *dynamics.parameters)
+        super().__init__(name, dynamics.robot, dynamics.state, dynamics.nu, parameters, costs, constraints)
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return all expressions of the interval."""
+        values, nq = self.parameters.split(p), self.robot.nq
+        x_next, motion = self.integrator.step(self.dynamics, x[:nq], x[nq:], u, values, unknowns)
+        symbols = StageSymbols(self.robot, x, values, u=u, a=motion.a, tau=motion.tau, forces=motion.forces)
+        cost = cost_of(self.costs, symbols, scale=values["duration"])
+        return Stage(x_next, cost, Bounded.stack(motion.path, constraint_of(self.constraints, symbols)))
+
+
+class ImpulseAction(_ItemAction):
+    """An impact of contacts on the ground: the velocity jumps, the configuration stays; no control, no duration.
+
+        M (v+ - v) = J^T f,        J v+ = -restitution J v
+
+    for the contacts whose flag is 1. In costs and constraints ``forces`` are the impulses f (N.s), and x is the state
+    before the impact.
+
+    Parameters: contact_flags, contact_damping, restitution, and those of the items.
+
+    Args:
+        name: a C identifier; part of the names of the compiled functions.
+        model: the robot.
+        contacts: names of frames (points) or contacts.
+        costs: paid once, not multiplied by any duration.
+        constraints: held at the impact.
+
+    Raises:
+        InputError: no identifier, a contact frame that is not there, or two items of one name.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: pin.Model,
+        contacts: Sequence[str | Contact],
+        costs: Sequence[CostItem] = (),
+        constraints: Sequence[ConstraintItem] = (),
+    ) -> None:
+        self.contacts = ContactSet(model, contacts)
+        restitution = Parameter("restitution", 1, "speed after over speed before the impact")
+        parameters = (*self.contacts.parameters, restitution)
+        super().__init__(name, SymbolicModel(model), StateMultibody(model), 0, parameters, costs, constraints)
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return all expressions of the impact."""
+        values, robot, contacts = self.parameters.split(p), self.robot, self.contacts
+        q, v, nv = x[: robot.nq], x[robot.nq :], robot.nv
+        solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
+        before = values["restitution"] * contacts.velocity(robot, q, v)
+        # The change of velocity is no acceleration: no gravity, no Coriolis forces.
+        mass, rows = robot.crba(q), contacts.jacobian(robot, q)
+
+        def residual(z: Any) -> Any:
+            after, f = z[:nv], z[nv:]
+            loose = (1 - flags + values["contact_damping"]) * f
+            momentum = mass @ (after - v) - rows.T @ (flags * f)
+            return ca.vertcat(momentum, flags * (contacts.velocity(robot, q, after) + before) + loose)
+
+        value = solver.solve(ca.vertcat(mass @ v, -flags * before))
+        z = unknowns.define(value, residual, solver.solve)
+        symbols = StageSymbols(robot, x, values, u=u, forces=contacts.by_frame(z[nv:]))
+        path = constraint_of(self.constraints, symbols)
+        return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path)
+
+
+def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, drag_ratio: ArrayLike = 0.0) -> Any:
+    """Return (nv, n) the actuation of thrusters fixed to a free base: column i is the wrench of unit thrust.
+
+    Args:
+        model: its first joint is a free-flyer.
+        positions: (n, 3) where thrusters act, base frame, m.
+        directions: (n, 3) unit vectors of positive thrust, base frame.
+        drag_ratio: (n,) or a number: moment about the direction per thrust, signed by the sense of rotation, m.
+
+    Raises:
+        InputError: shapes that do not fit, or directions that are not of unit length.
+    """
+    points, axes = np.asarray(positions, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError("positions", f"shape {points.shape}", "shape (n, 3)")
+    if axes.shape != points.shape:
+        raise InputError("directions", f"shape {axes.shape}", f"shape {points.shape}, as the positions")
+    if not np.allclose(np.linalg.norm(axes, axis=1), 1.0, rtol=0, atol=1e-9):
+        raise InputError("directions", "vectors of other lengths", "unit vectors")
+    matrix = np.zeros((int(model.nv), len(points)))
+    matrix[:3] = axes.T
+    matrix[3:6] = (np.cross(points, axes) + np.broadcast_to(drag_ratio, len(points))[:, None] * axes).T
+    return matrix

@@ -1,0 +1,200 @@
+"""Derivatives of actions and problems against central differences on the manifold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.actions import Action
+from lgmpc.errors import InputError
+from lgmpc.ocp.problem import ShootingProblem, Trajectory
+from lgmpc.typing import Array
+
+__all__ = ["DerivativeCheck", "DerivativeReport", "check_derivatives"]
+
+_MEANING = {
+    "A": "next state by state",
+    "B": "next state by control",
+    "q": "cost by state",
+    "r": "cost by control",
+    "C": "constraint by state",
+    "D": "constraint by control",
+    "terminal q": "terminal cost by state",
+}
+
+
+@dataclass(frozen=True)
+class DerivativeCheck:
+    """One derivative at one point.
+
+    Attributes:
+        action: name of the action.
+        node: of the problem, or number of the random point.
+        quantity: A, B, q, r, C, D or terminal q, as in :attr:`lgmpc.actions.Action.quadratic_function`.
+        error: largest difference of an entry, relative to the largest entry (at least 1); NaN if one is not finite.
+        row: of that entry.
+        column: of that entry, in tangent coordinates.
+        analytic: its value.
+        numeric: its value by central differences.
+    """
+
+    action: str
+    node: int
+    quantity: str
+    error: float
+    row: int
+    column: int
+    analytic: float
+    numeric: float
+
+
+@dataclass(frozen=True)
+class DerivativeReport:
+    """What :func:`check_derivatives` found; ``print`` it.
+
+    Attributes:
+        checks: all of them.
+        tolerance: largest error of a derivative that counts as right.
+    """
+
+    checks: tuple[DerivativeCheck, ...]
+    tolerance: float
+
+    @property
+    def wrong(self) -> tuple[DerivativeCheck, ...]:
+        """The checks that failed, worst first; those that are not finite before all."""
+        failed = [check for check in self.checks if not check.error <= self.tolerance]
+        return tuple(sorted(failed, key=lambda check: -np.inf if np.isnan(check.error) else -check.error))
+
+    @property
+    def passed(self) -> bool:
+        """Whether all derivatives are right."""
+        return not self.wrong
+
+    def __str__(self) -> str:
+        """One line for all, or one for each derivative that is wrong."""
+        largest = max((check.error for check in self.checks), default=0.0)
+        if self.passed:
+            return f"{len(self.checks)} derivatives agree with central differences (largest error {largest:.1e})"
+        lines = [f"{len(self.wrong)} of {len(self.checks)} derivatives disagree with central differences:"]
+        lines += [
+            f"  {c.action}, node {c.node}, {c.quantity} ({_MEANING[c.quantity]}): entry [{c.row}, {c.column}] is"
+            f" {c.analytic:.9g}, by differences {c.numeric:.9g} (error {c.error:.1e})"
+            for c in self.wrong
+        ]
+        return "\n".join(lines)
+
+
+def check_derivatives(
+    subject: Action | ShootingProblem,
+    rng: np.random.Generator | None = None,
+    *,
+    trajectory: Trajectory | None = None,
+    parameters: Array | None = None,
+    points: int = 3,
+    spread: float = 0.5,
+    step: float = 1e-5,
+    tolerance: float = 1e-6,
+) -> DerivativeReport:
+    """Compare derivatives with central differences in tangent coordinates.
+
+    An action is checked at random points; a problem at every node, at a trajectory or at random points about its first
+    state. Where a function has a kink within a step (a barrier's edge, say), differences are wrong, not derivatives.
+
+    Args:
+        subject: what to check.
+        rng: for the random points; a generator of seed 0 unless given.
+        trajectory: of the problem.
+        parameters: (np,) of the action; their defaults unless given.
+        points: how many random points of an action.
+        spread: largest entry of the random tangent vectors and controls.
+        step: of the differences.
+        tolerance: see :class:`DerivativeReport`.
+
+    Raises:
+        InputError: parameters of the wrong shape, or a trajectory that does not fit.
+    """
+    random = np.random.default_rng(0) if rng is None else rng
+    checks: list[DerivativeCheck] = []
+    if isinstance(subject, Action):
+        p = subject.parameters.default if parameters is None else np.asarray(parameters, dtype=np.float64)
+        if p.shape != (subject.parameters.size,):
+            raise InputError("parameters", f"shape {p.shape}", f"shape {(subject.parameters.size,)}")
+        for k in range(points):
+            x, u = _near(subject, subject.state.neutral(), random, spread)
+            checks += _stage(subject, k, x, u, p, step) + _end(subject, k, x, p, step)
+        return DerivativeReport(tuple(checks), tolerance)
+    given = None if trajectory is None else subject.check(trajectory)
+    for k in range(subject.nodes + 1):
+        action = subject.action_at(k)
+        p = subject.parameters[k, : action.parameters.size]
+        x, u = _near(action, subject.x0, random, spread)
+        if given is not None:
+            x = given.xs[k]
+        if k == subject.nodes:
+            checks += _end(action, k, x, p, step)
+            continue
+        checks += _stage(action, k, x, u if given is None else given.us[k, : action.nu], p, step)
+    return DerivativeReport(tuple(checks), tolerance)
+
+
+def _near(action: Action, center: Array, rng: np.random.Generator, spread: float) -> tuple[Array, Array]:
+    dx, u = rng.uniform(-spread, spread, action.state.ndx), rng.uniform(-spread, spread, action.nu)
+    return action.state.integrate(center, dx), u
+
+
+def _stage(action: Action, node: int, x: Array, u: Array, p: Array, h: float) -> list[DerivativeCheck]:
+    state = action.state
+    here = action.evaluate(x, u, p)
+    names = action.quadratic_function.name_out()
+    found = dict(zip(names, action.quadratic_function(x, u, here.x_next, p), strict=True))
+
+    def outcome(dx: Array, du: Array) -> Array:
+        v = action.evaluate(state.integrate(x, dx), u + du, p)
+        ends: Array = np.r_[state.diff(here.x_next, v.x_next), v.cost, v.constraint]
+        return ends
+
+    zero_x, zero_u, n = np.zeros(state.ndx), np.zeros(action.nu), state.ndx
+    by_x = _differences(lambda d: outcome(d, zero_u), n, h)
+    by_u = _differences(lambda d: outcome(zero_x, d), action.nu, h)
+    numeric = {
+        "A": by_x[:n],
+        "B": by_u[:n],
+        "q": by_x[n : n + 1],
+        "r": by_u[n : n + 1],
+        "C": by_x[n + 1 :],
+        "D": by_u[n + 1 :],
+    }
+    return [
+        _compare(action.name, node, name, found[name].full().reshape(value.shape), value)
+        for name, value in numeric.items()
+        if value.size
+    ]
+
+
+def _end(action: Action, node: int, x: Array, p: Array, h: float) -> list[DerivativeCheck]:
+    gradient = action.terminal_quadratic_function(x, p)[1].full().T
+
+    def outcome(dx: Array) -> Array:
+        cost: Array = action.terminal_value_function(action.state.integrate(x, dx), p).full().ravel()
+        return cost
+
+    return [_compare(action.name, node, "terminal q", gradient, _differences(outcome, action.state.ndx, h))]
+
+
+def _differences(function: Callable[[Array], Array], size: int, h: float) -> Array:
+    with np.errstate(invalid="ignore"):  # infinity minus infinity is reported, as NaN
+        columns = [(function(step) - function(-step)) / (2 * h) for step in h * np.eye(size)]
+    return np.array(columns).T if columns else np.zeros((function(np.zeros(size)).size, 0))
+
+
+def _compare(action: str, node: int, quantity: str, analytic: Array, numeric: Array) -> DerivativeCheck:
+    gap = np.abs(analytic - numeric)
+    index = int(np.argmax(np.where(np.isnan(gap), np.inf, gap)))
+    row, column = divmod(index, gap.shape[1])
+    error = float(gap[row, column] / max(1.0, float(np.abs(numeric).max())))
+    return DerivativeCheck(
+        action, node, quantity, error, row, column, float(analytic[row, column]), float(numeric[row, column])
+    )

@@ -50,10 +50,20 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
         except typer.Exit:
             raise
         except Exception as error:
+            if _came_of_ctrl_c(error):
+                show_interrupted()
+                raise typer.Exit(EXIT_INTERRUPTED) from error
             show_crash(error, _save_traceback())
             raise typer.Exit(EXIT_CRASH) from error
 
     return run
+
+
+def _came_of_ctrl_c(error: BaseException | None) -> bool:
+    """Return whether ``error`` is a KeyboardInterrupt in disguise: what Ctrl-C while a C++ module loads ends as."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _save_traceback() -> Path | None:

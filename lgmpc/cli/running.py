@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TextIO
 
 from rich.console import Console
 from rich.logging import RichHandler
@@ -93,13 +94,26 @@ def _display(console: Console, duration_s: float) -> Iterator[_Display]:
 
 @contextmanager
 def _warnings_on(console: Console) -> Iterator[None]:
-    """Show log records from WARNING on above the bar."""
+    """Show log records from WARNING on, and Python's warnings without the line of code they came from."""
     handler = RichHandler(logging.WARNING, console, show_path=False, show_time=False)
     logger = logging.getLogger("lgmpc")
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        logger.warning("%s", message)
+
     logger.addHandler(handler)
+    before, warnings.showwarning = warnings.showwarning, show
     try:
         yield
     finally:
+        warnings.showwarning = before
         logger.removeHandler(handler)
 
 

@@ -35,9 +35,8 @@ def invoke(monkeypatch: pytest.MonkeyPatch) -> Invoke:
 @pytest.fixture
 def start(tmp_path: Path) -> Start:
     """Start a command as its own process, in an empty folder."""
-    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1"}
-
     def run(*arguments: object) -> "subprocess.Popen[str]":
+        environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1"}
         return subprocess.Popen(
             [sys.executable, "-m", "lgmpc", *(str(argument) for argument in arguments)],
             cwd=tmp_path,

@@ -38,6 +38,13 @@ def test_what_is_foreseen_is_told_as_it_is(
     assert captured.out == ""
 
 
+def test_ctrl_c_in_disguise_is_no_crash(capsys: pytest.CaptureFixture[str]) -> None:
+    disguised = ImportError("initialization failed")
+    disguised.__cause__ = KeyboardInterrupt()
+    assert code_of(disguised) == 130
+    assert "stopped; nothing was saved" in capsys.readouterr().err
+
+
 def test_an_unforeseen_exception_saves_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,6 +3,7 @@
 import json
 import signal
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,21 @@ def test_ctrl_c_saves_what_there_is_and_exits_with_130(start: Start, tmp_path: P
     run = RunFolder.load(folder)
     assert run.result.verdict.outcome.value == "interrupted"
     assert 0.0 < run.log.time[-1] < 1000.0
+
+
+@pytest.mark.skipif(find_spec("ziglang") is not None, reason="ziglang is installed, which brings a compiler")
+def test_without_a_compiler_one_warning_says_what_would_help(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.delenv("LGMPC_JIT", raising=False)
+    finished = result("run", STAND, "--set", "duration_s=0.02", "gate={max_tilt_deg: 5}")
+    assert finished.returncode == 0, finished.stderr
+    assert finished.stderr.count("no C compiler found") == 1
+    assert "apt install gcc" in finished.stderr
+    assert ".py" not in finished.stderr, "no line of code beside it"
 
 
 def test_a_run_is_replayed_as_one_page(invoke: Invoke, tmp_path: Path) -> None:

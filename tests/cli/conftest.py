@@ -35,6 +35,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch) -> Invoke:
 @pytest.fixture
 def start(tmp_path: Path) -> Start:
     """Start a command as its own process, in an empty folder."""
+
     def run(*arguments: object) -> "subprocess.Popen[str]":
         environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1"}
         return subprocess.Popen(

@@ -22,7 +22,7 @@ _FALLEN_COSINE = 0.5  # of the tilt at which balancing ends
 
 
 class BalanceController:
-    """Controller of :mod:`lgmpc.simulation.loop`: state in, joint command out, once every ``period``.
+    """Controller of :mod:`lgmpc.simulation.loop`: state in, joint command out.
 
     The first update takes the state that it sees as the place to stand: its centre of mass and its contact points.
     Without a planner, the whole-body QP alone regulates the centre of mass to the reference.

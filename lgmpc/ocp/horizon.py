@@ -72,7 +72,7 @@ def _packed(function: ca.Function, blocks: dict[str, Any]) -> ca.Function:
     """Return the function with all outputs' stored entries in one column."""
     inputs = function.sx_in()
     outputs = dict(zip(function.name_out(), function.call(inputs), strict=True))
-    entries = [ca.project(outputs[name], block.sparsity()).nz[:] for name, block in blocks.items()]
+    entries = [ca.vec(ca.project(outputs[name], block.sparsity()).nz[:]) for name, block in blocks.items()]
     return ca.Function(f"{function.name()}_packed", inputs, [ca.densify(ca.vertcat(*entries))])
 
 

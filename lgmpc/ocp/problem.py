@@ -49,7 +49,8 @@ class ShootingProblem:
         nodes: N.
         state: the space of all states.
         nu: dimension of the largest control.
-        parameters: (N+1, np) parameter vector of every node; the last one belongs to the terminal cost.
+        parameters: (N+1, np) parameter vector of every node, its action's defaults at first; the last one belongs to
+            the terminal cost.
         x0: (nx,) first state, the neutral one at first.
 
     Raises:
@@ -71,6 +72,8 @@ class ShootingProblem:
                 raise InputError(f"actions[{k}]" if k < self.nodes else "terminal", got, expected)
         self.nu = max(action.nu for action in self.actions)
         self.parameters: Array = np.zeros((self.nodes + 1, max(action.parameters.size for action in every)))
+        for k, each in enumerate(every):
+            self.parameters[k, : each.parameters.size] = each.parameters.default
         self.x0: Array = self.state.neutral()
 
     @property

@@ -124,6 +124,6 @@ def _packed(function: ca.Function, blocks: dict[str, Block]) -> ca.Function:
     """The function with all stored entries in one column."""
     inputs = function.sx_in()
     outputs = dict(zip(function.name_out(), function.call(inputs), strict=True))
-    entries = [ca.project(outputs[name], block.sparsity()).nz[:] for name, block in blocks.items()]
+    entries = [ca.vec(ca.project(outputs[name], block.sparsity()).nz[:]) for name, block in blocks.items()]
     column = ca.densify(ca.vertcat(*entries))
     return ca.Function(f"{function.name()}_values_{column.numel()}", inputs, [column], function.name_in(), ["values"])

@@ -38,6 +38,7 @@ class FddpSettings:
         acceptance: least fraction of the expected reduction that a step has to bring.
         ascent_acceptance: most multiples of an expected increase (a price of closing gaps) that a step may bring.
         least_slope: of the cost below which any step is accepted.
+        rounding: largest gap of a guess that counts as feasible.
         regularization: (least, most); it starts from the least.
         regularization_factor: by which it changes.
         decrease_above: step length above which it falls.
@@ -49,6 +50,7 @@ class FddpSettings:
     acceptance: float = 0.1
     ascent_acceptance: float = 2.0
     least_slope: float = 1e-12
+    rounding: float = 1e-12
     regularization: tuple[float, float] = (1e-9, 1e9)
     regularization_factor: float = 10.0
     decrease_above: float = 0.5
@@ -120,7 +122,7 @@ class Fddp(IterativeSolver):
         self._accepted, self._step_length = False, 1.0
         self._cost = self._criterion = self._gap = np.nan
         self._expand()
-        self._closed = self._was_closed = not f.gaps.any()
+        self._closed = self._was_closed = self._gap <= self.settings.rounding
         self._fresh = True  # whether the expansion is that of the current trajectory
         return None if self._finite() else Status.NOT_FINITE
 

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+import casadi as ca
 import numpy as np
 
+from lgmpc.actions import Action, Cost
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.typing import Array
 
@@ -191,14 +193,16 @@ class Solution:
             row = int(np.maximum(point.lower - point.constraint, point.constraint - point.upper).argmax())
             bounds = f"[{point.lower[row]:.4g}, {point.upper[row]:.4g}]"
             value = f"{point.constraint[row]:.4g}, not in {bounds}"
-            lines.append(f"constraint: largest violation {violation[k]:.2e} at node {k}, row {row} ({value}).")
+            owner = _row_name(self.problem.actions[k], row, point.constraint.size)
+            lines.append(f"constraint: largest violation {violation[k]:.2e} at node {k}, {owner} ({value}).")
         loose = self.complementarity()
         if loose.max() > 0.0:
             k = int(loose.argmax())
             lines.append(f"complementarity: largest {loose[k]:.2e} (a multiplier away from its bound) at node {k}.")
         costs = self._costs()
         k = int(costs.argmax())
-        lines.append(f"cost: {costs.sum():.6g}, most of it at node {k} ({costs[k]:.6g}).")
+        share = self._largest_term(k)
+        lines.append(f"cost: {costs.sum():.6g}, most of it at node {k} ({costs[k]:.6g}{share}).")
         return "\n".join(lines)
 
     def _nodes(self) -> list[tuple[Array, Array]]:
@@ -210,6 +214,24 @@ class Solution:
             self.xs[-1], problem.parameters[-1, : problem.terminal.parameters.size]
         )
         return np.array([*(problem.evaluate(k, x, u).cost for k, (x, u) in enumerate(self._nodes())), float(last)])
+
+    def _largest_term(self, node: int) -> str:
+        """Name the cost item that a node pays most for, where the action names its items."""
+        action, p = self.problem.action_at(node), self.problem.parameters[node]
+        names = [item.name for item in getattr(action, "costs", ())]
+        symbols = [
+            ca.SX.sym(name, size)
+            for name, size in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
+        ]
+        last = node == self.problem.nodes
+        cost = action.terminal_cost(symbols[0], symbols[2]) if last else action.cost(*symbols)
+        if not names or len(cost.terms) != len(names):
+            return ""  # a last node leaves out the items that need a control: which ones is the action's affair
+        terms = ca.Function("terms", symbols, [ca.vertcat(*(Cost((term,)).value for term in cost.terms))])
+        u = np.zeros(action.nu) if last else self.us[node, : action.nu]
+        values = terms(self.xs[node], u, p[: action.parameters.size]).full()[:, 0]
+        worst = int(values.argmax())
+        return f", of which '{names[worst]}' {values[worst]:.6g}"
 
     def _first_not_finite(self) -> str | None:
         """Name the first node whose own values are not finite at a trajectory that is."""
@@ -224,6 +246,17 @@ class Solution:
         if not np.isfinite(self._costs()[-1]):
             return f"The cost of the last node ('{self.problem.terminal.name}') holds NaN or infinity."
         return None
+
+
+def _row_name(action: Action, row: int, rows: int) -> str:
+    """What a row of the path constraint belongs to, where the action names its items (they are the last rows)."""
+    items = tuple(getattr(action, "constraints", ()))
+    start = rows - sum(item.residual.nr for item in items)
+    for item in items:
+        if start <= row < start + item.residual.nr:
+            return f"'{item.name}' row {row - start}"
+        start += item.residual.nr
+    return f"row {row}"
 
 
 def _where(array: Array) -> tuple[int, int]:

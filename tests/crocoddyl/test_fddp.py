@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lgmpc.solvers import Fddp, Progress, Status
+
+pytestmark = pytest.mark.crocoddyl
+
+
+def test_same_optimum_in_as_many_iterations(pair: Any) -> None:
+    import crocoddyl
+
+    solver = crocoddyl.SolverFDDP(pair.theirs)
+    done = solver.solve(list(pair.guess.xs), list(pair.guess.us), 200, False)
+    solution = Fddp(pair.ours).solve(pair.guess, max_iterations=200)
+    assert done and solution.status is Status.CONVERGED
+    assert solution.cost == pytest.approx(solver.cost, rel=1e-6)
+    state = pair.ours.state
+    for x, theirs in zip(solution.xs, solver.xs, strict=True):
+        np.testing.assert_allclose(state.diff(np.array(theirs), x), 0.0, atol=1e-5)
+    np.testing.assert_allclose(solution.us, np.array(solver.us), atol=1e-5 * max(1.0, np.abs(solution.us).max()))
+    assert abs(solution.iterations - (solver.iter + 1)) <= 2
+
+
+def test_same_first_iteration_from_a_feasible_guess(pair: Any) -> None:
+    """Away from the optimum as well. (With gaps they differ: Crocoddyl leaves out the gaps' own derivatives.)"""
+    import crocoddyl
+
+    rolled = pair.ours.rollout(pair.guess.us)
+    solver = crocoddyl.SolverFDDP(pair.theirs)
+    solver.solve(list(rolled.xs), list(rolled.us), 1, True)
+    told: list[Progress] = []
+    Fddp(pair.ours).solve(rolled, max_iterations=1, callback=told.append)
+    assert told[0].step_length == solver.stepLength
+    assert told[0].cost == pytest.approx(solver.cost, rel=1e-7)
+    assert told[0].criterion == pytest.approx(solver.stop, rel=1e-7)
+
+
+def test_a_roll_out_costs_the_same(pair: Any) -> None:
+    rolled = pair.ours.rollout(pair.guess.us)
+    theirs = pair.theirs.rollout(list(pair.guess.us))
+    for x, other in zip(rolled.xs, theirs, strict=True):
+        np.testing.assert_allclose(pair.ours.state.diff(np.array(other), x), 0.0, atol=1e-9)
+    cost = pair.theirs.calc(theirs, list(pair.guess.us))
+    assert Fddp(pair.ours).solve(rolled, max_iterations=0).cost == pytest.approx(cost, rel=1e-10)

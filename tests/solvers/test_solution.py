@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import FreeForwardDynamics, MultibodyAction
+from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.costs.library import Control, StateError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers import LineSearchSqp, Status
+
+
+@pytest.fixture
+def swing(monkeypatch: pytest.MonkeyPatch) -> ShootingProblem:
+    """One joint that lifts a weight, with a bounded effort."""
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "joint")
+    model.appendBodyToJoint(1, pin.Inertia(1.0, np.array([0.0, 0.0, -0.3]), 0.01 * np.eye(3)), pin.SE3.Identity())
+    dynamics = FreeForwardDynamics(model)
+    costs = [CostItem("goal", StateError(dynamics.state, [1.0, 0.0]), [10.0, 0.1]), CostItem("effort", Control(1), 0.1)]
+    limits = [ConstraintItem("motor", Control(1), -2.0, 2.0)]
+    problem = ShootingProblem(MultibodyAction("swing", dynamics, costs, limits), 10)
+    problem.set("duration", 0.05)
+    return problem
+
+
+def test_parameters_begin_with_their_defaults(swing: ShootingProblem) -> None:
+    np.testing.assert_array_equal(swing.view("goal_weight"), np.tile([10.0, 0.1], (11, 1)))
+    np.testing.assert_array_equal(swing.view("motor_upper"), 2.0)
+
+
+def test_explain_names_items(swing: ShootingProblem) -> None:
+    solver = LineSearchSqp(swing)
+    guess = swing.hold()
+    guess.us[4] = 3.5
+    text = solver.solve(guess, max_iterations=0).explain()
+    assert "largest violation 1.50e+00 at node 4, 'motor' row 0 (3.5, not in [-2, 2])" in text
+    assert "most of it at node 4" in text and "of which 'effort'" in text
+    guess = Trajectory(guess.xs, np.zeros((10, 1)))
+    guess.xs[7, 0] = -3.0
+    text = solver.solve(guess, max_iterations=0).explain()
+    assert "most of it at node 7" in text and "of which 'goal'" in text
+    assert "before node 7 ('swing'), tangent entry 0" in text or "before node 8 ('swing'), tangent entry 0" in text
+
+
+def test_a_solution_explains_itself_in_a_few_lines(swing: ShootingProblem) -> None:
+    solution = LineSearchSqp(swing).solve()
+    assert solution.status is Status.CONVERGED
+    assert solution.explain().startswith("converged after ")
+    assert len(solution.explain().splitlines()) <= 6
+    assert np.abs(solution.us).max() == pytest.approx(2.0, abs=1e-6)  # the motor is not strong enough to lift at once
+
+
+def test_every_status_has_a_remedy() -> None:
+    assert all(len(status.remedy) > 10 for status in Status)
+    assert {status for status in Status if status.solved} == {Status.CONVERGED, Status.ACCEPTABLE}

@@ -34,12 +34,12 @@ def test_parameters_begin_with_their_defaults(swing: ShootingProblem) -> None:
 def test_explain_names_items(swing: ShootingProblem) -> None:
     solver = LineSearchSqp(swing)
     guess = swing.hold()
-    guess.us[4] = 3.5
+    guess.us[4] = 100.0
     text = solver.solve(guess, max_iterations=0).explain()
-    assert "largest violation 1.50e+00 at node 4, 'motor' row 0 (3.5, not in [-2, 2])" in text
+    assert "largest violation 9.80e+01 at node 4, 'motor' row 0 (100, not in [-2, 2])" in text
     assert "most of it at node 4" in text and "of which 'effort'" in text
     guess = Trajectory(guess.xs, np.zeros((10, 1)))
-    guess.xs[7, 0] = -3.0
+    guess.xs[7, 0] = -9.0
     text = solver.solve(guess, max_iterations=0).explain()
     assert "most of it at node 7" in text and "of which 'goal'" in text
     assert "before node 7 ('swing'), tangent entry 0" in text or "before node 8 ('swing'), tangent entry 0" in text

@@ -8,6 +8,7 @@ from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynami
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
+from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [
@@ -26,11 +27,13 @@ __all__ = [
     "LeastSquares",
     "Motion",
     "MultibodyAction",
+    "NumericContactAction",
     "Parameter",
     "ParameterLayout",
     "RungeKutta4",
     "SemiImplicitEuler",
     "Stage",
+    "StageQuadratic",
     "StageValue",
     "Unknowns",
     "Variational",

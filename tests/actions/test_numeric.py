@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from lgmpc.actions import (
+    Contact,
+    ContactForwardDynamics,
+    ContactInverseDynamics,
+    MultibodyAction,
+    NumericContactAction,
+    RungeKutta4,
+)
+from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
+from lgmpc.costs.library import ContactForce, Control, FrictionCone, JointAcceleration, StateError
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot, RobotSpec, load_robot
+
+FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+
+
+@lru_cache
+def solo() -> Robot:
+    spec = RobotSpec(model="solo12", effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0), armature=3.6e-4)
+    return load_robot(spec)
+
+
+@lru_cache
+def action(surface: bool) -> MultibodyAction:
+    contacts = (Contact(FEET[0], 6), FEET[3]) if surface else FEET
+    dynamics = ContactForwardDynamics(solo().model, contacts)
+    costs = [
+        CostItem("x", StateError(dynamics.state, solo().x_reference)),
+        CostItem("u", Control(12), weight=1e-2),
+        CostItem("a", JointAcceleration(12), weight=1e-3),
+        CostItem("cone", FrictionCone(FEET[3], 6), 0.1, QuadraticBarrier(0.0, np.inf)),
+    ]
+    bounds = [ConstraintItem("force", ContactForce(FEET[3]), [-1, -1, 0], [1, 1, 9])]
+    return MultibodyAction("surface" if surface else "points", dynamics, costs, bounds)
+
+
+@pytest.mark.parametrize("surface", [False, True])
+def test_compiled_and_numeric_expansions_are_the_same(surface: bool) -> None:
+    compiled = action(surface)
+    numeric = NumericContactAction(compiled)
+    rng = np.random.default_rng(0)
+    for flags in ([1, 1, 1, 1], [0, 1, 0, 1]):
+        x = compiled.state.integrate(solo().x_reference, rng.uniform(-0.5, 0.5, 36))
+        x_next = compiled.state.integrate(x, rng.uniform(-0.1, 0.1, 36))
+        u, p = rng.standard_normal(12), compiled.parameters.default.copy()
+        for name in ("contact_points", "contact_gains"):
+            p[compiled.parameters[name]] = rng.uniform(0.1, 2.0, p[compiled.parameters[name]].size)
+        p[compiled.parameters["contact_flags"]] = flags[: 2 if surface else 4]
+        p[compiled.parameters["contact_damping"]] = 1e-3
+        here, there = compiled.evaluate(x, u, p), numeric.evaluate(x, u, p)
+        for field in ("x_next", "cost", "constraint", "lower", "upper"):
+            one, other = getattr(here, field), getattr(there, field)
+            np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * max(1.0, np.abs(one).max()), err_msg=field)
+        names = compiled.quadratic_function.name_out()
+        expected = dict(zip(names, compiled.quadratic_function(x, u, x_next, p), strict=True))
+        got = numeric.quadratic(x, u, x_next, p)
+        for name in names:
+            one, other = expected[name].full(), np.asarray(getattr(got, name))
+            scale = max(1.0, float(np.abs(one).max()))
+            np.testing.assert_allclose(other.reshape(one.shape), one, rtol=0, atol=1e-9 * scale, err_msg=name)
+
+
+def test_other_dynamics_and_integrators_are_refused() -> None:
+    model = solo().model
+    with pytest.raises(InputError, match="action: got ContactInverseDynamics"):
+        NumericContactAction(MultibodyAction("inverse", ContactInverseDynamics(model, FEET)))
+    with pytest.raises(InputError, match="action: got RungeKutta4"):
+        NumericContactAction(MultibodyAction("rk", ContactForwardDynamics(model, FEET), integrator=RungeKutta4()))

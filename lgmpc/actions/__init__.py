@@ -7,6 +7,7 @@ from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
+from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
@@ -24,6 +25,7 @@ __all__ = [
     "FreeForwardDynamics",
     "ImpulseAction",
     "Integrator",
+    "KinodynamicAction",
     "LeastSquares",
     "Motion",
     "MultibodyAction",
@@ -35,6 +37,7 @@ __all__ = [
     "Stage",
     "StageQuadratic",
     "StageValue",
+    "StateMomentum",
     "Unknowns",
     "Variational",
     "thrusters",

@@ -28,19 +28,32 @@ from lgmpc.costs import (
 )
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import SymbolicModel
-from lgmpc.state import StateMultibody
+from lgmpc.state import State, StateMultibody
 
-__all__ = ["ImpulseAction", "MultibodyAction", "thrusters"]
+__all__ = ["ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
 
 
-class _ItemAction(Action):
-    """An action whose costs and constraints are items."""
+class ItemAction(Action):
+    """An action whose costs and constraints are items.
+
+    Args:
+        name: a C identifier; part of the names of the compiled functions.
+        robot: the symbolic algorithms.
+        state: the space that x lives in.
+        nu: dimension of the control.
+        parameters: the action's own, in front of those of the items.
+        costs: the costs.
+        constraints: the constraints.
+
+    Raises:
+        InputError: no identifier, or two parameters of one name.
+    """
 
     def __init__(
         self,
         name: str,
         robot: SymbolicModel,
-        state: StateMultibody,
+        state: State,
         nu: int,
         parameters: Iterable[Parameter],
         costs: Sequence[CostItem],
@@ -75,7 +88,7 @@ class _ItemAction(Action):
         return cost_of(self.costs, symbols, terminal=True)
 
 
-class MultibodyAction(_ItemAction):
+class MultibodyAction(ItemAction):
     """A robot over an interval: its running costs are multiplied by the interval's duration, its terminal ones not.
 
     Parameters: ``duration`` (s), those of the dynamics, and those of the items, called ``<item>_<parameter>``.
@@ -117,7 +130,7 @@ class MultibodyAction(_ItemAction):
         return Stage(x_next, cost, Bounded.stack(motion.path, constraint_of(self.constraints, symbols)))
 
 
-class ImpulseAction(_ItemAction):
+class ImpulseAction(ItemAction):
     """An impact of contacts on the ground: the velocity jumps, the configuration stays; no control, no duration.
 
         M (v+ - v) = J^T f,        J v+ = -restitution J v

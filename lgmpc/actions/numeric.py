@@ -168,8 +168,7 @@ class NumericContactAction:
         effort = -pin.nonLinearEffects(model, data, q, v)
         effort[self._joints] += u
         right = np.concatenate([effort, -self._flags(values) * rows])
-        solution: Array = np.linalg.solve(self._kkt(mass, by_a, values), right)
-        return solution
+        return np.asarray(np.linalg.solve(self._kkt(mass, by_a, values), right), dtype=np.float64)
 
     def _slope(self, x: Array, u: Array, z: Array, values: Mapping[str, Array]) -> Array:
         """Return (nv + nf, ndx + nu) derivatives of accelerations and forces."""
@@ -186,8 +185,7 @@ class NumericContactAction:
         right[:nv, :nv], right[:nv, nv : 2 * nv] = tau_q + turning, tau_v
         right[self._joints, 2 * nv :] = -np.eye(self.action.nu)
         right[nv:, : 2 * nv] = flags[:, None] * by_x
-        slope: Array = np.linalg.solve(self._kkt(mass, by_a, values), -right)
-        return slope
+        return np.asarray(np.linalg.solve(self._kkt(mass, by_a, values), -right), dtype=np.float64)
 
     def _external(self, forces: Array) -> tuple[Any, Array]:
         """Return the forces in the joints' frames, and what is left of d(-J^T f)/dq when these are held constant.

@@ -20,7 +20,7 @@ from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction
 from lgmpc.compile.kernel import StageKernel
-from lgmpc.compile.programme import compile_programme
+from lgmpc.compile.programme import compile_programme, compile_source
 
 __all__ = [
     "CacheReport",
@@ -32,6 +32,7 @@ __all__ = [
     "compile_functions",
     "compile_map",
     "compile_programme",
+    "compile_source",
     "densify_function",
     "find_compiler",
     "inspect_cache",

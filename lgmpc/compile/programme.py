@@ -1,4 +1,4 @@
-"""The functions that a nonlinear programme's solver calls (derivatives included) as one cached library."""
+"""Libraries from C that is not one CasADi function: a nonlinear programme's functions, and code of lgmpc's own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lgmpc.compile.compiler import find_compiler, jit_enabled
 from lgmpc.compile.native import Progress
 from lgmpc.errors import CompileError
 
-__all__ = ["compile_programme"]
+__all__ = ["compile_programme", "compile_source"]
 
 
 def compile_programme(solver: casadi.Function, *, progress: Progress | None = None) -> Path | None:
@@ -29,9 +29,6 @@ def compile_programme(solver: casadi.Function, *, progress: Progress | None = No
         CompileError: the compiler failed.
         InputError: the environment (cache folder, ``CC``) cannot be used.
     """
-    compiler = find_compiler() if jit_enabled() else None
-    if compiler is None:
-        return None
     name = solver.name()
     generator = casadi.CodeGenerator(f"{name}.c", {"with_header": False})
     try:
@@ -40,8 +37,29 @@ def compile_programme(solver: casadi.Function, *, progress: Progress | None = No
         source = str(generator.dump())
     except RuntimeError as error:
         raise CompileError(name, "CasADi code generation", str(error)) from error
+    return compile_source(name, source, progress=progress)
+
+
+def compile_source(name: str, source: str, *, progress: Progress | None = None) -> Path | None:
+    """Build (or find in the cache) a library from C.
+
+    Args:
+        name: a C identifier, part of the file's name.
+        source: one C file; what others shall find needs default visibility.
+        progress: told when something is being compiled.
+
+    Returns:
+        The library; None without a compiler, or with ``LGMPC_JIT=0``.
+
+    Raises:
+        CompileError: the compiler failed.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+    compiler = find_compiler() if jit_enabled() else None
+    if compiler is None:
+        return None
     folder = cache_folder()
-    key = request_key("programme", casadi.CasadiMeta.version(), compiler.identity, source)
+    key = request_key("source", casadi.CasadiMeta.version(), compiler.identity, source)
     entry = find_entry(folder, name, key)
     if entry is None:
         if progress is not None:

@@ -20,6 +20,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
 from lgmpc.solvers.box import BoxSweep, control_bounds
+from lgmpc.solvers.compiled_sweep import make_sweep
 from lgmpc.solvers.loop import IterativeSolver, Progress
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite
@@ -97,7 +98,7 @@ class Fddp(IterativeSolver):
         self.settings = FddpSettings() if settings is None else settings
         self._check_constraints()
         self.functions = ShootingFunctions(problem, progress)
-        self.sweep = self._make_sweep()
+        self.sweep = self._make_sweep(progress)
         self._clock = [0.0, 0.0, 0.0]
 
     def _check_constraints(self) -> None:
@@ -106,8 +107,8 @@ class Fddp(IterativeSolver):
                 expected = "an action without constraints (BoxFddp takes bounds on controls; the NLP and SQP take all)"
                 raise InputError(f"actions[{k}]", f"'{action.name}', which has path constraints", expected)
 
-    def _make_sweep(self) -> BackwardSweep:
-        return BackwardSweep(self.functions)
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep:
+        return make_sweep(self.functions, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f = self.functions
@@ -276,7 +277,7 @@ class BoxFddp(Fddp):
     def _check_constraints(self) -> None:
         self._bounds = control_bounds(self.problem)
 
-    def _make_sweep(self) -> BackwardSweep:
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep:
         return BoxSweep(self.functions)
 
     def _begin(self, guess: Trajectory) -> Status | None:

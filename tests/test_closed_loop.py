@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgmpc.config.build import prepare
+from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.loading import load_config
 from lgmpc.config.session import SessionResult
 from lgmpc.runs import Metrics
@@ -122,6 +122,30 @@ def test_a_floor_more_slippery_than_believed_is_found_out_by_sliding(mpc: str) -
     assert metrics.max_tilt_deg < 3.0  # measured 1.0 with the MPC, 1.3 without
     assert metrics.max_slip_m < 0.03  # 15 mm, 10 mm; both slid by 0.25 m before the monitor was there
     assert metrics.final_position_error_m < 0.003
+
+
+@pytest.mark.parametrize(
+    ("model", "feet", "limits"),
+    [
+        ("a1", "FL_foot, FR_foot, RL_foot, RR_foot", ""),
+        ("hyq", "lf_foot, rf_foot, lh_foot, rh_foot", ""),
+        ("anymal_c", "LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT", 'position_limit_rad: {"*": [-3, 3]}'),
+    ],
+)
+def test_the_defaults_hold_robots_of_other_sizes(model: str, feet: str, limits: str, tmp_path: Path) -> None:
+    """14, 87 and 52 kg, pushed as hard for their mass as Solo12 is: 0.8 N.s a kg."""
+    file = tmp_path / "other.yaml"
+    robot = f"robot: {{model: {model}, contact_frames: [{feet}], contact_radius_m: 0.02, {limits}}}"
+    file.write_text(f"name: other\nduration_s: 2.5\n{robot}\n", encoding="utf-8")
+    body = "base" if model == "anymal_c" else "trunk"
+    mass = build_robot(load_config(file)).mass
+    push = f"pushes=[{{body: {body}, time_s: 0.5, duration_s: 0.2, impulse_ns: [0, {0.8 * mass}, 0]}}]"
+    metrics = prepare(load_config(file, [push])).run(lambda progress: None).metrics
+    assert metrics is not None and not metrics.fell
+    assert metrics.max_slip_m < 0.002  # measured 1.0 mm (anymal_c)
+    assert metrics.max_tilt_deg < 8.0  # 4.3 (anymal_c)
+    assert metrics.final_position_error_m < 0.001
+    assert metrics.solver_failures == 0
 
 
 def test_torques_stay_within_the_cap_when_a_push_is_too_strong_to_stay() -> None:

@@ -36,6 +36,13 @@ __all__ = [
     "prepare",
 ]
 
+_WEIGHTS_MASS = 2.5
+"""kg. Weights of momenta and forces are those of a robot of this mass, so that the same ones suit light and heavy ones:
+unscaled, the momentum of a robot of 50 kg would count 400 times as much beside tasks that are accelerations."""
+_WBC_NORMAL_FORCE = (0.04, 10.0)
+"""N per kg of the robot: a foot presses a little, and can carry the whole robot."""
+_MPC_NORMAL_FORCE = (0.2, 12.0)
+"""N per kg of the robot: the plan unloads no foot entirely."""
 _CREDIBLE_PUSH = 3.0
 """Weights of the robot: what the observer takes for a stronger push than this is a fault."""
 
@@ -83,11 +90,12 @@ def build_reference(config: Config) -> ComReference:
 def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyController:
     """Return the whole-body controller of section ``wbc``."""
     section, weights, gains = config.wbc, config.wbc.weights, config.wbc.gains
+    normal_force = _normal_force(section.normal_force_n, _WBC_NORMAL_FORCE, robot)
     limits = WholeBodyLimits(
         friction=section.friction,
         friction_facets=section.friction_facets,
-        normal_force_min=section.normal_force_n[0],
-        normal_force_max=section.normal_force_n[1],
+        normal_force_min=normal_force[0],
+        normal_force_max=normal_force[1],
         joint_horizon=section.joint_horizon_s,
         joint_acceleration_max=section.joint_acceleration_max_rad_s2,
     )
@@ -99,7 +107,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         base_orientation_gain=_gain(gains.base_orientation),
         base_position_weight=weights.base_position,
         base_position_gain=_gain(gains.base_position),
-        angular_momentum_weight=weights.angular_momentum,
+        angular_momentum_weight=_weight_factor(robot) * weights.angular_momentum,
         angular_momentum_gain=gains.angular_momentum,
         posture_weight=weights.posture,
         posture_gain=_gain(gains.posture),
@@ -107,7 +115,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         stance_damping=gains.stance_damping,
         swing_weight=weights.swing,
         swing_gain=_gain(gains.swing),
-        force_weight=weights.force,
+        force_weight=_weight_factor(robot) * weights.force,
         acceleration_weight=weights.acceleration,
         tolerance=section.tolerance,
         max_iterations=section.max_iterations,
@@ -120,23 +128,36 @@ def _gain(gain: WbcGain) -> Gain:
     return Gain(gain.kp, gain.damping)
 
 
+def _weight_factor(robot: Robot) -> float:
+    """Return what turns weights of squared momenta and forces of a robot of 2.5 kg into those of this one."""
+    return float((_WEIGHTS_MASS / robot.mass) ** 2)
+
+
+def _normal_force(
+    given: tuple[float, float] | None, per_kilogram: tuple[float, float], robot: Robot
+) -> tuple[float, float]:
+    """Return the lowest and highest normal force of a foot, N: as given, or in proportion to the robot's mass."""
+    return given if given is not None else (per_kilogram[0] * robot.mass, per_kilogram[1] * robot.mass)
+
+
 def build_planner(config: Config, robot: Robot, reference: ComReference, notify: Notify) -> CentroidalPlanner:
     """Return the predictive layer of section ``mpc``; compiles it if it never was on this machine."""
-    section, weights = config.mpc, config.mpc.weights
+    section, weights, factor = config.mpc, config.mpc.weights, _weight_factor(robot)
+    normal_force = _normal_force(section.normal_force_n, _MPC_NORMAL_FORCE, robot)
     settings = CentroidalMpcSettings(
         nodes=section.nodes,
         node_duration=section.node_s,
         weights=CentroidalWeights(
             com=weights.com,
-            linear_momentum=weights.linear_momentum,
-            angular_momentum=weights.angular_momentum,
-            force=weights.force,
+            linear_momentum=factor * weights.linear_momentum,
+            angular_momentum=factor * weights.angular_momentum,
+            force=factor * weights.force,
             terminal=weights.terminal,
         ),
         friction=section.friction,
         facets=section.friction_facets,
-        normal_force_min=section.normal_force_n[0],
-        normal_force_max=section.normal_force_n[1],
+        normal_force_min=normal_force[0],
+        normal_force_max=normal_force[1],
         qp_solver=section.qp_solver,
         sqp_iterations=section.sqp_iterations,
     )

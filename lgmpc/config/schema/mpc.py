@@ -12,14 +12,19 @@ __all__ = ["MpcSection", "MpcWeights"]
 
 
 class MpcWeights(Section):
-    """Weights of the squared deviations that the MPC minimises."""
+    """Weights of the squared deviations that the MPC minimises.
+
+    Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
+    """
 
     com: Vector3 = Field(default=(1e3, 1e3, 1e3), description="Position of the centre of mass [x, y, z], 1/m2.")
-    linear_momentum: NonNegative = Field(default=10.0, description="Linear momentum, 1/(kg.m/s)2.")
+    linear_momentum: NonNegative = Field(default=10.0, description="Linear momentum, 1/(kg.m/s)2 (scaled by mass).")
     angular_momentum: NonNegative = Field(
-        default=10.0, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2."
+        default=10.0, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2 (scaled by mass)."
     )
-    force: Positive = Field(default=1e-3, description="Contact forces, from an even share of the weight, 1/N2.")
+    force: Positive = Field(
+        default=1e-3, description="Contact forces, from an even share of the weight, 1/N2 (scaled by mass)."
+    )
     terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
 
 
@@ -40,8 +45,9 @@ class MpcSection(Section):
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )
     friction: Positive = Field(default=0.6, description="Friction coefficient that the MPC relies on.")
-    normal_force_n: RangeFromZero = Field(
-        default=(0.5, 30.0), description="[lowest, highest] normal force of a foot in contact, N."
+    normal_force_n: RangeFromZero | None = Field(
+        default=None,
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 a kg of robot.",
     )
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."

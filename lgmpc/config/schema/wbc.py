@@ -24,16 +24,19 @@ class WbcGain(Section):
 
 
 class WbcWeights(Section):
-    """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out."""
+    """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out.
+
+    Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
+    """
 
     com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
     base_orientation: NonNegative = Field(default=0.1, description="Angular acceleration of the base.")
     base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
-    angular_momentum: NonNegative = Field(default=100.0, description="Rate of the centroidal angular momentum.")
+    angular_momentum: NonNegative = Field(default=100.0, description="Rate of the angular momentum (scaled by mass).")
     posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
     stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
     swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
-    force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC.")
+    force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC (scaled by mass).")
     acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
 
 
@@ -57,8 +60,9 @@ class WbcSection(Section):
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
-    normal_force_n: RangeFromZero = Field(
-        default=(0.1, 25.0), description="[lowest, highest] normal force of a foot in contact, N."
+    normal_force_n: RangeFromZero | None = Field(
+        default=None,
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 a kg of robot.",
     )
     joint_horizon_s: Positive = Field(
         default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."

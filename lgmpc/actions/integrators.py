@@ -44,8 +44,9 @@ class SemiImplicitEuler(Integrator):
 class RungeKutta4(Integrator):
     """The classical fourth-order method, commutator-free on the configuration's group.
 
-    The configuration moves by two exponentials a step. Celledoni, Marthinsen, Owren, "Commutator-free Lie group
-    methods", Future Generation Computer Systems 19 (2003), here for velocities in the body frame.
+    The configuration moves by two exponentials a step; the compiled stage is about four times as large as with the
+    semi-implicit Euler method. Celledoni, Marthinsen, Owren, "Commutator-free Lie group methods", Future Generation
+    Computer Systems 19 (2003), here for velocities in the body frame.
     """
 
     def step(

@@ -78,8 +78,8 @@ class FrictionCone(_Cone):
         """Return the distances from the facets."""
         fx, fy, fz = self._force(s)
         slope = s["friction"] * math.cos(math.pi / self.facets)
-        angles = (2 * math.pi * j / self.facets for j in range(self.facets))
-        return ca.vertcat(*(slope * fz - math.cos(angle) * fx - math.sin(angle) * fy for angle in angles), fz)
+        normals = (_unit(2 * math.pi * j / self.facets) for j in range(self.facets))
+        return ca.vertcat(*(slope * fz - x * fx - y * fy for x, y in normals), fz)
 
 
 class SmoothFrictionCone(_Cone):
@@ -136,3 +136,9 @@ class CenterOfPressure(Residual):
         normal, moment = (back @ wrench[:3])[2], back @ wrench[3:]
         reach_y, reach_x = s["half_size"][0] * normal, s["half_size"][1] * normal
         return ca.vertcat(reach_y - moment[1], reach_y + moment[1], reach_x - moment[0], reach_x + moment[0])
+
+
+def _unit(angle: float) -> tuple[float, float]:
+    """Return cosine and sine, exactly zero where rounding alone keeps them from it (so that the row stays sparse)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return (0.0 if abs(cosine) < 1e-15 else cosine, 0.0 if abs(sine) < 1e-15 else sine)

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import warnings
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
+from lgmpc.costs import Activation, CostItem, Quadratic, QuadraticBarrier, Residual, SmoothOneNorm
+from lgmpc.costs.library import (
+    CentroidalMomentum,
+    CoMPosition,
+    ContactForce,
+    Control,
+    FramePlacement,
+    FrameRotation,
+    FrameTranslation,
+    FrameVelocity,
+    StateError,
+)
+from lgmpc.robot import Robot, RobotSpec, load_robot
+
+pytestmark = pytest.mark.crocoddyl
+
+FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+USED = (0, 3)
+GAINS = np.array([3.0, 5.0])
+FORCE = np.array([1.0, 2.0, 3.0])
+
+
+@pytest.fixture
+def crocoddyl() -> Any:
+    with warnings.catch_warnings():  # its viewer's dependencies are deprecated, not what is tested
+        warnings.simplefilter("ignore")
+        return pytest.importorskip("crocoddyl")
+
+
+@lru_cache
+def solo() -> Robot:
+    spec = RobotSpec(model="solo12", effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0), armature=3.6e-4)
+    return load_robot(spec)
+
+
+def assert_same(ours: MultibodyAction | ImpulseAction, p: np.ndarray, theirs: Any, rng: np.random.Generator) -> None:
+    """Next state, cost, all derivatives: equal to rounding at random points."""
+    data = theirs.createData()
+    for _ in range(3):
+        x = ours.state.integrate(solo().x_reference, rng.uniform(-0.4, 0.4, 36))
+        u = rng.standard_normal(ours.nu)
+        theirs.calc(data, x, u)
+        theirs.calcDiff(data, x, u)
+        names = ours.quadratic_function.name_out()
+        got = dict(zip(names, ours.quadratic_function(x, u, data.xnext, p), strict=True))
+        expected = {
+            "b": np.zeros(36), "cost": data.cost, "A": data.Fx, "B": data.Fu, "q": data.Lx, "r": data.Lu,
+            "Q": data.Lxx, "R": data.Luu, "S": np.asarray(data.Lxu).T,
+        }  # fmt: skip
+        for name, value in expected.items():
+            one = got[name].full()
+            other = np.asarray(value, dtype=np.float64).reshape(one.shape)
+            scale = max(1.0, float(np.abs(other).max(initial=0.0)))
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * scale, err_msg=name)
+
+
+def test_contact_forward_dynamics(crocoddyl: Any) -> None:
+    """Two of four feet in contact: a subset there, flags here."""
+    model, rng = solo().model, np.random.default_rng(0)
+    state = crocoddyl.StateMultibody(model)
+    actuation = crocoddyl.ActuationModelFloatingBase(state)
+    points = rng.uniform(-0.2, 0.2, (4, 3))
+    contacts = crocoddyl.ContactModelMultiple(state, 12)
+    costs = crocoddyl.CostModelSum(state, 12)
+    residual = crocoddyl.ResidualModelState(state, solo().x_reference.copy(), 12)
+    costs.addCost("state", crocoddyl.CostModelResidual(state, residual), 0.7)
+    costs.addCost("control", crocoddyl.CostModelResidual(state, crocoddyl.ResidualModelControl(state, 12)), 1e-2)
+    items = [CostItem("control", Control(12), 1e-2)]
+    for i in USED:
+        frame = solo().frame(FEET[i])
+        contact = crocoddyl.ContactModel3D(state, frame, points[i], pin.LOCAL_WORLD_ALIGNED, 12, GAINS)
+        contacts.addContact(FEET[i], contact)
+        wanted = pin.Force(np.r_[FORCE, np.zeros(3)])
+        force = crocoddyl.ResidualModelContactForce(state, frame, wanted, 3, 12)
+        costs.addCost(FEET[i], crocoddyl.CostModelResidual(state, force), 1e-2)
+        items.append(CostItem(FEET[i], ContactForce(FEET[i], 3, FORCE), 1e-2))
+    forward = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+    dynamics = ContactForwardDynamics(model, FEET)
+    items.append(CostItem("state", StateError(dynamics.state, solo().x_reference), 0.7))
+    ours = MultibodyAction("contact", dynamics, items)
+    p = ours.parameters.default.copy()
+    p[ours.parameters["contact_points"]] = points.ravel()
+    p[ours.parameters["contact_gains"]] = GAINS
+    p[ours.parameters["contact_flags"]] = [float(i in USED) for i in range(4)]
+    p[ours.parameters["duration"]] = 0.02
+    assert_same(ours, p, crocoddyl.IntegratedActionModelEuler(forward, 0.02), rng)
+
+
+def test_impact(crocoddyl: Any) -> None:
+    """Without restitution: with it, Crocoddyl 3.2.1's derivative of the next state is not that of its next state."""
+    model, rng = solo().model, np.random.default_rng(1)
+    state = crocoddyl.StateMultibody(model)
+    impulses = crocoddyl.ImpulseModelMultiple(state)
+    for i in USED:
+        impulses.addImpulse(FEET[i], crocoddyl.ImpulseModel3D(state, solo().frame(FEET[i]), pin.LOCAL_WORLD_ALIGNED))
+    costs = crocoddyl.CostModelSum(state, 0)
+    residual = crocoddyl.ResidualModelState(state, solo().x_reference.copy(), 0)
+    costs.addCost("state", crocoddyl.CostModelResidual(state, residual), 0.3)
+    theirs = crocoddyl.ActionModelImpulseFwdDynamics(state, impulses, costs, 0.0, 0.0, True)
+    dynamics = ContactForwardDynamics(model, FEET)
+    ours = ImpulseAction("impact", model, FEET, [CostItem("s", StateError(dynamics.state, solo().x_reference), 0.3)])
+    p = ours.parameters.default.copy()
+    p[ours.parameters["contact_flags"]] = [float(i in USED) for i in range(4)]
+    assert_same(ours, p, theirs, rng)
+
+
+def residuals(crocoddyl: Any, state: Any) -> dict[str, tuple[Residual, Any]]:
+    """The same residual on both sides."""
+    frame, goal = solo().frame(FEET[1]), pin.SE3(pin.exp3(np.array([0.4, -0.2, 0.3])), np.array([0.1, 0.2, 0.3]))
+    seven, three, six = pin.SE3ToXYZQUAT(goal), np.array([0.1, -0.2, 0.3]), np.linspace(-1, 1, 6)
+    return {
+        "com": (CoMPosition(three), crocoddyl.ResidualModelCoMPosition(state, three, 12)),
+        "momentum": (CentroidalMomentum(six), crocoddyl.ResidualModelCentroidalMomentum(state, six, 12)),
+        "placement": (FramePlacement(FEET[1], seven), crocoddyl.ResidualModelFramePlacement(state, frame, goal, 12)),
+        "rotation": (
+            FrameRotation(FEET[1], seven[3:]),
+            crocoddyl.ResidualModelFrameRotation(state, frame, goal.rotation, 12),
+        ),
+        "translation": (
+            FrameTranslation(FEET[1], three),
+            crocoddyl.ResidualModelFrameTranslation(state, frame, three, 12),
+        ),
+        "velocity": (
+            FrameVelocity(FEET[1], pin.LOCAL, six),
+            crocoddyl.ResidualModelFrameVelocity(state, frame, pin.Motion(six), pin.LOCAL, 12),
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", ["com", "momentum", "placement", "rotation", "translation", "velocity"])
+@pytest.mark.parametrize("kind", ["quadratic", "barrier", "smooth"])
+def test_residuals_and_activations(crocoddyl: Any, name: str, kind: str) -> None:
+    model, rng = solo().model, np.random.default_rng(2)
+    state = crocoddyl.StateMultibody(model)
+    residual, there = residuals(crocoddyl, state)[name]
+    bound = 0.1 * np.ones(residual.nr)
+    activation: Activation
+    if kind == "quadratic":
+        activation, twin = Quadratic(), crocoddyl.ActivationModelQuad(residual.nr)
+    elif kind == "barrier":
+        bounds = crocoddyl.ActivationBounds(-bound, bound)
+        activation, twin = QuadraticBarrier(-bound, bound), crocoddyl.ActivationModelQuadraticBarrier(bounds)
+    else:
+        activation, twin = SmoothOneNorm(1.0), crocoddyl.ActivationModelSmooth1Norm(residual.nr, 1.0)
+    costs = crocoddyl.CostModelSum(state, 12)
+    costs.addCost(name, crocoddyl.CostModelResidual(state, twin, there), 0.5)
+    actuation, contacts = crocoddyl.ActuationModelFloatingBase(state), crocoddyl.ContactModelMultiple(state, 12)
+    forward = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+    ours = MultibodyAction(name, ContactForwardDynamics(model, FEET), [CostItem("c", residual, 0.5, activation)])
+    p = ours.parameters.default.copy()
+    p[ours.parameters["contact_flags"]] = 0.0
+    assert_same(ours, p, crocoddyl.IntegratedActionModelEuler(forward, 0.01), rng)

@@ -49,8 +49,10 @@ def test_statuses_say_what_happened(cart: ShootingProblem, centroidal: Callable[
 
 
 @pytest.mark.parametrize(("plugin", "compiled"), [("ipopt", True), ("fatrop", False)])
-def test_every_way_finds_the_same(satellite: Callable[..., ShootingProblem], plugin: str, compiled: bool) -> None:
-    problem = satellite(bounded=True, nodes=4)
+def test_every_way_finds_the_same(
+    satellite: Callable[..., ShootingProblem], cart: ShootingProblem, plugin: str, compiled: bool
+) -> None:
+    problem = cart if compiled else satellite(bounded=True)
     reference = NlpSolver(problem).solve()
     solver = NlpSolver(problem, plugin, compiled=compiled)
     assert solver.compiled is compiled

@@ -16,6 +16,7 @@ from lgmpc.actions import (
     Action,
     Bounded,
     FreeForwardDynamics,
+    ImpulseAction,
     LeastSquares,
     MultibodyAction,
     Parameter,
@@ -38,6 +39,10 @@ class Pair:
     ours: ShootingProblem
     theirs: Any
     guess: Trajectory
+
+    def their_us(self, us: Any) -> list[np.ndarray]:
+        """Controls (N, nu) without the columns that an interval's action does not have."""
+        return [np.array(u[: action.nu]) for u, action in zip(us, self.ours.actions, strict=True)]
 
 
 class Unicycle(Action):
@@ -174,7 +179,48 @@ def stance() -> Pair:
     return Pair(numbers.ours(), numbers.theirs(), numbers.guess())
 
 
-PROBLEMS = {"unicycle": unicycle, "arm": arm, "quadrotor": quadrotor, "solo12 stance": stance}
+def hop() -> Pair:
+    """Solo12 stands, flies, lands and stands: switched contacts, and an impact that has no control."""
+    import crocoddyl
+
+    module = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "bench_solver.py"))
+    numbers, feet, gains = module["Stance"].make(), module["FEET"], module["GAINS"]
+    robot, dt, nodes = numbers.robot, 0.015, 17
+    model, nu = robot.model, robot.nv - 6
+    flying, landing = range(6, 10), 10
+    x0, x_ref = numbers.x_reference, numbers.x_reference
+    w_impact = np.concatenate([np.zeros(3), np.ones(3 + nu), 0.1 * np.ones(6 + nu)])
+    one = numbers.ours().action
+    impact = ImpulseAction("impact", model, feet, [CostItem("posture", StateError(one.state, x_ref), w_impact)])
+    ours = ShootingProblem([impact if k == landing else one for k in range(nodes)], terminal=one)
+    ours.set("duration", dt)
+    ours.set("contact_points", numbers.feet.ravel())
+    ours.set("contact_gains", gains)
+    ours.set("contact_flags", 0.0, nodes=list(flying))
+    ours.set_initial_state(x0)
+
+    stand = numbers.theirs().terminalModel.differential
+    state, costs = stand.state, stand.costs
+    actuation = crocoddyl.ActuationModelFloatingBase(state)
+    none = crocoddyl.ContactModelMultiple(state, nu)
+    fly = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, none, costs, 0.0, True)
+    impulses = crocoddyl.ImpulseModelMultiple(state)
+    for name, frame in zip(feet, robot.contact_ids, strict=True):
+        impulses.addImpulse(name, crocoddyl.ImpulseModel3D(state, frame, pin.LOCAL_WORLD_ALIGNED))
+    paid = crocoddyl.CostModelSum(state, 0)
+    _add(paid, state, "posture", crocoddyl.ResidualModelState(state, x_ref, 0), w_impact)
+    land = crocoddyl.ActionModelImpulseFwdDynamics(state, impulses, paid, 0.0, 0.0, True)
+    models = [
+        land if k == landing else crocoddyl.IntegratedActionModelEuler(fly if k in flying else stand, dt)
+        for k in range(nodes)
+    ]
+    theirs = crocoddyl.ShootingProblem(x0, models, crocoddyl.IntegratedActionModelEuler(stand, 0.0))
+    us = np.tile(numbers.guess().us[0], (nodes, 1))
+    us[landing] = 0.0
+    return Pair(ours, theirs, Trajectory(np.tile(x0, (nodes + 1, 1)), us))
+
+
+PROBLEMS = {"solo12 hop": hop, "unicycle": unicycle, "arm": arm, "quadrotor": quadrotor, "solo12 stance": stance}
 
 
 @pytest.fixture(params=PROBLEMS)

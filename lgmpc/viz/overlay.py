@@ -152,7 +152,8 @@ def _add_horizon(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> Non
     """Beads along the prediction that was valid at each picture, tapering towards its end."""
     update = np.searchsorted(log.mpc_time, log.time[frames.ticks], side="right") - 1
     finite: BoolArray = np.asarray(np.isfinite(log.mpc_horizon_com).all(axis=(1, 2)))
-    known: BoolArray = (update >= 0) & finite[np.maximum(update, 0)]
+    age = log.time[frames.ticks] - log.mpc_time[np.maximum(update, 0)]
+    known: BoolArray = (update >= 0) & finite[np.maximum(update, 0)] & (age < 1.5 * log.mpc_period_s)
     beads = np.where(known[:, None, None], log.mpc_horizon_com[np.maximum(update, 0)], 0.0)
     nodes = beads.shape[1]
     material = Material(COLORS["horizon"], on_top=True)
@@ -201,12 +202,15 @@ class _Arrow:
         scene.add_mesh(f"{self.path}/head", cone(2.3 * radius, -self._head, 0.0), material)
 
     def animate(self, scene: Scene, times: Array, tail: Array, force: Array) -> None:
+        shown: BoolArray = self.scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * self.scale.length
+        # Visibility changes at a picture, the rest glides from one to the next: what vanishes must not move meanwhile.
+        last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))
+        tail, force = tail[last], force[last]
         size = np.linalg.norm(force, axis=1)
         length = self.scale.metres_per_newton * size
-        shown: BoolArray = length > 0.02 * self.scale.length
         upright = np.array([0.0, 0.0, 1.0])
         turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        for k in np.flatnonzero(shown):
+        for k in np.flatnonzero(shown[last]):
             turns[k] = pin.Quaternion.FromTwoVectors(upright, force[k] / size[k]).coeffs()
         scene.animate(self.path, times, position=tail, quaternion=turns, visible=shown)
         head = np.minimum(1.0, length / (1.5 * self._head))

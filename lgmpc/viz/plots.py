@@ -186,8 +186,17 @@ def _torques(figure: Figure, log: RunLog) -> bool:
             axes.axhline(limit, color=_LIMIT, ls="--", lw=1.1)
             axes.axhline(-limit, color=_LIMIT, ls="--", lw=1.1)
         text = f"limit {limits[-1]:g} N.m" if alike else "limit"
-        where = (0.995, limits[-1])
-        axes.annotate(text, where, xycoords=("axes fraction", "data"), color=_LIMIT, ha="right", va="top", fontsize=8.5)
+        axes.annotate(
+            text,
+            (0.995, limits[-1]),
+            (0, -3),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            color=_LIMIT,
+            ha="right",
+            va="top",
+            fontsize=8.5,
+        )
         axes.set_ylabel("N.m" if alike else "share of the limit")
         axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
         _finish(log, axes)
@@ -209,6 +218,8 @@ def _timing(figure: Figure, log: RunLog) -> bool:
     ]
     if not parts:
         return False
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     figure.set_size_inches(4.4 * len(parts), 3.2)
     for axes, (name, milliseconds, period, color) in zip(
         figure.subplots(1, len(parts), squeeze=False)[0], parts, strict=True
@@ -217,7 +228,11 @@ def _timing(figure: Figure, log: RunLog) -> bool:
         wide = high > 10.0 * low
         bins = (np.geomspace if wide else np.linspace)(0.95 * low, 1.05 * high, 60)
         counts, _, _ = axes.hist(milliseconds, bins=bins, color=color, alpha=0.85)
-        axes.set_xscale("log" if wide else "linear")
+        if wide:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_ylim(0.0, 1.45 * float(np.max(counts)))
         if high > 0.2 * period:
             axes.axvline(period, color=_LIMIT, ls="--", lw=1.2, label=f"period {period:g} ms")

@@ -236,7 +236,7 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("base moved", f"{1e3 * metrics.max_displacement_m:.1f} mm"),
         ("ended off by", f"{1e3 * metrics.final_position_error_m:.1f} mm, {metrics.final_tilt_deg:.2f}°"),
         ("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"),
-        ("peak torque", f"{metrics.max_abs_torque_nm:.2f} of {limit:.2f} N·m"),
+        ("peak torque", f"{metrics.max_abs_torque_nm:.3g} of {limit:g} N·m"),
     ]
     if metrics.min_friction_margin_n is not None:
         facts.append(("friction margin", f"{round(metrics.min_friction_margin_n, 2) + 0.0:.2f} N"))

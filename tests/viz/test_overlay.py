@@ -112,6 +112,29 @@ def test_the_prediction_is_the_latest_one(pushed_log) -> None:
         np.testing.assert_allclose(beads, pushed_log.mpc_horizon_com[latest, node], atol=3e-5)
 
 
+def test_a_prediction_is_gone_when_no_new_one_follows(pushed_log) -> None:
+    """As after a fall: the last plan is no prediction any more."""
+    kept = pushed_log.mpc_time < 0.5
+    arrays = {
+        name: getattr(pushed_log, name)[kept]
+        for name in ("mpc_time", "mpc_horizon_com", "mpc_forces", "mpc_status", "mpc_ms")
+    }
+    content, frames, _ = overlay(replace(pushed_log, **arrays))
+    visible = shown(content, "/overlay/horizon/00", frames.times)
+    np.testing.assert_array_equal(visible, pushed_log.time[frames.ticks] < 0.5)
+
+
+def test_an_arrow_that_vanishes_stays_where_it_was(pushed_log) -> None:
+    """What is drawn glides between pictures, so the end of a push must not pull its arrow to the world's origin."""
+    log = replace(pushed_log, push_point=np.where(pushed_log.push[:, 1:2] != 0.0, pushed_log.push_point, 0.0))
+    content, frames, _ = overlay(log)
+    visible = shown(content, "/overlay/push/force", frames.times)
+    last = np.flatnonzero(visible)[-1]
+    assert not visible[last + 1]
+    tail = at(content, "/overlay/push/force", ".position", frames.times)
+    np.testing.assert_allclose(tail[last + 1 :], np.tile(tail[last], (len(tail) - last - 1, 1)), atol=1e-9)
+
+
 def test_without_mpc_and_push_nothing_of_them_is_shown(pushed_log) -> None:
     bare = replace(
         pushed_log,

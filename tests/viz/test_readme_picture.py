@@ -46,9 +46,9 @@ def test_the_picture_shows_the_push_and_the_calm_after_it(folder, tmp_path, monk
     red, green, blue = np.moveaxis(image, 2, 0)
     arrow = (red > 130) & (green < 0.55 * red) & (blue < 0.3 * red)
     dark = (image.max(axis=2) < 150) & (np.ptp(image, axis=2) < 45)
-    left, right = slice(0, width // 2), slice(width // 2, width)
-    assert arrow[:, left].sum() > 300 and arrow[:, right].sum() == 0
-    assert dark[:, left].mean() > 0.05 and dark[:, right].mean() > 0.05
+    pushed, furthest, calm = (slice(k * width // 3, (k + 1) * width // 3) for k in range(3))
+    assert arrow[:, pushed].sum() > 200 and arrow[:, calm].sum() == 0
+    assert all(dark[:, panel].mean() > 0.05 for panel in (pushed, furthest, calm))
 
 
 def test_a_run_without_pushes_has_no_picture(folder, pushed_run, tmp_path, monkeypatch, capsys) -> None:

@@ -235,16 +235,22 @@ class Solution:
 
     def _first_not_finite(self) -> str | None:
         """Name the first node whose own values are not finite at a trajectory that is."""
-        bad = np.flatnonzero(~np.isfinite(self.problem.parameters).all(axis=1))
+        problem, failed = self.problem, self.status is Status.NOT_FINITE
+        for k in range(problem.nodes + 1):
+            layout = problem.action_at(k).parameters
+            for name, where in layout.items():
+                values = problem.parameters[k, where]
+                bound = name.endswith(("lower", "upper"))  # may be infinite
+                if np.isnan(values).any() or (failed and not bound and np.isinf(values).any()):
+                    return f"Parameter '{name}' of node {k} ('{problem.action_at(k).name}') holds NaN or infinity."
         for k, (x, u) in enumerate(self._nodes()):
-            point = self.problem.evaluate(k, x, u)
+            point = problem.evaluate(k, x, u)
             parts = {"next state": point.x_next, "cost": np.array(point.cost), "constraint": point.constraint}
             for name, value in parts.items():
                 if not np.isfinite(value).all():
-                    why = "; so do its parameters" if k in bad else ""
-                    return f"The {name} of node {k} ('{self.problem.actions[k].name}') holds NaN or infinity{why}."
+                    return f"The {name} of node {k} ('{problem.actions[k].name}') holds NaN or infinity."
         if not np.isfinite(self._costs()[-1]):
-            return f"The cost of the last node ('{self.problem.terminal.name}') holds NaN or infinity."
+            return f"The cost of the last node ('{problem.terminal.name}') holds NaN or infinity."
         return None
 
 

@@ -45,6 +45,19 @@ def test_explain_names_items(swing: ShootingProblem) -> None:
     assert "before node 7 ('swing'), tangent entry 0" in text or "before node 8 ('swing'), tangent entry 0" in text
 
 
+def test_explain_names_the_parameter_that_is_not_finite(swing: ShootingProblem) -> None:
+    swing.view("motor_upper")[...] = np.inf
+    solver = LineSearchSqp(swing)
+    assert solver.solve().status is Status.CONVERGED
+    swing.view("goal_weight")[4, 1] = np.inf
+    assert "Parameter 'goal_weight' of node 4 ('swing')" in solver.solve().explain()
+    swing.set("goal_weight", 1.0)
+    swing.view("motor_lower")[2] = np.nan
+    solution = solver.solve()
+    assert solution.status is Status.NOT_FINITE
+    assert "Parameter 'motor_lower' of node 2 ('swing')" in solution.explain()
+
+
 def test_a_solution_explains_itself_in_a_few_lines(swing: ShootingProblem) -> None:
     solution = LineSearchSqp(swing).solve()
     assert solution.status is Status.CONVERGED

@@ -37,7 +37,9 @@ class MpcSection(Section):
     nodes: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
         default=20, description="Number of intervals of the horizon, 2 to 200."
     )
-    node_s: Annotated[Positive, Field(le=1.0)] = Field(default=0.02, description="Length of each, s, at most 1.")
+    node_s: Annotated[Positive, Field(le=1.0)] = Field(
+        default=0.02, description="Length of each interval, s, at most 1."
+    )
     qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
         default="riccati", description="Solver of each quadratic programme."
     )

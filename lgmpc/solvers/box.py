@@ -70,15 +70,19 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
     )
     path = action.constraint(x, u, p)
     value = ca.SX(path.value)
-    limits = ca.Function("limits", [p], [ca.densify(ca.SX(path.lower)), ca.densify(ca.SX(path.upper))])
-    rows = []
+    slope = ca.jacobian(value, u)
+    rows: list[int] = []
     for i in range(value.shape[0]):
-        matches = [j for j in range(action.nu) if ca.is_equal(value[i], u[j], 2)]
-        if not matches:
+        row = slope[i, :]
+        of_state = ca.jacobian(value[i], x).nnz() > 0
+        if of_state or row.nnz() != 1 or not ca.SX(row.nz[0]).is_one():
             expected = "bounds on controls only (the SQP and the NLP take any constraint)"
             raise InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {i} is no control", expected)
-        rows.append(matches[0])
-    return np.array(rows, dtype=np.int64), limits
+        rows.append(int(row.sparsity().get_triplet()[1][0]))
+    # A row is a control plus what the parameters say, a reference for instance.
+    offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(action.state.nx + action.nu))
+    edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
+    return np.array(rows, dtype=np.int64), ca.Function("limits", [p], edges)
 
 
 class BoxSweep(BackwardSweep):

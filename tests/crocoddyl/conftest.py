@@ -22,7 +22,7 @@ from lgmpc.actions import (
     Parameter,
     ParameterLayout,
 )
-from lgmpc.costs import CostItem
+from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FramePlacement, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.state import StateVector
@@ -132,7 +132,7 @@ def arm(nodes: int = 20, dt: float = 0.02) -> Pair:
     return Pair(ours, _horizon(differential, x0, nodes, dt), guess)
 
 
-def quadrotor(nodes: int = 30, dt: float = 0.03) -> Pair:
+def quadrotor(nodes: int = 30, dt: float = 0.03, bounds: tuple[float, float] | None = None) -> Pair:
     """A rigid body with four thrusters that flies to a place and yaw."""
     import crocoddyl
 
@@ -151,7 +151,9 @@ def quadrotor(nodes: int = 30, dt: float = 0.03) -> Pair:
         CostItem("goal", StateError(dynamics.state, goal), w_state),
         CostItem("thrust", Control(4), 1e-2),
     ]
-    ours = ShootingProblem(MultibodyAction("quadrotor", dynamics, costs), nodes)
+    limits = [] if bounds is None else [ConstraintItem("limits", Control(4), *bounds)]
+    name = "quadrotor" if bounds is None else "quadrotor_bounded"
+    ours = ShootingProblem(MultibodyAction(name, dynamics, costs, limits), nodes)
     ours.set("duration", dt)
     ours.set_initial_state(x0)
 
@@ -166,6 +168,8 @@ def quadrotor(nodes: int = 30, dt: float = 0.03) -> Pair:
     _add(theirs, state, "goal", crocoddyl.ResidualModelState(state, goal, 4), w_state)
     _add(theirs, state, "thrust", crocoddyl.ResidualModelControl(state, 4), 1e-2 * np.ones(4))
     differential = crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, theirs)
+    if bounds is not None:
+        differential.u_lb, differential.u_ub = np.full(4, bounds[0]), np.full(4, bounds[1])
     hover = np.full(4, 1.5 * 9.81 / 4)
     guess = Trajectory(np.tile(x0, (nodes + 1, 1)), np.tile(hover, (nodes, 1)))
     return Pair(ours, _horizon(differential, x0, nodes, dt), guess)
@@ -227,3 +231,9 @@ PROBLEMS = {"solo12 hop": hop, "unicycle": unicycle, "arm": arm, "quadrotor": qu
 def pair(request: pytest.FixtureRequest) -> Pair:
     pytest.importorskip("crocoddyl")
     return PROBLEMS[request.param]()
+
+
+@pytest.fixture
+def bounded_quadrotor() -> Pair:
+    pytest.importorskip("crocoddyl")
+    return quadrotor(bounds=(1.0, 6.0))

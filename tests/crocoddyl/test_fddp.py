@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lgmpc.solvers import Fddp, Progress, Status
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, Progress, Status
 
 pytestmark = pytest.mark.crocoddyl
 
@@ -48,3 +48,19 @@ def test_a_roll_out_costs_the_same(pair: Any) -> None:
         np.testing.assert_allclose(pair.ours.state.diff(np.array(other), x), 0.0, atol=1e-9)
     cost = pair.theirs.calc(theirs, pair.their_us(pair.guess.us))
     assert Fddp(pair.ours).solve(rolled, max_iterations=0).cost == pytest.approx(cost, rel=1e-10)
+
+
+def test_same_optimum_with_bounds_on_the_controls(bounded_quadrotor: Any) -> None:
+    import crocoddyl
+
+    pair = bounded_quadrotor
+    solver = crocoddyl.SolverBoxFDDP(pair.theirs)
+    solver.th_stop = 1e-10
+    solver.solve(list(pair.guess.xs), list(pair.guess.us), 300, False)
+    solution = BoxFddp(pair.ours, FddpSettings(tolerance=1e-10)).solve(pair.guess, max_iterations=300)
+    assert solution.status is Status.CONVERGED
+    assert (solution.us.min(), solution.us.max()) == (1.0, 6.0)
+    assert solution.cost == pytest.approx(solver.cost, rel=1e-6)
+    for x, theirs in zip(solution.xs, solver.xs, strict=True):
+        np.testing.assert_allclose(pair.ours.state.diff(np.array(theirs), x), 0.0, atol=1e-5)
+    assert abs(solution.iterations - (solver.iter + 1)) <= 2

@@ -8,7 +8,7 @@ from lgmpc.actions import FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import LineSearchSqp, Status
+from lgmpc.solvers import BoxFddp, LineSearchSqp, Status
 
 
 @pytest.fixture
@@ -64,6 +64,15 @@ def test_a_solution_explains_itself_in_a_few_lines(swing: ShootingProblem) -> No
     assert solution.explain().startswith("converged after ")
     assert len(solution.explain().splitlines()) <= 6
     assert np.abs(solution.us).max() == pytest.approx(2.0, abs=1e-6)  # the motor is not strong enough to lift at once
+
+
+def test_bounds_on_a_difference_from_a_reference_are_bounds_on_the_control(swing: ShootingProblem) -> None:
+    swing.set("motor_reference", 0.5)
+    boxed, reference = BoxFddp(swing).solve(), LineSearchSqp(swing).solve()
+    assert boxed.status is Status.CONVERGED
+    assert boxed.us.max() == pytest.approx(2.5, abs=1e-12)
+    np.testing.assert_allclose(boxed.us, reference.us, atol=1e-4)
+    np.testing.assert_allclose(boxed.multipliers, reference.multipliers, atol=1e-4)
 
 
 def test_every_status_has_a_remedy() -> None:

@@ -55,9 +55,9 @@ def test_same_optimum_with_bounds_on_the_controls(bounded_quadrotor: Any) -> Non
 
     pair = bounded_quadrotor
     solver = crocoddyl.SolverBoxFDDP(pair.theirs)
-    solver.th_stop = 1e-10
+    solver.th_stop = 1e-13
     solver.solve(list(pair.guess.xs), list(pair.guess.us), 300, False)
-    solution = BoxFddp(pair.ours, FddpSettings(tolerance=1e-10)).solve(pair.guess, max_iterations=300)
+    solution = BoxFddp(pair.ours, FddpSettings(tolerance=1e-13)).solve(pair.guess, max_iterations=300)
     assert solution.status is Status.CONVERGED
     assert (solution.us.min(), solution.us.max()) == (1.0, 6.0)
     assert solution.cost == pytest.approx(solver.cost, rel=1e-6)

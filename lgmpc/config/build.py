@@ -125,7 +125,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
 
 
 def _gain(gain: WbcGain) -> Gain:
-    return Gain(gain.kp, gain.damping)
+    return Gain.critically_damped(gain.kp) if gain.kd is None else Gain(gain.kp, gain.kd)
 
 
 def _weight_factor(robot: Robot) -> float:

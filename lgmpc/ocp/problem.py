@@ -114,7 +114,8 @@ class ShootingProblem:
 
         Args:
             name: of the parameter.
-            value: finite; one value for all nodes (size,), one for each of the nodes (n, size), or a number.
+            value: one value for all nodes (size,), one for each of the nodes (n, size), or a number; finite, but for a
+                bound (a name that ends in ``lower`` or ``upper``), which may be infinite.
             nodes: which, 0 to N (n of them); all whose action has the parameter unless given.
 
         Raises:
@@ -130,8 +131,9 @@ class ShootingProblem:
         size = sizes.pop() if len(sizes) == 1 else -1
         if array.shape not in ((), (size,), (len(chosen), size)):
             raise InputError(name, f"shape {array.shape}", f"a number, shape {(size,)} or {(len(chosen), size)}")
-        if not np.isfinite(array).all():
-            raise InputError(name, "NaN or infinity", "finite values")
+        is_bound = name.endswith(("lower", "upper"))
+        if np.isnan(array).any() or not (is_bound or np.isfinite(array).all()):
+            raise InputError(name, "NaN or infinity", "no NaN" if is_bound else "finite values")
         for i, (k, place) in enumerate(zip(chosen, places, strict=True)):
             self.parameters[k, place] = array[i] if array.ndim == 2 else array
 

@@ -66,11 +66,11 @@ class WholeBodySettings:
     limits: WholeBodyLimits = field(default_factory=WholeBodyLimits)
     com_weight: tuple[float, float, float] = (10.0, 10.0, 10.0)
     com_gain: Gain = Gain(100.0, 20.0)
-    base_orientation_weight: float = 1.0
+    base_orientation_weight: float = 0.1
     base_orientation_gain: Gain = Gain(400.0, 40.0)
     base_position_weight: float = 0.0
     base_position_gain: Gain = Gain(100.0, 20.0)
-    angular_momentum_weight: float = 0.0
+    angular_momentum_weight: float = 100.0
     angular_momentum_gain: float = 10.0
     posture_weight: float = 1e-3
     posture_gain: Gain = Gain(100.0, 20.0)

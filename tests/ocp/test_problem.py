@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from lgmpc.actions import CentroidalAction
+from lgmpc.actions import CentroidalAction, FreeForwardDynamics, MultibodyAction
+from lgmpc.costs import ConstraintItem
+from lgmpc.costs.library import Control
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem
 
@@ -43,3 +46,15 @@ def test_bad_input_is_named(problem: ShootingProblem) -> None:
         problem.set_initial_state(np.full(9, np.inf))
     with pytest.raises(InputError, match="us: got shape"):
         problem.rollout(np.zeros((4, 12)))
+
+
+def test_a_bound_may_be_infinite_and_nothing_else() -> None:
+    model = pin.buildSampleModelManipulator()
+    limit = ConstraintItem("limit", Control(model.nv), -1.0, 1.0)
+    problem = ShootingProblem(MultibodyAction("arm", FreeForwardDynamics(model), (), [limit]), 3)
+    problem.set("limit_upper", np.inf)
+    assert np.isposinf(problem.view("limit_upper")).all()
+    with pytest.raises(InputError, match="limit_lower: got NaN"):
+        problem.set("limit_lower", np.nan)
+    with pytest.raises(InputError, match="duration: got NaN or infinity"):
+        problem.set("duration", np.inf)

@@ -158,7 +158,7 @@ def test_tasks_without_weight_are_left_out(solo12):
     def names(**weights):
         return [task.name for task in standing_tasks(solo12, WholeBodySettings(**weights))]
 
-    assert names() == ["feet", "com", "base_orientation", "posture"]
+    assert names(angular_momentum_weight=0.0) == ["feet", "com", "base_orientation", "posture"]
     assert names(base_position_weight=1.0, angular_momentum_weight=1.0)[-2:] == ["base_position", "angular_momentum"]
 
 

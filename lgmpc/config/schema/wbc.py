@@ -17,11 +17,6 @@ class WbcGain(Section):
     kp: NonNegative = Field(description="Stiffness, 1/s2.")
     kd: NonNegative | None = Field(default=None, description="Damping, 1/s. null: critical, 2 sqrt(kp).")
 
-    @property
-    def damping(self) -> float:
-        """The damping kd, 1/s, critical unless given."""
-        return 2.0 * self.kp**0.5 if self.kd is None else self.kd
-
 
 class WbcWeights(Section):
     """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out.

@@ -151,14 +151,15 @@ class MujocoPlant:
         forces = np.zeros((self._nc + 1, 3))
         if self.data.ncon:
             contact = self.data.contact
-            pressing = contact.exclude == 0  # at a distance of exactly 0 a contact is listed, but has no rows
-            count = np.count_nonzero(pressing)
+            geoms, excluded = contact.geom, contact.exclude
+            if excluded.any():  # at a distance of exactly 0 a contact is listed, but has no rows
+                geoms = geoms[excluded == 0]
+            count = len(geoms)
             # Contacts come last. Rows of an elliptic contact: normal, two tangents; its frame's rows are those axes,
-            # the normal from the floor to the robot.
-            local = self.data.efc_force[self.data.nefc - 3 * count :].reshape(count, 1, 3)
-            # A sphere touches a plane once, so no foot occurs twice and assigning is summing.
-            feet = self._foot_of_geom[contact.geom[pressing, 1]]
-            forces[feet] = (local @ contact.frame[pressing].reshape(count, 3, 3))[:, 0]
+            # the normal from the floor to the robot, and all contacts are with the one floor. A sphere touches a plane
+            # once, so no foot occurs twice and assigning is summing.
+            local = self.data.efc_force[self.data.nefc - 3 * count :].reshape(count, 3)
+            forces[self._foot_of_geom[geoms[:, 1]]] = local @ contact.frame[0].reshape(3, 3)
         return forces[: self._nc]
 
 

@@ -77,7 +77,7 @@ def main() -> None:
     print(f"\nwhole-body control of Solo12, {TICKS} ticks, three pushes of 2 N.s; median / 99th percentile, us\n")
     print("facets" + "".join(f"{part:>16}" for part in (*PARTS, "tick")))
     robot = build_robot(load_config(CONFIG))
-    for facets in (4, 8, 16):
+    for facets in (4, 8, 12, 16):
         times = pushed_run(robot, facets)
         columns = [*times.T, times.sum(axis=1)]
         cells = [f"{np.median(column):.0f} / {np.percentile(column, 99):.0f}" for column in columns]

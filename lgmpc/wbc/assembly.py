@@ -43,7 +43,7 @@ class WholeBodyLimits:
     """
 
     friction: float = 0.6
-    friction_facets: int = 16
+    friction_facets: int = 12
     normal_force_min: float = 0.1
     normal_force_max: float = 25.0
     joint_horizon: float = 0.05

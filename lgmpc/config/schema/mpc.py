@@ -52,7 +52,7 @@ class MpcSection(Section):
         description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 a kg of robot.",
     )
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     observer_time_s: Positive = Field(
         default=0.01, description="Time constant of the observer that estimates what pushes the robot, s."

@@ -53,7 +53,7 @@ class WbcSection(Section):
     rate_hz: Positive = Field(default=1000.0, description="Ticks per second, Hz.")
     friction: Positive = Field(default=0.6, description="Friction coefficient that the controller relies on.")
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=16, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,

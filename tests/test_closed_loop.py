@@ -54,7 +54,7 @@ def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str
 @pytest.mark.parametrize("plant", PLANTS)
 def test_a_push_as_strong_as_the_weight_is_survived_without_a_step(plant: str) -> None:
     metrics = measured("solo12_strong_push", f"plant.kind={plant}")
-    assert metrics.max_displacement_m > 0.05  # it does give way: measured 0.12 m
+    assert metrics.max_displacement_m > 0.05  # it does give way: measured 0.13 m
     assert not run("solo12_strong_push", f"plant.kind={plant}", "mpc.enabled=false").verdict.passed
 
 

@@ -13,7 +13,7 @@ from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
 from lgmpc.simulation.control import Command
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyController, WholeBodyReference
+from lgmpc.wbc import QpStatus, WholeBodyController, WholeBodyReference
 
 __all__ = ["BalanceController"]
 
@@ -24,7 +24,7 @@ _FALLEN_COSINE = 0.5  # of the tilt at which balancing ends
 class BalanceController:
     """Controller of :mod:`lgmpc.simulation.loop`: state in, joint command out.
 
-    The first update takes the state that it sees as the place to stand: its centre of mass and its contact points.
+    The first finite state is the place to stand: its centre of mass and its contact points.
     Without a planner, the whole-body QP alone regulates the centre of mass to the reference.
 
     Args:
@@ -73,6 +73,8 @@ class BalanceController:
         if self.fallen or terms.rotation[2, 2] < _FALLEN_COSINE:
             return self._give_up(time, q)
         if self._start_com is None:
+            if not (np.isfinite(q).all() and np.isfinite(v).all()):
+                return self._wait(time, q)
             self._begin(q)
         self._follow_reference(time)
         self._tracked.friction = self.floor.update(terms.contact_velocities, self._tracked.stance)
@@ -82,7 +84,10 @@ class BalanceController:
             planning = self.planner.spent
         self.wbc.solve(self._tracked)
         if self.planner is not None:
-            self.planner.expect(terms, self.wbc.acceleration)
+            if self.wbc.status is QpStatus.SOLVED:
+                self.planner.expect(terms, self.wbc.acceleration)
+            else:
+                self.planner.skip()
         command = Command(self.wbc.tau.copy(), q[self.robot.joint_q], np.zeros(self.robot.nu), 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - planning)
         return command
@@ -96,6 +101,11 @@ class BalanceController:
         self.wbc.forces[:] = 0.0
         if self.planner is not None:
             self.planner.planned = False
+        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping)
+
+    def _wait(self, time: float, q: Array) -> Command:
+        """Without a state there is no place to stand yet: no torque, joints damped."""
+        _LOG.warning("no finite state yet at %.3f s: no torque, joints damped", time)
         return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping)
 
     def _begin(self, q: Array) -> None:

@@ -47,7 +47,7 @@ class PlannerSettings:
 class CentroidalPlanner:
     """Centroidal MPC with its disturbance observer, writing what the whole-body QP should track.
 
-    Every tick the observer compares the change of the centroidal momentum with the forces of the last tick; every
+    Every tick the observer compares the change of the centroidal momentum with what the whole-body QP asked for; every
     ``settings.every`` ticks the MPC plans anew from the measured momenta under the observed wrench; in between the plan
     is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass and the
     angular momentum by itself.
@@ -121,6 +121,10 @@ class CentroidalPlanner:
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
         """Tell the observer which acceleration (nv,) the whole-body QP gives the robot until the next tick."""
         self.observer.expect(terms.momentum_matrix @ acceleration + terms.momentum_drift)
+
+    def skip(self) -> None:
+        """Tell the observer that the torques until the next tick are a fall-back's: what they do is no push."""
+        self.observer.skip()
 
     def update(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference) -> None:
         """Observe, plan if it is time to, and write into ``tracked`` what the whole-body QP should follow."""

@@ -24,13 +24,13 @@ class FrictionMonitor:
         sliding_speed: m/s.
         fall_time: s.
         rise_time: s.
-        least: the coefficient never falls below this.
+        least: the coefficient never falls below this, nor below ``nominal`` if that is smaller.
 
     Attributes:
         coefficient: the present belief.
 
     Raises:
-        InputError: an argument that is not positive, or ``least`` above ``nominal``.
+        InputError: an argument that is not positive.
     """
 
     def __init__(

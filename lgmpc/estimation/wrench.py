@@ -69,3 +69,7 @@ class WrenchObserver:
         """Tell which momentum rate (6,) the controller expects until the next update, the estimated wrench included."""
         self._expected_rate[:] = momentum_rate
         self._expecting = True
+
+    def skip(self) -> None:
+        """Learn nothing from the time until the next update: nobody knows what acts meanwhile."""
+        self._expecting = False

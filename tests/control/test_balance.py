@@ -65,16 +65,42 @@ def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) 
     controller.update(0.0, robot.q_reference, rest)
     planner = controller.planner
     assert planner is not None
+    start = planner._start_com.copy()
+    planner._start_com[:] = np.nan  # the fault: the MPC's reference is lost, all else is sound
     for k in range(1, 80):
-        planner.observer.wrench[:] = np.nan  # what a broken momentum estimate would hand to the MPC
-        controller.update(1e-3 * k, robot.q_reference, rest)
+        command = controller.update(1e-3 * k, robot.q_reference, rest)
+        assert controller.wbc.status is QpStatus.SOLVED
+        assert np.isfinite(command.tau).all()
     assert planner.status is MpcStatus.STALE
-    # The estimate is mended: the next plan is fresh again.
-    planner.observer.reset()
+    np.testing.assert_array_equal(controller._tracked.com, controller.target)
+    planner._start_com[:] = start
     for k in range(80, 100):
         controller.update(1e-3 * k, robot.q_reference, rest)
     assert planner.status is MpcStatus.SOLVED
+
+
+def test_a_tick_without_solution_teaches_the_observer_nothing(controller: BalanceController, robot: Robot) -> None:
+    """While a fall-back acts, the robot's motion is not what the QP asked for, and must not be taken for a push."""
+    rest, moving = np.zeros(robot.nv), np.zeros(robot.nv)
+    moving[0] = 0.5
+    controller.update(0.0, robot.q_reference, rest)
+    planner = controller.planner
+    assert planner is not None
+    controller._tracked.joint_position[:] = np.nan  # the fault: a tick's QP cannot be solved
+    controller.update(0.001, robot.q_reference, rest)
+    assert controller.wbc.status is QpStatus.NOT_FINITE
+    controller._tracked.joint_position[:] = robot.q_reference[robot.joint_q]
+    controller.update(0.002, robot.q_reference, moving)  # it gained speed unobserved
+    np.testing.assert_allclose(planner.observer.wrench, 0.0, atol=1e-6)
+
+
+def test_it_waits_for_a_first_finite_state(controller: BalanceController, robot: Robot) -> None:
+    command = controller.update(0.0, np.full(robot.nq, np.nan), np.zeros(robot.nv))
+    np.testing.assert_array_equal(command.tau, 0.0)
+    assert command.kd > 0.0
+    controller.update(0.001, robot.q_reference, np.zeros(robot.nv))
     assert controller.wbc.status is QpStatus.SOLVED
+    assert np.isfinite(controller.target).all()
 
 
 def test_whoever_lies_on_his_side_gives_up(controller: BalanceController, robot: Robot) -> None:

@@ -35,6 +35,7 @@ ARROWS: dict[str, str] = {
     "costs": "lie state robot",
     "actions": "lie state robot costs",
     "ocp": "lie state robot costs actions",
+    "problems": _PROBLEMS,
     "solvers": _PROBLEMS,
     "mpc": f"{_PROBLEMS} solvers",
     "wbc": "lie state robot",
@@ -42,17 +43,19 @@ ARROWS: dict[str, str] = {
     "estimation": "lie state robot",
     "mechanics": "lie",
     "control": _PARTS,
+    "demos": f"{_PARTS} mechanics control",
     "runs": "",
-    "viz": "lie state robot runs",
+    "viz": "lie state robot runs demos",
     # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
     "config": "",
     "config.robots": "robot",
     "config.build": f"{_PARTS} control runs",
+    "config.scenarios": f"{_PROBLEMS} problems solvers runs",
     "config.closed_loop": f"{_PARTS} control runs",
     "config.execution": "runs",
     "config.session": "runs",
     "doctor": f"{_PARTS} viz",
-    "cli": "config robot runs viz doctor",
+    "cli": "config robot runs viz doctor demos",
     "__main__": "cli",
     # The foundation itself, and the package's own front page.
     "errors": "",
@@ -81,7 +84,8 @@ OWNERS: dict[str, str] = {
 # What must not be loaded by importing the package or a room that computes: it is slow, or wants a display.
 HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
 COMPUTING = (
-    "compile lie state robot costs actions ocp solvers mpc wbc estimation simulation mechanics control runs doctor"
+    "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control runs"
+    " doctor"
 )
 
 

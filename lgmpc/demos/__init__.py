@@ -1,0 +1,1 @@
+"""Short demonstrations of geometric mechanics: a prediction, a measurement, and pictures of both."""

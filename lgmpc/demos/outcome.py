@@ -1,0 +1,170 @@
+"""What a demonstration shows: predicted numbers beside measured ones, curves, and a scene; plain data, drawn elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lgmpc.typing import Array
+
+__all__ = ["Body", "Curve", "Demo", "Outcome", "Panel", "Path", "Row", "Shape"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        quantity: what, for a reader.
+        predicted: by theory, or by an independent computation.
+        measured: in the simulation.
+        tolerance: largest difference that counts as agreement.
+        unit: of all three; empty for a plain number.
+    """
+
+    quantity: str
+    predicted: float
+    measured: float
+    tolerance: float
+    unit: str = ""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether prediction and measurement agree; a NaN agrees with nothing."""
+        return math.isfinite(self.measured) and abs(self.measured - self.predicted) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line in a panel.
+
+    Attributes:
+        label: in the legend; empty for none.
+        x: (n,) abscissa.
+        y: (n,) ordinate.
+        dashed: drawn dashed, as predictions are.
+    """
+
+    label: str
+    x: Array
+    y: Array
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes with curves.
+
+    Attributes:
+        title: what it shows.
+        x_label: quantity and unit.
+        y_label: quantity and unit.
+        curves: the lines.
+        log_x: logarithmic abscissa.
+        log_y: logarithmic ordinate.
+        equal: the same scale on both axes.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    log_x: bool = False
+    log_y: bool = False
+    equal: bool = False
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A solid.
+
+    Attributes:
+        kind: "box" (size: edges), "ellipsoid" (size: semi-axes), "sphere" (size: radius, repeated), "cylinder" (size:
+            radius, radius, length; axis z) or "cone" (the same; the tip at +z).
+        size: three lengths, m.
+        position: of its centre in the body, m.
+        color: 0xRRGGBB.
+        opacity: 0 to 1.
+        rotation: (3, 3) body from shape; the identity if none.
+    """
+
+    kind: str
+    size: tuple[float, float, float]
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    color: int = 0x4C78A8
+    opacity: float = 1.0
+    rotation: Array | None = None
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body that moves in the scene.
+
+    Attributes:
+        name: unique in the scene.
+        shapes: what it looks like.
+        positions: (n, 3) world, m.
+        rotations: (n, 3, 3) world from body.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    positions: Array
+    rotations: Array
+
+
+@dataclass(frozen=True)
+class Path:
+    """A line in space that does not move.
+
+    Attributes:
+        name: unique in the scene.
+        points: (n, 3) world, m.
+        color: 0xRRGGBB.
+    """
+
+    name: str
+    points: Array
+    color: int = 0xE45756
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a demonstration found.
+
+    Attributes:
+        rows: the table; the demonstration succeeds if all agree.
+        panels: the figure.
+        times: (n,) times of the scene's poses, s; as long as every body's.
+        bodies: moving bodies of the scene.
+        paths: lines of the scene.
+        remarks: what to see in it, a sentence each.
+    """
+
+    rows: tuple[Row, ...]
+    panels: tuple[Panel, ...] = ()
+    times: Array | None = None
+    bodies: tuple[Body, ...] = ()
+    paths: tuple[Path, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every prediction was met."""
+        return all(row.agrees for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demonstration.
+
+    Attributes:
+        name: as on the command line.
+        summary: one line.
+        run: what computes it, in a few seconds.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[], Outcome]

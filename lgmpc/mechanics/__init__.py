@@ -1,0 +1,1 @@
+"""Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control."""

@@ -1,0 +1,5 @@
+"""Ready-made optimal control problems, each with its guess and what success means."""
+
+from lgmpc.problems.scenario import Scenario, Waypoint
+
+__all__ = ["Scenario", "Waypoint"]

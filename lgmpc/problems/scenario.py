@@ -1,0 +1,78 @@
+"""An optimal control problem with all that it takes to solve, to judge and to show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Scenario", "Waypoint"]
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A place that something is meant to reach; shown in the replay.
+
+    Attributes:
+        name: what is meant to be there, for a reader.
+        time: when, s.
+        position: (3,) world, m.
+        rotation: (3, 3) world from frame; none if only the place counts.
+    """
+
+    name: str
+    time: float
+    position: Array
+    rotation: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A shooting problem of a robot, a guess, and the figures by which a solution is judged.
+
+    Attributes:
+        name: a C identifier.
+        robot: the robot; states begin with its configuration and velocity.
+        problem: the optimal control problem.
+        guess: where solvers start.
+        durations: (N,) length of each interval, s; 0 for an impact.
+        figures: from states and controls to named figures of merit; the unit is the end of the name (``_m``, ``_deg``,
+            ``_nm``, ``_ratio``).
+        contact_flags: (N, nc) which of the robot's contact frames are on the ground in each interval.
+        contact_forces: from states and controls to the (N, nc, 3) forces on the robot, world axes, N; none if there
+            are no contacts.
+        waypoints: places to reach.
+
+    Raises:
+        InputError: durations or flags that do not fit the problem.
+    """
+
+    name: str
+    robot: Robot
+    problem: ShootingProblem
+    guess: Trajectory
+    durations: Array
+    figures: Callable[[Trajectory], Mapping[str, float]]
+    contact_flags: BoolArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
+    contact_forces: Callable[[Trajectory], Array] | None = None
+    waypoints: tuple[Waypoint, ...] = ()
+
+    def __post_init__(self) -> None:
+        nodes, nc = self.problem.nodes, self.robot.nc
+        if self.contact_flags.size == 0:
+            object.__setattr__(self, "contact_flags", np.zeros((nodes, nc), dtype=np.bool_))
+        for name, shape in (("durations", (nodes,)), ("contact_flags", (nodes, nc))):
+            got = getattr(self, name).shape
+            if got != shape:
+                raise InputError(name, f"shape {got}", f"shape {shape}")
+
+    @property
+    def times(self) -> Array:
+        """(N+1,) time of every node, s, from 0; an impact's two nodes have the same."""
+        return np.concatenate([[0.0], np.cumsum(self.durations)])

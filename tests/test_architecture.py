@@ -84,8 +84,8 @@ OWNERS: dict[str, str] = {
 # What must not be loaded by importing the package or a room that computes: it is slow, or wants a display.
 HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
 COMPUTING = (
-    "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control runs"
-    " doctor"
+    "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control"
+    " runs doctor"
 )
 
 

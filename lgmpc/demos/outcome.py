@@ -1,4 +1,4 @@
-"""What a demonstration shows: predicted numbers beside measured ones, curves, and a scene; plain data, drawn elsewhere."""
+"""What a demonstration shows: predicted numbers beside measured ones, curves, a scene; plain data, drawn elsewhere."""
 
 from __future__ import annotations
 

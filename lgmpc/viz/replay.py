@@ -1,36 +1,23 @@
-"""The replay of a run: one self-contained page, from a file or served to this machine only.
-
-The page holds the meshcat viewer, the scene, the animation and a time line; it works from ``file://`` and needs no
-network. See :mod:`lgmpc.viz.scene` for how the numbers travel.
-"""
+"""The replay of a closed-loop run: its scene, and what the panels of its page say."""
 
 from __future__ import annotations
 
-import base64
-import contextlib
-import html
-import importlib.util
-import threading
-import webbrowser
 from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Run, atomic_write, push_intervals
-from lgmpc.runs.atomic import reason_of
+from lgmpc.runs import Run, push_intervals
 from lgmpc.runs.metrics import tilt_deg
-from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.overlay import COLORS, Frames, Scale, add_overlay
+from lgmpc.viz.page import Readout, page_of, serve_page, time_line, write_page
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
 
-__all__ = ["ReplayServer", "export_html", "play", "replay_page"]
+__all__ = ["export_html", "play", "replay_page"]
 
 
 def export_html(robot: Robot, run: Run, file: Path | str) -> Path:
@@ -49,11 +36,7 @@ def export_html(robot: Robot, run: Run, file: Path | str) -> Path:
         RunFolderError: if the file cannot be written.
         MissingDependencyError: if meshcat is not installed.
     """
-    path = Path(file)
-    page = replay_page(robot, run)
-    with atomic_write(path) as stream:
-        stream.write(page.encode("utf-8"))
-    return path
+    return write_page(replay_page(robot, run), file)
 
 
 def play(
@@ -77,62 +60,7 @@ def play(
         InputError: as :func:`export_html`, or if the port is taken.
         MissingDependencyError: if meshcat is not installed.
     """
-    with ReplayServer(replay_page(robot, run), port) as server:
-        notify(f"Replay of {run.path.name}: {server.url}  (Ctrl-C ends it)")
-        if open_browser:
-            webbrowser.open(server.url)
-        with contextlib.suppress(KeyboardInterrupt):
-            threading.Event().wait()
-
-
-class ReplayServer:
-    """Serves one page to this machine, from entering the context to leaving it.
-
-    Args:
-        page: the page.
-        port: TCP port; 0 = any free one.
-
-    Raises:
-        InputError: if the port cannot be had.
-    """
-
-    def __init__(self, page: str, port: int = 0) -> None:
-        content = page.encode("utf-8")
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:  # the name that the standard library asks for
-                found = self.path in ("/", "/index.html")
-                body = content if found else b"not found"
-                self.send_response(200 if found else 404)
-                self.send_header("Content-Type", "text/html; charset=utf-8")
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                with contextlib.suppress(ConnectionError):
-                    self.wfile.write(body)
-
-            def log_message(self, format: str, *args: object) -> None:
-                """Keep the terminal quiet."""
-
-        try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
-        except (OSError, OverflowError) as error:
-            reason = reason_of(error) if isinstance(error, OSError) else "out of range"
-            raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return f"http://127.0.0.1:{self._server.server_address[1]}/"
-
-    def __enter__(self) -> ReplayServer:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+    serve_page(replay_page(robot, run), run.path.name, port=port, open_browser=open_browser, notify=notify)
 
 
 def replay_page(robot: Robot, run: Run) -> str:
@@ -147,7 +75,6 @@ def replay_page(robot: Robot, run: Run) -> str:
         raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run with something to show")
     if log.q.shape[1] != robot.nq:
         raise InputError("run", f"{run.path} with nq = {log.q.shape[1]}", f"a run of {robot.name} (nq = {robot.nq})")
-    viewer = _viewer_folder()
     frames = Frames.of(log)
     body = load_body(robot)
     lowest, highest = body.bounds(log.q[0])
@@ -163,35 +90,8 @@ def replay_page(robot: Robot, run: Run) -> str:
     add_overlay(scene, log, frames, scale, body.trunk_half_sides())
     impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
     camera = frame_camera(lowest, highest, travel, impulses)
-    payload = scene.pack(_description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera})
-    assets = resources.files("lgmpc.viz") / "assets"
-    parts = {
-        "title": html.escape(f"{run.result.name} · lgmpc replay"),
-        "licences": _licences(viewer),
-        "style": (assets / "replay.css").read_text(encoding="utf-8"),
-        # Inside a script element only this sequence could end it.
-        "viewer": (viewer / "dist" / "main.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script"),
-        "payload": base64.b64encode(payload).decode("ascii"),
-        "script": (assets / "replay.js").read_text(encoding="utf-8"),
-    }
-    page, *rest = (assets / "replay.html").read_text(encoding="utf-8").split("@@")
-    for name, text in zip(rest[::2], rest[1::2], strict=True):
-        page += parts[name] + text
-    return page
-
-
-def _viewer_folder() -> Path:
-    # Found, not imported: meshcat's Python side brings sockets and notebooks that a page does not need.
-    spec = importlib.util.find_spec("meshcat")
-    if spec is None or not spec.submodule_search_locations:
-        raise MissingDependencyError("meshcat", "the replay", "pip install meshcat")
-    return Path(spec.submodule_search_locations[0]) / "viewer"
-
-
-def _licences(viewer: Path) -> str:
-    files = (viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt")
-    texts = [file.read_text(encoding="utf-8") for file in files if file.is_file()]
-    return "\n".join(texts).replace("--", "- -")
+    content = _description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera}
+    return page_of(f"{run.result.name} · lgmpc replay", scene, content)
 
 
 def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str, object]:
@@ -216,13 +116,8 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
         "legend": _legend(run, scale),
         "pushes": pushes,
         "start": origin,
-        "series": {"time": _short(frames.times, 4), "moved": _short(moved, 2), "tilt": _short(tilt, 3)},
+        "series": time_line(frames.times, (Readout("moved", " mm", moved, 1), Readout("tilt", "°", tilt, 2))),
     }
-
-
-def _short(values: Array, digits: int) -> list[float]:
-    rounded: list[float] = np.round(np.nan_to_num(values), digits).tolist()
-    return rounded
 
 
 def _facts(run: Run) -> list[tuple[str, str]]:

@@ -18,7 +18,8 @@ from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.runs import Outcome, Verdict
 from lgmpc.runs.log import CHANNELS
 from lgmpc.viz import replay
-from lgmpc.viz.replay import ReplayServer, export_html, play, replay_page
+from lgmpc.viz.page import PageServer
+from lgmpc.viz.replay import export_html, play, replay_page
 
 from .test_scene import unpack
 
@@ -49,9 +50,9 @@ def test_the_page_tells_the_run(page, pushed_run) -> None:
     assert push["impulse"] == "1 N·s"
     assert push["label"] == "push 5 N for 0.2 s"
     assert (push["start"], push["end"]) == pytest.approx((0.3, 0.5), abs=0.0021)
-    assert max(content["series"]["moved"]) == pytest.approx(
-        1e3 * pushed_run.result.metrics.max_displacement_m, abs=0.05
-    )
+    moved, tilt = content["series"]["curves"]
+    assert (moved["label"], tilt["label"]) == ("moved", "tilt")
+    assert max(moved["values"]) == pytest.approx(1e3 * pushed_run.result.metrics.max_displacement_m, abs=0.05)
     labels = [entry["label"] for entry in content["legend"]]
     assert "contact forces" in labels and "predicted path" in labels and "push" in labels
 
@@ -110,7 +111,7 @@ def test_the_page_is_written_whole_or_not_at_all(solo12, pushed_run, tmp_path, m
 
 
 def test_the_server_serves_this_machine_only() -> None:
-    with ReplayServer("<html>µ</html>") as server:
+    with PageServer("<html>µ</html>") as server:
         assert server.url.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(server.url, timeout=5) as response:
             assert response.read().decode() == "<html>µ</html>"
@@ -121,14 +122,14 @@ def test_the_server_serves_this_machine_only() -> None:
         port = server._server.server_address[1]
         assert server._server.socket.getsockname()[0] == "127.0.0.1"
         with pytest.raises(InputError, match=rf"port: got {port}; expected a free TCP port \(address already in use\)"):
-            ReplayServer("x", port)
+            PageServer("x", port)
     with pytest.raises(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
         pass
 
 
 def test_a_port_that_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="out of range"):
-        ReplayServer("x", 70000)
+        PageServer("x", 70000)
 
 
 def test_playing_tells_the_address_and_ends_with_ctrl_c(solo12, pushed_run) -> None:

@@ -156,7 +156,7 @@ class Player {
     const k = this.picture;
     document.getElementById("now").textContent = (start + this.time).toFixed(2);
     document.getElementById("readout").textContent =
-      `moved ${series.moved[k].toFixed(1)} mm\ntilt ${series.tilt[k].toFixed(2)}°`;
+      series.curves.map((c) => `${c.label} ${c.values[k].toFixed(c.digits)}${c.unit}`).join("\n");
     const badge = document.getElementById("badge");
     const push = pushes.find((p) => this.time >= p.start && this.time < p.end);
     badge.classList.toggle("on", push !== undefined);
@@ -192,8 +192,8 @@ class Player {
       g.lineWidth = 1.6;
       g.stroke();
     };
-    curve(series.moved, Math.max(...series.moved, 1), "#0072b2");
-    curve(series.tilt, Math.max(...series.tilt, 0.1), "#8a5a9e");
+    // What stays below ten of its last digits is drawn as the small thing it is.
+    for (const c of series.curves) curve(c.values, Math.max(...c.values, 10 ** (1 - c.digits)), c.color);
     g.fillStyle = "#5b6877";
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => duration / s <= width / 60) || 100;
     for (let time = 0; time <= duration + 1e-9; time += step) {
@@ -204,10 +204,10 @@ class Player {
     g.fillRect(x(this.time) - 1, 0, 2, bottom);
     if (width < 400) return;
     g.textAlign = "right";
-    g.fillStyle = "#0072b2";
-    g.fillText(`moved, up to ${Math.max(...series.moved).toFixed(1)} mm`, width - 4, 24);
-    g.fillStyle = "#8a5a9e";
-    g.fillText(`tilt, up to ${Math.max(...series.tilt).toFixed(2)}°`, width - 4, 36);
+    series.curves.forEach((c, row) => {
+      g.fillStyle = c.color;
+      g.fillText(`${c.label}, up to ${Math.max(...c.values).toFixed(c.digits)}${c.unit}`, width - 4, 24 + 12 * row);
+    });
   }
 }
 

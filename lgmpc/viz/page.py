@@ -1,0 +1,191 @@
+"""The page around a scene: one self-contained file with viewer, scene, animation and time line, or a server of it.
+
+It works from ``file://`` and needs no network. See :mod:`lgmpc.viz.scene` for how the numbers travel.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import html
+import importlib.util
+import threading
+import webbrowser
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.runs import atomic_write
+from lgmpc.runs.atomic import reason_of
+from lgmpc.typing import Array
+from lgmpc.viz.scene import Scene
+
+__all__ = ["PageServer", "Readout", "page_of", "serve_page", "time_line", "write_page"]
+
+_READOUT_COLORS = ("#0072b2", "#8a5a9e")
+"""Of the first and the second curve on the time line."""
+
+
+@dataclass(frozen=True)
+class Readout:
+    """A quantity on the time line.
+
+    Attributes:
+        label: what it is called there, in a word or two.
+        unit: as it follows the number, with a space in front where one belongs.
+        values: (n,) one for each picture, from 0 up.
+        digits: after the decimal point.
+    """
+
+    label: str
+    unit: str
+    values: Array
+    digits: int = 2
+
+
+def time_line(times: Array, readouts: tuple[Readout, ...]) -> dict[str, object]:
+    """Return what the page's time line draws: at most two quantities over the pictures' times (n,), s."""
+    curves = [
+        {
+            "label": readout.label,
+            "unit": readout.unit,
+            "digits": readout.digits,
+            "color": color,
+            "values": np.round(np.nan_to_num(readout.values), readout.digits + 1).tolist(),
+        }
+        for readout, color in zip(readouts, _READOUT_COLORS, strict=False)
+    ]
+    return {"time": np.round(times, 4).tolist(), "curves": curves}
+
+
+def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
+    """Return the page's HTML.
+
+    Args:
+        title: of the window.
+        scene: what is seen.
+        content: what the panels say: name, created, verdict, reasons, facts, legend, pushes, start, series (see
+            :func:`time_line`), fog, camera.
+
+    Raises:
+        MissingDependencyError: if meshcat is not installed.
+    """
+    viewer = _viewer_folder()
+    assets = resources.files("lgmpc.viz") / "assets"
+    parts = {
+        "title": html.escape(title),
+        "licences": _licences(viewer),
+        "style": (assets / "replay.css").read_text(encoding="utf-8"),
+        # Inside a script element only this sequence could end it.
+        "viewer": (viewer / "dist" / "main.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script"),
+        "payload": base64.b64encode(scene.pack(content)).decode("ascii"),
+        "script": (assets / "replay.js").read_text(encoding="utf-8"),
+    }
+    page, *rest = (assets / "replay.html").read_text(encoding="utf-8").split("@@")
+    for name, text in zip(rest[::2], rest[1::2], strict=True):
+        page += parts[name] + text
+    return page
+
+
+def write_page(page: str, file: Path | str) -> Path:
+    """Write a page to a file, complete or not at all, and return the file's path.
+
+    Raises:
+        RunFolderError: if the file cannot be written.
+    """
+    path = Path(file)
+    with atomic_write(path) as stream:
+        stream.write(page.encode("utf-8"))
+    return path
+
+
+def serve_page(
+    page: str, what: str, *, port: int = 0, open_browser: bool = False, notify: Callable[[str], None] = print
+) -> None:
+    """Serve a page on 127.0.0.1 until Ctrl-C.
+
+    Args:
+        page: the page.
+        what: it shows, for the message.
+        port: TCP port; 0 = any free one.
+        open_browser: open the page in the default browser.
+        notify: told the address.
+
+    Raises:
+        InputError: if the port is taken.
+    """
+    with PageServer(page, port) as server:
+        notify(f"Replay of {what}: {server.url}  (Ctrl-C ends it)")
+        if open_browser:
+            webbrowser.open(server.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+
+
+class PageServer:
+    """Serves one page to this machine, from entering the context to leaving it.
+
+    Args:
+        page: the page.
+        port: TCP port; 0 = any free one.
+
+    Raises:
+        InputError: if the port cannot be had.
+    """
+
+    def __init__(self, page: str, port: int = 0) -> None:
+        content = page.encode("utf-8")
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:  # the name that the standard library asks for
+                found = self.path in ("/", "/index.html")
+                body = content if found else b"not found"
+                self.send_response(200 if found else 404)
+                self.send_header("Content-Type", "text/html; charset=utf-8")
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                with contextlib.suppress(ConnectionError):
+                    self.wfile.write(body)
+
+            def log_message(self, format: str, *args: object) -> None:
+                """Keep the terminal quiet."""
+
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except (OSError, OverflowError) as error:
+            reason = reason_of(error) if isinstance(error, OSError) else "out of range"
+            raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def __enter__(self) -> PageServer:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+def _viewer_folder() -> Path:
+    # Found, not imported: meshcat's Python side brings sockets and notebooks that a page does not need.
+    spec = importlib.util.find_spec("meshcat")
+    if spec is None or not spec.submodule_search_locations:
+        raise MissingDependencyError("meshcat", "the replay", "pip install meshcat")
+    return Path(spec.submodule_search_locations[0]) / "viewer"
+
+
+def _licences(viewer: Path) -> str:
+    files = (viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt")
+    texts = [file.read_text(encoding="utf-8") for file in files if file.is_file()]
+    return "\n".join(texts).replace("--", "- -")

@@ -4,45 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgmpc.errors import InputError, MissingDependencyError, RunFolderError
+from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, RunLog, atomic_write, push_intervals
 from lgmpc.runs.atomic import reason_of
 from lgmpc.runs.metrics import tilt_deg
+from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["FIGURES", "plot_run"]
-
-_X, _Y, _Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: told apart by colour-blind eyes too
-_LIMIT, _PUSH, _EXTRA = "#D55E00", "#D55E00", "#CC79A7"
-_INK, _SOFT = "#1d2733", "#5b6877"
-
-_STYLE: dict[Any, Any] = {
-    "figure.dpi": 130,
-    "figure.facecolor": "white",
-    "font.size": 10,
-    "text.color": _INK,
-    "axes.edgecolor": "#b9c2cc",
-    "axes.labelcolor": _INK,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e6eaee",
-    "xtick.color": _SOFT,
-    "ytick.color": _SOFT,
-    "lines.linewidth": 1.4,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-}
 
 
 def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
@@ -62,25 +38,18 @@ def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
     """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run with something to draw")
-    try:
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError("matplotlib", "lgmpc plot", "pip install matplotlib") from error
     folder = Path(out_dir) if out_dir is not None else run.path / "figures"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunFolderError(f"cannot make {folder}: {reason_of(error)}") from error
     written = []
-    with matplotlib.rc_context(_STYLE):
+    with figure_maker("lgmpc plot") as make:
         for name, draw in FIGURES.items():
-            figure = Figure(layout="constrained")
-            FigureCanvasAgg(figure)
+            figure = make()
             if not draw(figure, run.log):
                 continue
-            figure.suptitle(_title(run), x=0.01, ha="left", fontsize=9, color=_SOFT)
+            figure.suptitle(_title(run), x=0.01, ha="left", fontsize=9, color=SOFT)
             path = folder / f"{name}.png"
             with atomic_write(path) as file:
                 figure.savefig(file, format="png")
@@ -99,10 +68,10 @@ def _base(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(8.0, 6.2)
     position, height, tilt = figure.subplots(3, 1, sharex=True)
     base = log.base_pose
-    for axis, color, name in ((0, _X, "x (forward)"), (1, _Y, "y (left)")):
+    for axis, color, name in ((0, X, "x (forward)"), (1, Y, "y (left)")):
         position.plot(log.time, 1e3 * (base[:, axis] - base[0, axis]), color=color, label=name)
-    height.plot(log.time, 1e3 * base[:, 2], color=_Z)
-    tilt.plot(log.time, tilt_deg(base[:, 3:], log.base_reference[0, 3:]), color=_X)
+    height.plot(log.time, 1e3 * base[:, 2], color=Z)
+    tilt.plot(log.time, tilt_deg(base[:, 3:], log.base_reference[0, 3:]), color=X)
     position.set(title="Base displacement", ylabel="mm")
     height.set(title="Base height", ylabel="mm")
     tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
@@ -117,10 +86,10 @@ def _com(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 5.6)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.7, 1.0))
     first: Axes | None = None
-    for axis, (color, name) in enumerate(((_X, "x"), (_Y, "y"), (_Z, "z"))):
+    for axis, (color, name) in enumerate(((X, "x"), (Y, "y"), (Z, "z"))):
         axes = figure.add_subplot(grid[axis, 0], sharex=first)
         first = first or axes
-        axes.plot(log.time, 1e3 * log.com_reference[:, axis], color=_INK, lw=1.0, ls="--", label="target")
+        axes.plot(log.time, 1e3 * log.com_reference[:, axis], color=INK, lw=1.0, ls="--", label="target")
         axes.plot(log.time, 1e3 * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, mm")
         _finish(log, axes, span=2.0)
@@ -130,8 +99,8 @@ def _com(figure: Figure, log: RunLog) -> bool:
     _legend(first)
     figure.axes[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
-    above.plot(1e3 * log.com_reference[:, 0], 1e3 * log.com_reference[:, 1], color=_INK, lw=1.0, ls="--", marker=".")
-    above.plot(1e3 * log.com[:, 0], 1e3 * log.com[:, 1], color=_X)
+    above.plot(1e3 * log.com_reference[:, 0], 1e3 * log.com_reference[:, 1], color=INK, lw=1.0, ls="--", marker=".")
+    above.plot(1e3 * log.com[:, 0], 1e3 * log.com[:, 1], color=X)
     above.set(title="Seen from above", xlabel="x, mm", ylabel="y, mm")
     above.set_aspect("equal", adjustable="datalim")
     return True
@@ -147,12 +116,12 @@ def _forces(figure: Figure, log: RunLog) -> bool:
     for k, name in enumerate(log.contact_frames.tolist()):
         normal, tangential = log.contact_forces[:, k, 2], np.linalg.norm(log.contact_forces[:, k, :2], axis=1)
         left, right = rows[k]
-        left.plot(log.time, log.contact_forces_desired[:, k, 2], color=_EXTRA, lw=1.0, label="planned")
-        left.plot(log.time, normal, color=_X, label="measured")
+        left.plot(log.time, log.contact_forces_desired[:, k, 2], color=EXTRA, lw=1.0, label="planned")
+        left.plot(log.time, normal, color=X, label="measured")
         left.set_ylabel(f"{name}, N")
-        right.fill_between(log.time, 0.0, log.friction * np.maximum(normal, 0.0), color=_Z, alpha=0.18, lw=0.0)
-        right.plot(log.time, log.friction * np.maximum(normal, 0.0), color=_Z, lw=1.0, label="µ × normal force")
-        right.plot(log.time, tangential, color=_LIMIT, label="tangential force")
+        right.fill_between(log.time, 0.0, log.friction * np.maximum(normal, 0.0), color=Z, alpha=0.18, lw=0.0)
+        right.plot(log.time, log.friction * np.maximum(normal, 0.0), color=Z, lw=1.0, label="µ × normal force")
+        right.plot(log.time, tangential, color=LIMIT, label="tangential force")
         _finish(log, left, right)
     rows[0, 0].set_title("Normal force")
     rows[0, 1].set_title(f"Friction, µ = {log.friction:g}")
@@ -178,13 +147,13 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
         scale = np.ones(len(names)) if alike else log.effort_limit
         for count, joint in enumerate(joints):
-            color = (_X, _Y, _Z, _EXTRA)[count % 4]
+            color = (X, Y, Z, EXTRA)[count % 4]
             label = names[joint].partition("_")[0] if alike else names[joint]
             axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
         limits = sorted({float(limit) for limit in (log.effort_limit / scale)[joints]})
         for limit in limits:
-            axes.axhline(limit, color=_LIMIT, ls="--", lw=1.1)
-            axes.axhline(-limit, color=_LIMIT, ls="--", lw=1.1)
+            axes.axhline(limit, color=LIMIT, ls="--", lw=1.1)
+            axes.axhline(-limit, color=LIMIT, ls="--", lw=1.1)
         text = f"limit {limits[-1]:g} N.m" if alike else "limit"
         axes.annotate(
             text,
@@ -192,7 +161,7 @@ def _torques(figure: Figure, log: RunLog) -> bool:
             (0, -3),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            color=_LIMIT,
+            color=LIMIT,
             ha="right",
             va="top",
             fontsize=8.5,
@@ -211,8 +180,8 @@ def _timing(figure: Figure, log: RunLog) -> bool:
     parts = [
         (name, milliseconds, 1e3 * period, color)
         for name, milliseconds, period, color in (
-            ("MPC update", log.mpc_ms, log.mpc_period_s, _X),
-            ("Whole-body tick", log.wbc_ms, log.control_period_s, _Z),
+            ("MPC update", log.mpc_ms, log.mpc_period_s, X),
+            ("Whole-body tick", log.wbc_ms, log.control_period_s, Z),
         )
         if len(milliseconds)
     ]
@@ -235,10 +204,10 @@ def _timing(figure: Figure, log: RunLog) -> bool:
             axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_ylim(0.0, 1.45 * float(np.max(counts)))
         if high > 0.2 * period:
-            axes.axvline(period, color=_LIMIT, ls="--", lw=1.2, label=f"period {period:g} ms")
+            axes.axvline(period, color=LIMIT, ls="--", lw=1.2, label=f"period {period:g} ms")
         p50, p99 = np.percentile(milliseconds, [50.0, 99.0])
-        axes.axvline(float(p50), color=_INK, lw=1.2, label=f"median {p50:.3g} ms")
-        axes.axvline(float(p99), color=_INK, lw=1.2, ls=":", label=f"99 % {p99:.3g} ms")
+        axes.axvline(float(p50), color=INK, lw=1.2, label=f"median {p50:.3g} ms")
+        axes.axvline(float(p99), color=INK, lw=1.2, ls=":", label=f"99 % {p99:.3g} ms")
         axes.set(title=f"{name} (every {period:g} ms)", xlabel="duration, ms", ylabel="count")
         axes.legend(loc="upper right")
     return True
@@ -258,7 +227,7 @@ def _finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
     """Shade the pushes, fit the time axis, and show at least ``span`` of the vertical one: no magnified rounding."""
     for axes in all_axes:
         for push in push_intervals(log):
-            axes.axvspan(push.start, push.end, color=_PUSH, alpha=0.15, lw=0.0, zorder=0)
+            axes.axvspan(push.start, push.end, color=PUSH, alpha=0.15, lw=0.0, zorder=0)
         axes.set_xlim(float(log.time[0]), float(log.time[-1]))
         low, high = axes.get_ylim()
         if high - low < span:
@@ -273,7 +242,7 @@ def _label_pushes(log: RunLog, *all_axes: Axes) -> None:
             text = f"{np.linalg.norm(push.impulse):.2g} N.s"
             where = (0.5 * (push.start + push.end), 0.97)
             axes.annotate(
-                text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=_PUSH
+                text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
             )
 
 

@@ -1,0 +1,69 @@
+"""How figures look: colours, and the settings that all share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from lgmpc.errors import MissingDependencyError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure
+
+__all__ = ["EXTRA", "INK", "LIMIT", "PALETTE", "PUSH", "SOFT", "X", "Y", "Z", "figure_maker"]
+
+X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: told apart by colour-blind eyes too
+LIMIT, PUSH, EXTRA = "#D55E00", "#D55E00", "#CC79A7"
+INK, SOFT = "#1d2733", "#5b6877"
+PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")
+"""For curves that are no axis, limit or push, in order."""
+
+_STYLE: dict[Any, Any] = {
+    "figure.dpi": 130,
+    "figure.facecolor": "white",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.edgecolor": "#b9c2cc",
+    "axes.labelcolor": INK,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6eaee",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+}
+
+
+@contextmanager
+def figure_maker(purpose: str) -> Iterator[Callable[[], Figure]]:
+    """Lend a function that makes empty figures, without a display and in the common style.
+
+    Args:
+        purpose: what they are for, for the error.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError("matplotlib", purpose, "pip install matplotlib") from error
+
+    def make() -> Figure:
+        figure = Figure(layout="constrained")
+        FigureCanvasAgg(figure)
+        return figure
+
+    with matplotlib.rc_context(_STYLE):
+        yield make

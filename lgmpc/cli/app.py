@@ -52,6 +52,15 @@ _CHECK_EXAMPLES = """[bold]Examples[/bold]
   lgmpc check my.yaml --set robot.model=anymal_c
 """
 
+_DEMO_EXAMPLES = """[bold]Examples[/bold]
+
+  lgmpc demo                                 which there are
+
+  lgmpc demo dzhanibekov                     a body that keeps turning over
+
+  lgmpc demo integrators --out /tmp/demo --format svg --no-view
+"""
+
 _SCHEMA_EXAMPLES = """[bold]Example[/bold]
 
   lgmpc schema --out configs/schema.json
@@ -174,6 +183,34 @@ def plot(
     from lgmpc.cli.showing import plot_folder
 
     plot_folder(folder, out)
+
+
+class FigureKind(str, Enum):
+    """Files that ``--format`` takes."""
+
+    PNG = "png"
+    SVG = "svg"
+
+
+@app.command(epilog=_DEMO_EXAMPLES)
+@guarded
+def demo(
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="Which; all are listed if not given.")] = "",
+    out: Annotated[Path, typer.Option(help="Folder for table, figure and scene.")] = Path("demos"),
+    figure: Annotated[FigureKind, typer.Option("--format", help="Kind of file for the figure.")] = FigureKind.PNG,
+    view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
+) -> None:
+    """Watch geometric mechanics at work: what theory predicts, and what a simulation measures.
+
+    Prints a table and writes it, a figure and, where there is something to see, a scene. Exit code 0 if prediction and
+    measurement agree, 1 if they do not.
+    """
+    from lgmpc.cli.demonstrating import list_demos, show_demo
+
+    if not name:
+        return list_demos()
+    raise typer.Exit(show_demo(name, out, figure.value, view=view, as_json=as_json))
 
 
 @app.command(epilog=_CHECK_EXAMPLES)

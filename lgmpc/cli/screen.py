@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "err",
+    "has_desktop",
     "out",
     "show_checked",
     "show_crash",
@@ -45,6 +48,11 @@ def out() -> Console:
 def err() -> Console:
     """Return the console for progress, notes and errors."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def has_desktop() -> bool:
+    """Return whether a browser window can be expected to open here."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def show_error(error: LgmpcError) -> None:

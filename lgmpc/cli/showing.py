@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
 
 from rich.text import Text
 
-from lgmpc.cli.screen import out
+from lgmpc.cli.screen import has_desktop, out
 from lgmpc.config import parse_config
 from lgmpc.config.robots import build_robot
 from lgmpc.robot import Robot
@@ -24,7 +22,7 @@ def play_folder(folder: Path, html: Path | None, port: int) -> None:
     run = RunFolder.load(folder)
     robot = _robot_of(run)
     if html is None:
-        play(robot, run, port=port, open_browser=_has_desktop())
+        play(robot, run, port=port, open_browser=has_desktop())
         return
     page = export_html(robot, run, html)
     out().print(Text(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB): open it in any browser"))
@@ -41,8 +39,3 @@ def plot_folder(folder: Path, into: Path | None) -> None:
 def _robot_of(run: Run) -> Robot:
     """Load the robot that a run was made with."""
     return build_robot(parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path))
-
-
-def _has_desktop() -> bool:
-    """Return whether a browser window can be expected to open here."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "lathe", "mesh_of", "shade", "sphere"]
+__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "ellipsoid", "lathe", "mesh_of", "shade", "sphere"]
 
 CREASE_DEG = 35.0
 """Faces that meet at a larger angle share an edge that is drawn sharp."""
@@ -131,6 +131,14 @@ def sphere(radius: float, stretch: float = 0.0) -> Mesh:
     lower = [(r, -z) for r, z in reversed(upper)]
     # Without a cylinder between them, the two halves share their equator.
     return lathe(lower + (upper if stretch > 0.0 else upper[1:]))
+
+
+def ellipsoid(semi_axes: Array) -> Mesh:
+    """Return an ellipsoid about the origin with semi-axes (3,) along x, y and z."""
+    unit = sphere(1.0)
+    size = np.asarray(semi_axes, dtype=np.float32)
+    normals = unit.normals / size
+    return Mesh(unit.positions * size, normals / np.linalg.norm(normals, axis=1)[:, None], unit.faces)
 
 
 def box(half: Array) -> Mesh:

@@ -1,0 +1,111 @@
+"""``lgmpc demo``: the list, and one demonstration from its computation to its table, its files and its viewer."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.screen import err, has_desktop, out
+from lgmpc.demos.catalogue import NAMES, load_demo
+from lgmpc.demos.outcome import Demo, Outcome
+from lgmpc.errors import InputError
+from lgmpc.runs import atomic_write
+from lgmpc.runs.atomic import reason_of
+
+__all__ = ["list_demos", "show_demo"]
+
+
+def list_demos() -> None:
+    """Print what there is."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name in NAMES:
+        table.add_row(Text(name, "bold"), Text(load_demo(name).summary))
+    out().print(table)
+    out().print("next: lgmpc demo NAME", style="dim")
+
+
+def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) -> int:
+    """Run a demonstration, print its table, write its files, open its scene, and return the exit code.
+
+    Args:
+        name: of the demonstration.
+        folder: where its files go.
+        kind: of the figure's file, "png" or "svg".
+        view: open the scene in a browser, if it has one and there is a desktop.
+        as_json: print the table as JSON.
+    """
+    from lgmpc.viz.demonstration import demo_page, draw_demo
+
+    demo = load_demo(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("--out", folder, f"a folder that can be made ({reason_of(error)})") from error
+    console = err()
+    with console.status(f"{demo.name}: {demo.summary}"):
+        outcome = demo.run()
+    written = [_write_table(demo, outcome, folder / f"{name}.json")]
+    if outcome.panels:
+        written.append(draw_demo(demo, outcome, folder / f"{name}.{kind}"))
+    page = demo_page(demo, outcome) if outcome.bodies else ""
+    if page:
+        from lgmpc.viz.page import write_page
+
+        written.append(write_page(page, folder / f"{name}.html"))
+    if as_json:
+        print(_json(demo, outcome), end="")
+    else:
+        _print_table(demo, outcome, written)
+    if view and page and not as_json and has_desktop():
+        from lgmpc.viz.page import serve_page
+
+        serve_page(page, demo.name, open_browser=True)
+    return 0 if outcome.agrees else 1
+
+
+def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
+    console = out()
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("quantity")
+    for name in ("predicted", "measured", "difference", "allowed"):
+        table.add_column(name, justify="right")
+    table.add_column("unit")
+    table.add_column("")
+    for row in outcome.rows:
+        mark = Text("agrees", "green") if row.agrees else Text("differs", "bold red")
+        difference = row.measured - row.predicted
+        numbers = (f"{row.predicted:.9g}", f"{row.measured:.9g}", f"{difference:.1e}", f"{row.tolerance:.1e}")
+        table.add_row(row.quantity, *numbers, row.unit, mark)
+    console.print(table)
+    for remark in outcome.remarks:
+        console.print(Text(remark))
+    verdict = Text("AGREES", "bold green") if outcome.agrees else Text("DIFFERS", "bold red")
+    console.print(Text.assemble(verdict, f"  {demo.name}: {demo.summary}"))
+    for path in written:
+        console.print(Text(f"wrote {path}"), style="dim")
+
+
+def _write_table(demo: Demo, outcome: Outcome, path: Path) -> Path:
+    with atomic_write(path) as stream:
+        stream.write(_json(demo, outcome).encode("utf-8"))
+    return path
+
+
+def _json(demo: Demo, outcome: Outcome) -> str:
+    rows = [
+        {
+            "quantity": row.quantity,
+            "unit": row.unit,
+            "predicted": row.predicted if math.isfinite(row.predicted) else None,
+            "measured": row.measured if math.isfinite(row.measured) else None,
+            "tolerance": row.tolerance,
+            "agrees": row.agrees,
+        }
+        for row in outcome.rows
+    ]
+    content = {"demo": demo.name, "agrees": outcome.agrees, "rows": rows, "remarks": list(outcome.remarks)}
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"

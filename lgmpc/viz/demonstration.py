@@ -1,0 +1,175 @@
+"""Figure and page of a demonstration."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lgmpc.demos.outcome import Body, Demo, Outcome, Panel, Row, Shape
+from lgmpc.errors import InputError
+from lgmpc.lie import quaternion
+from lgmpc.runs import atomic_write
+from lgmpc.typing import Array
+from lgmpc.viz.mesh import Mesh, box, cone, cylinder, ellipsoid
+from lgmpc.viz.page import page_of, time_line, write_page
+from lgmpc.viz.scene import Material, Scene
+from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
+from lgmpc.viz.style import INK, PALETTE, SOFT, figure_maker
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["FORMATS", "demo_page", "draw_demo", "write_demo_page"]
+
+FORMATS = ("png", "svg")
+"""Kinds of file that a figure can be."""
+
+_CLEARANCE = 0.12
+"""How far above the floor a scene without one hangs, as a share of its size."""
+
+
+def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
+    """Draw the panels of a demonstration into one file, PNG or SVG by the file's ending.
+
+    Raises:
+        InputError: another ending, or nothing to draw.
+        RunFolderError: the file cannot be written.
+        MissingDependencyError: matplotlib is not installed.
+    """
+    path = Path(file)
+    kind = path.suffix.removeprefix(".")
+    if kind not in FORMATS:
+        raise InputError("file", path.name, f"a name that ends in {' or '.join(FORMATS)}")
+    if not outcome.panels:
+        raise InputError("outcome", "no panel", "something to draw")
+    columns = min(len(outcome.panels), 3 if len(outcome.panels) != 4 else 2)
+    rows = math.ceil(len(outcome.panels) / columns)
+    with figure_maker("the figure of a demonstration") as make:
+        figure = make()
+        figure.set_size_inches(4.6 * columns + 0.4, 3.6 * rows + 0.4)
+        grid = figure.subplots(rows, columns, squeeze=False)
+        for axes, panel in zip(grid.flat, outcome.panels, strict=False):
+            _draw_panel(axes, panel)
+        for axes in grid.flat[len(outcome.panels) :]:
+            axes.set_axis_off()
+        figure.suptitle(f"{demo.name} · {demo.summary}", x=0.01, ha="left", fontsize=9, color=SOFT)
+        with atomic_write(path) as stream:
+            figure.savefig(stream, format=kind)
+    return path
+
+
+def _draw_panel(axes: Axes, panel: Panel) -> None:
+    # A prediction has the ink's colour, so that a measurement on it is seen; several tell each other apart by colour.
+    lonely = sum(curve.dashed for curve in panel.curves) == 1
+    colors = iter(PALETTE * (len(panel.curves) // len(PALETTE) + 1))
+    for curve in sorted(panel.curves, key=lambda each: each.dashed):
+        look: dict[str, Any] = {"color": INK if curve.dashed and lonely else next(colors), "label": curve.label or None}
+        if curve.dashed:
+            look |= {"ls": "--", "lw": 1.1, "zorder": 3.0}
+        axes.plot(curve.x, curve.y, **look)
+    axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+    axes.set_xscale("log" if panel.log_x else "linear")
+    axes.set_yscale("log" if panel.log_y else "linear")
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    if any(curve.label for curve in panel.curves):
+        axes.legend(loc="best")
+
+
+def write_demo_page(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
+    """Write the scene of a demonstration as one self-contained page; see :func:`demo_page`.
+
+    Raises:
+        InputError: there is no scene.
+        RunFolderError: the file cannot be written.
+        MissingDependencyError: meshcat is not installed.
+    """
+    return write_page(demo_page(demo, outcome), file)
+
+
+def demo_page(demo: Demo, outcome: Outcome) -> str:
+    """Return the page that plays the scene of a demonstration.
+
+    Raises:
+        InputError: there is no scene.
+        MissingDependencyError: meshcat is not installed.
+    """
+    if outcome.times is None or not outcome.bodies:
+        raise InputError("outcome", "no moving body", "a scene")
+    lowest, highest = _extent(outcome)
+    lift = np.array([0.0, 0.0, max(_CLEARANCE * float(np.linalg.norm(highest - lowest)) - lowest[2], 0.0)])
+    lowest, highest = lowest + lift, highest + lift
+    scene = Scene()
+    middle = 0.5 * (lowest + highest)[None, :]
+    fog = add_stage(scene, lowest, highest, middle)
+    for body in outcome.bodies:
+        _add_body(scene, body, outcome.times, lift)
+    for path in outcome.paths:
+        line = np.repeat(path.points + lift, 2, axis=0)[1:-1]
+        scene.add_segments(f"/paths/{path.name}", line, path.color)
+    names = [(f"/bodies/{b.name}", b.name, b.shapes[0].color) for b in outcome.bodies]
+    names += [(f"/paths/{p.name}", p.name, p.color) for p in outcome.paths]
+    content = {
+        "name": demo.name,
+        "created": demo.summary,
+        "verdict": "pass" if outcome.agrees else "fail",
+        "reasons": list(outcome.remarks),
+        "facts": [(row.quantity, _fact(row)) for row in outcome.rows],
+        "legend": [{"path": p, "label": n, "note": "", "color": f"#{c:06x}", "on": True} for p, n, c in names],
+        "pushes": [],
+        "start": float(outcome.times[0]),
+        "series": time_line(outcome.times - outcome.times[0], ()),
+        "fog": [FLOOR_COLOR, *fog],
+        "camera": frame_camera(lowest, highest, middle, np.zeros((0, 3))),
+    }
+    return page_of(f"{demo.name} · lgmpc demo", scene, content)
+
+
+def _fact(row: Row) -> str:
+    return f"{row.measured:.6g} {row.unit}".strip()
+
+
+def _add_body(scene: Scene, body: Body, times: Array, lift: Array) -> None:
+    path = f"/bodies/{body.name}"
+    for i, shape in enumerate(body.shapes):
+        part = f"{path}/{i}"
+        scene.add_mesh(part, _mesh(shape), Material(shape.color, shape.opacity))
+        turn = quaternion.identity() if shape.rotation is None else quaternion.from_matrix(shape.rotation)
+        scene.place(part, shape.position, turn)
+    turns = quaternion.from_matrix(body.rotations)
+    # q and -q are the same rotation, but interpolating from one to the other is not.
+    flips = np.sum(turns[1:] * turns[:-1], axis=1) < 0.0
+    turns[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+    scene.animate(path, times - times[0], position=body.positions + lift, quaternion=turns)
+
+
+def _mesh(shape: Shape) -> Mesh:
+    size = np.asarray(shape.size, dtype=np.float64)
+    if shape.kind == "box":
+        return box(0.5 * size)
+    if shape.kind in ("ellipsoid", "sphere"):
+        return ellipsoid(size)
+    if shape.kind in ("cylinder", "cone"):
+        return (cylinder if shape.kind == "cylinder" else cone)(size[0], -0.5 * size[2], 0.5 * size[2])
+    raise InputError("kind", shape.kind, "a kind of shape", ("box", "ellipsoid", "sphere", "cylinder", "cone"))
+
+
+def _extent(outcome: Outcome) -> tuple[Array, Array]:
+    """Return the lowest and highest corner (3,) of all that is ever seen."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for body in outcome.bodies:
+        for shape in body.shapes:
+            middle = body.positions + body.rotations @ np.asarray(shape.position)
+            own = np.asarray(shape.size) * (0.5 if shape.kind == "box" else 1.0)
+            if shape.kind in ("cylinder", "cone"):
+                own = own * [1.0, 1.0, 0.5]
+            turns = body.rotations if shape.rotation is None else body.rotations @ shape.rotation
+            # Half extents of the box around the shape, turned.
+            reach = np.abs(turns) @ own
+            low, high = np.minimum(low, (middle - reach).min(axis=0)), np.maximum(high, (middle + reach).max(axis=0))
+    for path in outcome.paths:
+        low, high = np.minimum(low, path.points.min(axis=0)), np.maximum(high, path.points.max(axis=0))
+    return low, high

@@ -1,0 +1,99 @@
+"""Figure and page of a demonstration that is made up here: a ball on a circle."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.viz.demonstration import demo_page, draw_demo, write_demo_page
+from lgmpc.viz.mesh import ellipsoid
+
+TIMES = np.linspace(0.0, 2.0, 81)
+
+
+def circling(**changes) -> Outcome:
+    angle = np.pi * TIMES
+    positions = np.column_stack((np.cos(angle), np.sin(angle), -0.5 * np.ones_like(angle)))
+    rotations = so3.exp(np.column_stack((0.0 * angle, 0.0 * angle, 2.0 * angle)))
+    shapes = (Shape("ellipsoid", (0.3, 0.2, 0.1)), Shape("box", (0.1, 0.1, 0.4), (0.0, 0.0, 0.3), 0xE45756))
+    content = {
+        "rows": (Row("radius", 1.0, float(np.linalg.norm(positions[7, :2])), 1e-12, "m"),),
+        "panels": (
+            Panel("Height", "time, s", "m", (Curve("", TIMES, positions[:, 2]),)),
+            Panel("Path", "x, m", "y, m", (Curve("predicted", *positions.T[:2], dashed=True),), equal=True),
+        ),
+        "times": TIMES,
+        "bodies": (Body("ball", shapes, positions, rotations),),
+        "paths": (Path("circle", positions),),
+        "remarks": ("It goes round.",),
+    }
+    return Outcome(**(content | changes))
+
+
+DEMO = Demo("circle", "a ball goes round", circling)
+
+
+def content_of(page: str) -> dict:
+    payload = page.split('<script id="payload" type="application/octet-stream">')[1].split("</script>")[0]
+    packed = gzip.decompress(base64.b64decode(payload))
+    return json.loads(packed[8 : 8 + int.from_bytes(packed[:8], "little")])
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_the_figure_has_a_panel_for_each(tmp_path, kind) -> None:
+    file = draw_demo(DEMO, circling(), tmp_path / f"figure.{kind}")
+    if kind == "png":
+        picture = imread(file)
+        assert picture.shape[1] > 1.5 * picture.shape[0]
+        assert (np.ptp(picture[:, :, :3], axis=2) > 0.4).any(), "no coloured curve"
+    else:
+        assert file.read_text(encoding="utf-8").lstrip().startswith("<?xml")
+
+
+def test_other_files_and_nothing_to_draw_are_refused(tmp_path) -> None:
+    with pytest.raises(InputError, match="png or svg"):
+        draw_demo(DEMO, circling(), tmp_path / "figure.jpg")
+    with pytest.raises(InputError, match="something to draw"):
+        draw_demo(DEMO, circling(panels=()), tmp_path / "figure.png")
+    with pytest.raises(InputError, match="a scene"):
+        demo_page(DEMO, circling(bodies=()))
+    odd = Body("odd", (Shape("elipsoid", (1.0, 1.0, 1.0)),), np.zeros((81, 3)), np.tile(np.eye(3), (81, 1, 1)))
+    with pytest.raises(InputError, match="Did you mean ellipsoid"):
+        demo_page(DEMO, circling(bodies=(odd,)))
+
+
+def test_the_page_tells_rows_and_remarks_and_whether_they_agree(tmp_path) -> None:
+    content = content_of(write_demo_page(DEMO, circling(), tmp_path / "scene.html").read_text(encoding="utf-8"))
+    assert content["name"] == "circle"
+    assert content["verdict"] == "pass"
+    assert content["facts"] == [["radius", "1 m"]]
+    assert content["reasons"] == ["It goes round."]
+    assert content["duration"] == pytest.approx(2.0)
+    broken = circling(rows=(Row("radius", 1.0, float("nan"), 1e-12, "m"),))
+    assert content_of(demo_page(DEMO, broken))["verdict"] == "fail"
+
+
+def test_nothing_hangs_below_the_floor() -> None:
+    content = content_of(demo_page(DEMO, circling()))
+    (place,) = [
+        c["value"] for c in content["commands"] if c.get("path") == "/bodies/ball" and c["property"] == "position"
+    ]
+    # The lowest point is 0.1 m (the ellipsoid's semi-axis) below the body.
+    assert place[2] > 0.1
+
+
+def test_an_ellipsoid_has_its_own_normals() -> None:
+    size = np.array([0.3, 0.2, 0.1])
+    mesh = ellipsoid(size)
+    assert np.abs(np.sum((mesh.positions / size) ** 2, axis=1) - 1.0).max() < 1e-6
+    gradient = mesh.positions / size**2
+    gradient /= np.linalg.norm(gradient, axis=1)[:, None]
+    assert np.sum(gradient * mesh.normals, axis=1).min() > 0.95

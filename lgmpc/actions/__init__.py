@@ -8,6 +8,7 @@ from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynami
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
+from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
@@ -22,11 +23,13 @@ __all__ = [
     "Cost",
     "CostTerm",
     "Dynamics",
+    "ExternalWrench",
     "FreeForwardDynamics",
     "ImpulseAction",
     "Integrator",
     "KinodynamicAction",
     "LeastSquares",
+    "Load",
     "Motion",
     "MultibodyAction",
     "NumericContactAction",

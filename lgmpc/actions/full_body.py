@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.dynamics import Dynamics, Motion, actuated, generalized
 from lgmpc.actions.implicit import Unknowns
+from lgmpc.actions.loads import Load
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
 
@@ -22,33 +23,39 @@ __all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynam
 class ContactForwardDynamics(Dynamics):
     """u = efforts of the actuated joints; accelerations and contact forces from the constrained equations of motion.
 
-        M a + nle = [0; u] + J^T f,        J a + dJ/dt v + Baumgarte = -damping f
+        M a + nle = [0; u] + J^T f + loads,        J a + dJ/dt v + Baumgarte = -damping f
 
     for the contacts whose flag is 1; the others have no force. Udwadia and Kalaba (1992); with point contacts it is
     what Crocoddyl calls contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
 
     Parameters: contact_flags, contact_damping, contact_points, contact_gains (and contact_orientations if there are
-    surfaces).
+    surfaces), and those of the loads.
 
     Args:
         model: the robot; its base, if free, is not actuated.
         contacts: names of frames (points) or contacts.
+        loads: what else acts on it.
 
     Raises:
         InputError: a contact frame that is not there, or twice.
         ModelError: unsupported joints.
     """
 
-    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
+    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact], loads: Sequence[Load] = ()) -> None:
         self.contacts = ContactSet(model, contacts)
+        self.loads = tuple(loads)
         joints = actuated(model)
-        super().__init__(model, joints.stop - joints.start, (*self.contacts.parameters, *self.contacts.anchors))
+        parameters = [*self.contacts.parameters, *self.contacts.anchors]
+        parameters += [parameter for load in loads for parameter in load.parameters]
+        super().__init__(model, joints.stop - joints.start, tuple(parameters))
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return accelerations and contact forces."""
         robot, contacts, nv = self.robot, self.contacts, self.robot.nv
         solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
         effort = generalized(self.model, u)
+        for load in self.loads:
+            effort += load.generalized(robot, q, values)
 
         def residual(z: Any) -> Any:
             a, f = z[:nv], z[nv:]

@@ -4,7 +4,9 @@ State ``x = (q, h)`` with the centroidal momentum h = [l; k]; control ``u = [f; 
 velocities. The base's velocity follows from ``h = A_b v_b + A_j v_j`` (A the centroidal momentum matrix), so that no
 mass matrix and no torque appears:
 
-    l' = m g + sum f_i,        k' = sum (p_i(q) - c(q)) x f_i + moments,        q' = v(q, h, v_j)
+    l' = m g + sum f_i + f_e,      k' = sum (p_i(q) - c(q)) x f_i + moments + tau_e,      q' = v(q, h, v_j)
+
+with an external force f_e and moment tau_e about the centre of mass.
 
 Dai, Valenzuela, Tedrake, "Whole-body motion planning with centroidal dynamics and full kinematics", Humanoids 2014.
 
@@ -144,6 +146,7 @@ class KinodynamicAction(ItemAction):
             Parameter("contact_flags", n, "1 in contact, 0 in the air", 1.0),
             Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
             Parameter("contact_stiffness", 1, "how fast contacts are drawn back to their place, 1/s"),
+            Parameter("external_wrench", 6, "[force; moment about the centre of mass], world axes, N, N.m"),
         )
         nu = self.contacts.nf + joints.stop - joints.start
         super().__init__(name, SymbolicModel(model), StateMomentum(model), nu, parameters, costs, constraints)
@@ -190,7 +193,7 @@ class KinodynamicAction(ItemAction):
             moment += ca.cross(self.robot.frame_placement(q, frame).translation - center, wrench[:3])
             if wrench.shape[0] == 6:
                 moment += wrench[3:]
-        return ca.vertcat(force, moment)
+        return ca.vertcat(force, moment) + values["external_wrench"]
 
     def _pull(self, q: Any, values: dict[str, Any]) -> Any:
         """Return (nf,) the velocities that contacts should have to come back to their place, negative."""

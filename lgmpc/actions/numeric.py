@@ -66,15 +66,17 @@ class NumericContactAction:
     dynamics algorithms", RSS 2018.
 
     Args:
-        action: of contact forward dynamics and semi-implicit Euler steps.
+        action: of contact forward dynamics without loads and semi-implicit Euler steps.
 
     Raises:
-        InputError: another dynamics or integrator.
+        InputError: another dynamics or integrator, or loads.
     """
 
     def __init__(self, action: MultibodyAction) -> None:
         if not isinstance(action.dynamics, ContactForwardDynamics):
             raise InputError("action", type(action.dynamics).__name__, "ContactForwardDynamics")
+        if action.dynamics.loads:
+            raise InputError("action", f"dynamics with {len(action.dynamics.loads)} loads", "dynamics without loads")
         if type(action.integrator) is not SemiImplicitEuler:
             raise InputError("action", type(action.integrator).__name__, "SemiImplicitEuler")
         self.action = action

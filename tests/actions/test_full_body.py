@@ -11,6 +11,7 @@ from lgmpc.actions import (
     Contact,
     ContactForwardDynamics,
     ContactInverseDynamics,
+    ExternalWrench,
     FreeForwardDynamics,
     ImpulseAction,
     MultibodyAction,
@@ -180,6 +181,29 @@ def test_derivatives_of_the_full_body_stage() -> None:
         p = random_parameters(action.parameters, rng, contact_flags=flags, contact_damping=1e-3)
         report = check_derivatives(action, rng, parameters=p, points=2)
         assert report.passed, str(report)
+
+
+def test_an_external_wrench_changes_the_centroidal_momentum_at_its_rate() -> None:
+    model, data = solo().model, solo().create_data()
+    dynamics = ContactForwardDynamics(model, FEET, [ExternalWrench(model)])
+    motion, layout = motion_function(dynamics, FEET)
+    rng = np.random.default_rng(11)
+    x, u = point(rng)
+    wrench = np.array([3.0, -2.0, 1.0, 0.2, 0.5, -0.3])
+    p = random_parameters(layout, rng, contact_flags=[1, 1, 0, 1], external_wrench=wrench)
+    a, forces = (value.full().ravel() for value in motion(x[:19], x[19:], u, p))
+    rate = pin.computeCentroidalMomentumTimeVariation(model, data, x[:19], x[19:], a).vector
+    pin.framesForwardKinematics(model, data, x[:19])
+    arms = [data.oMf[solo().frame(foot)].translation - data.com[0] for foot in FEET]
+    loads = forces.reshape(4, 3)
+    expected = np.r_[loads.sum(axis=0) + solo().mass * solo().gravity, np.cross(arms, loads).sum(axis=0)] + wrench
+    np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-11)
+    action = MultibodyAction("pushed", dynamics, [CostItem("force", ContactForce(FEET[0]))])
+    p = random_parameters(action.parameters, rng, external_wrench=wrench)
+    report = check_derivatives(action, rng, parameters=p, points=1)
+    assert report.passed, str(report)
+    with pytest.raises(InputError, match="model: got .* whose base is fixed"):
+        ExternalWrench(pin.buildSampleModelManipulator())
 
 
 def test_gauss_newton_hessian_is_that_of_the_weighted_residuals() -> None:

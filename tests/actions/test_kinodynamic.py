@@ -22,6 +22,7 @@ from lgmpc.ocp import check_derivatives
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+WRENCH = np.array([3.0, -2.0, 1.0, 0.2, 0.5, -0.3])
 CONTACTS = (Contact(FEET[0], 6), *FEET[1:])
 
 
@@ -52,6 +53,7 @@ def point(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     p[a.parameters["contact_points"]] = rng.uniform(-0.1, 0.1, 12)
     p[a.parameters["contact_stiffness"]] = 2.0
     p[a.parameters["contact_flags"]] = [1, 0, 1, 1]
+    p[a.parameters["external_wrench"]] = WRENCH
     return x, rng.standard_normal(27), p
 
 
@@ -70,7 +72,7 @@ def test_velocity_has_the_states_momentum_and_forces_change_it() -> None:
     moment = (
         np.cross(arms[0], wrench[:3]) + wrench[3:] + sum(np.cross(r, f) for r, f in zip(arms[1:], points, strict=True))
     )
-    np.testing.assert_allclose(after, before + h * np.r_[force, moment], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(after, before + h * (np.r_[force, moment] + WRENCH), rtol=0, atol=1e-13)
     # The configuration moves with the mean momentum of the interval, and with the joint velocities of the control.
     mean = pin.difference(model, q, value.x_next[:19]) / h
     np.testing.assert_allclose(mean[6:], u[15:], rtol=0, atol=1e-11)

@@ -9,6 +9,7 @@ from lgmpc.actions import (
     Contact,
     ContactForwardDynamics,
     ContactInverseDynamics,
+    ExternalWrench,
     MultibodyAction,
     NumericContactAction,
     RungeKutta4,
@@ -73,3 +74,6 @@ def test_other_dynamics_and_integrators_are_refused() -> None:
         NumericContactAction(MultibodyAction("inverse", ContactInverseDynamics(model, FEET)))
     with pytest.raises(InputError, match="action: got RungeKutta4"):
         NumericContactAction(MultibodyAction("rk", ContactForwardDynamics(model, FEET), integrator=RungeKutta4()))
+    with pytest.raises(InputError, match="action: got dynamics with 1 loads"):
+        loaded = ContactForwardDynamics(model, FEET, [ExternalWrench(model)])
+        NumericContactAction(MultibodyAction("loaded", loaded))

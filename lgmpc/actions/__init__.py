@@ -11,6 +11,7 @@ from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
+from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [
@@ -35,6 +36,8 @@ __all__ = [
     "NumericContactAction",
     "Parameter",
     "ParameterLayout",
+    "RigidBody",
+    "RigidBodyAction",
     "RungeKutta4",
     "SemiImplicitEuler",
     "Stage",

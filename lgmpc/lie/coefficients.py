@@ -8,9 +8,11 @@ With ``Phi = hat(phi)``, ``theta = |phi|`` and ``Phi^3 = -theta^2 Phi``, every p
     J_left^{-1}      = I - Phi/2 + d Phi^2      d = (1 - (theta/2) cot(theta/2)) / theta^2
     D J_left         needs  beta = b'/theta = (a - 2 b) / theta^2,  gamma = c'/theta = (b - 3 c) / theta^2
     D J_left^{-1}    needs  delta = d'/theta
+    Gamma_2          = I/2 + c Phi + e Phi^2    e = (1/2 - b) / theta^2         the position of a constant turning push
+    D Gamma_2        needs  gamma and epsilon = e'/theta = (c - 4 e) / theta^2
 
 The closed forms cancel where ``theta`` is small. Up to ``theta^2 = SEAM`` (just beyond pi^2, so that nothing switches
-inside the injectivity radius) the cancelling ones are therefore summed instead: ``b, c, beta, gamma`` by their Taylor
+inside the injectivity radius) the cancelling ones are therefore summed instead: all but ``d, delta`` by their Taylor
 series, whose terms at pi exceed the sum at most fourfold; ``d, delta`` by the expansion of the cotangent in its poles,
 
     d = 2 / (4 pi^2 - t) + sum_k r_k t^k,    r_k = 2 (zeta(2k+2) - 1) / (2 pi)^(2k+2),    t = theta^2,
@@ -38,6 +40,7 @@ __all__ = [
     "beta_gamma",
     "d_only",
     "delta_only",
+    "e_epsilon",
     "horner",
     "sinc",
 ]
@@ -78,6 +81,8 @@ B_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 2)))
 C_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 3)))
 BETA_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 4)))
 GAMMA_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 5)))
+E_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 4)))
+EPSILON_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 6)))
 D_REMAINDER = _pole_remainder()
 DELTA_REMAINDER = tuple(2.0 * k * r for k, r in enumerate(D_REMAINDER))[1:]
 
@@ -158,3 +163,14 @@ def delta_only(theta: Scalar) -> Scalar:
         return (0.25 / (sine * sine) + 0.5 / (u * tangent) - 2.0 / t) / t
 
     return _below_seam(theta, series, closed)
+
+
+def e_epsilon(theta: Scalar) -> tuple[Scalar, Scalar]:
+    """Return ``e`` and ``epsilon = e'/theta``: the second integral of the exponential, and its slope."""
+    e = _below_seam(theta, lambda t: horner(E_SERIES, t), lambda u, t: (0.5 * t + np.cos(u) - 1.0) / (t * t))
+    epsilon = _below_seam(
+        theta,
+        lambda t: horner(EPSILON_SERIES, t),
+        lambda u, t: (4.0 - t - u * np.sin(u) - 4.0 * np.cos(u)) / (t * t * t),
+    )
+    return e, epsilon

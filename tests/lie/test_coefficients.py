@@ -48,6 +48,7 @@ def reference(angle: float) -> dict[str, float]:
         d = (1 - x / 2 * cotangent) / x**2
         d_slope = -(cotangent / 2 - x / 4 / half_sine**2) / x**2 - 2 * (1 - x / 2 * cotangent) / x**3
         exact = {"a": a, "b": b, "c": c, "beta": (a - 2 * b) / x**2, "gamma": (b - 3 * c) / x**2, "d": d}
+        exact |= {"e": (e := (Decimal("0.5") - b) / x**2), "epsilon": (c - 4 * e) / x**2}
         return {name: float(value) for name, value in {**exact, "delta": d_slope / x}.items()}
 
 
@@ -57,7 +58,9 @@ def numeric(angle: float | np.ndarray) -> dict[str, float | np.ndarray]:
     assert np.array_equal(b, b_again)
     beta, gamma = coefficients.beta_gamma(angle)
     d, delta = coefficients.d_only(angle), coefficients.delta_only(angle)
-    return {"a": a, "b": b, "c": c, "beta": beta, "gamma": gamma, "d": d, "delta": delta}
+    e, epsilon = coefficients.e_epsilon(angle)
+    found = {"a": a, "b": b, "c": c, "beta": beta, "gamma": gamma, "d": d, "delta": delta}
+    return found | {"e": e, "epsilon": epsilon}
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, *BEYOND_PI])
@@ -73,6 +76,7 @@ def test_coefficients_are_accurate_to_1e_14_relative(angle: float) -> None:
 
 def test_coefficients_at_zero_are_the_limits() -> None:
     limits = {"a": 1.0, "b": 1 / 2, "c": 1 / 6, "beta": -1 / 12, "gamma": -1 / 60, "d": 1 / 12, "delta": 1 / 360}
+    limits |= {"e": 1 / 24, "epsilon": -1 / 360}
     for angle in (0.0, 5e-324, 1e-200):
         for name, value in numeric(angle).items():
             assert value == pytest.approx(limits[name], rel=3e-16), name
@@ -87,7 +91,7 @@ def test_a_batch_may_straddle_the_seam() -> None:
 
 def test_symbolic_coefficients_equal_the_decimals() -> None:
     t = ca.SX.sym("t")
-    for name in ("a", "b", "c", "beta", "gamma", "d", "delta"):
+    for name in ("a", "b", "c", "beta", "gamma", "d", "delta", "e"):
         function = ca.Function(name, [t], [getattr(symbolic, name)(t)])
         for angle in [*ANGLES, *BEYOND_PI]:
             exact = reference(angle)[name]
@@ -105,6 +109,7 @@ def test_symbolic_derivatives_at_zero_are_the_taylor_coefficients() -> None:
         "gamma": (-1 / 60, 1 / 1260, -1 / 30240),
         "d": (1 / 12, 1 / 720, 1 / 15120),
         "delta": (1 / 360, 1 / 7560, 1 / 100800),
+        "e": (1 / 24, -1 / 720, 1 / 20160),
     }
     for name, expected in taylor.items():
         value = getattr(symbolic, name)(t)

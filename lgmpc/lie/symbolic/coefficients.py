@@ -20,12 +20,13 @@ from lgmpc.lie.coefficients import (
     C_SERIES,
     D_REMAINDER,
     DELTA_REMAINDER,
+    E_SERIES,
     FOUR_PI_SQUARED,
     GAMMA_SERIES,
     SEAM,
 )
 
-__all__ = ["a", "b", "beta", "c", "d", "delta", "gamma", "half_cosine", "half_sinc", "half_angle_ratio"]
+__all__ = ["a", "b", "beta", "c", "d", "delta", "e", "gamma", "half_cosine", "half_sinc", "half_angle_ratio"]
 
 ATAN_SEAM = 0.04
 """Squared tangent of half the angle below which the logarithm of a quaternion uses the series of the arctangent."""
@@ -95,6 +96,11 @@ def delta(t: Any) -> Any:
         lambda s: 4.0 / (FOUR_PI_SQUARED - s) ** 2 + _horner(DELTA_REMAINDER, s),
         lambda u, s: (0.25 / ca.sin(0.5 * u) ** 2 + 0.5 / (u * ca.tan(0.5 * u)) - 2.0 / s) / s,
     )
+
+
+def e(t: Any) -> Any:
+    """Return ``(theta^2 / 2 + cos(theta) - 1) / theta^4``."""
+    return _split(t, lambda s: _horner(E_SERIES, s), lambda u, s: (0.5 * s + ca.cos(u) - 1.0) / s**2)
 
 
 def half_sinc(t: Any) -> Any:

@@ -1,0 +1,31 @@
+"""What an inertial measurement unit tells about motion: kinematics on SE_2(3), increments, preintegration."""
+
+from lgmpc.estimation.inertial.increments import (
+    Increment,
+    IncrementRule,
+    exponential_increment,
+    zero_order_hold_increment,
+)
+from lgmpc.estimation.inertial.kinematics import (
+    error_dynamics,
+    free_flow,
+    gravity_increment,
+    propagate,
+    vector_field,
+)
+from lgmpc.estimation.inertial.noise import ImuNoise
+from lgmpc.estimation.inertial.preintegration import Preintegration
+
+__all__ = [
+    "ImuNoise",
+    "Increment",
+    "IncrementRule",
+    "Preintegration",
+    "error_dynamics",
+    "exponential_increment",
+    "free_flow",
+    "gravity_increment",
+    "propagate",
+    "vector_field",
+    "zero_order_hold_increment",
+]

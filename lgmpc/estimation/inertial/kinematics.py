@@ -1,0 +1,132 @@
+r"""Inertial kinematics on SE_2(3) and SE_{2+k}(3): columns velocity, position, then k points at rest in the world.
+
+``R' = R [w]x,  v' = R a + g,  p' = v`` (chapter 4.11.2) with the angular velocity ``w`` (rad/s) and the specific force
+``a`` (m/s2) in body axes, gravity ``g`` in world axes. The field is group affine (Barrau and Bonnabel, IEEE TAC 2017),
+``f(X Y) = f(X) Y + X f(Y) - X f(I) Y``, so over any time, exactly,
+
+    X(t) = Gamma(t) phi_t(X(0)) Upsilon(t)                                   (Brossard et al., IEEE TRO 2021)
+
+with gravity's ``Gamma``, the free flow ``phi_t: p -> p + t v`` (an automorphism of the group) and ``Upsilon``, which
+depends on the measurements alone: what preintegration integrates.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, so3
+from lgmpc.typing import Array
+
+__all__ = ["error_dynamics", "free_flow", "gravity_increment", "propagate", "vector_field"]
+
+_three = checks.tangent(3)
+
+
+def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array) -> Array:
+    """Return the time derivative (3 + k, 3 + k) of ``pose`` in SE_k(3), k >= 2 (chapter 4.11.2).
+
+    Args:
+        pose: (3 + k, 3 + k); columns velocity, position, then points at rest.
+        gyro: (3,) angular velocity, body axes, rad/s.
+        accelerometer: (3,) specific force, body axes, m/s2.
+        gravity: (3,) world axes, m/s2.
+
+    Raises:
+        InputError: an argument that is no extended pose, or no finite 3-vector.
+    """
+    pose = _extended("pose", pose)
+    rate = np.zeros_like(pose)
+    rotation = pose[:3, :3]
+    rate[:3, :3] = rotation @ so3.hat(_three("gyro", gyro))
+    rate[:3, 3] = rotation @ _three("accelerometer", accelerometer) + _three("gravity", gravity)
+    rate[:3, 4] = pose[:3, 3]
+    return rate
+
+
+def free_flow(pose: Array, duration: float) -> Array:
+    """Return ``phi_t(pose)``: the position moves on with the velocity. ``phi_t(X Y) = phi_t(X) phi_t(Y)``.
+
+    Raises:
+        InputError: ``pose`` is no extended pose with two columns or more, or ``duration`` is not finite.
+    """
+    moved = _extended("pose", pose).copy()
+    moved[:3, 4] += _time("duration", duration) * moved[:3, 3]
+    return moved
+
+
+def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Array:
+    """Return ``Gamma(t)``, (3 + columns, 3 + columns): what gravity (3,) adds to velocity and position.
+
+    Raises:
+        InputError: gravity is no finite 3-vector, or fewer than 2 columns.
+    """
+    if columns < 2:
+        raise InputError("columns", columns, "at least 2: velocity and position")
+    gravity, duration = _three("gravity", gravity), _time("duration", duration)
+    result = np.eye(3 + columns)
+    result[:3, 3] = duration * gravity
+    result[:3, 4] = 0.5 * duration**2 * gravity
+    return result
+
+
+def propagate(pose: Array, increment: Array, gravity: Array, duration: float) -> Array:
+    """Return ``Gamma phi(pose) Upsilon``: the pose after ``duration`` s.
+
+    Args:
+        pose: (3 + k, 3 + k), k >= 2.
+        increment: (5, 5) Upsilon, or (3 + k, 3 + k).
+        gravity: (3,) world axes, m/s2.
+        duration: s.
+
+    Raises:
+        InputError: an argument of another form.
+    """
+    pose = _extended("pose", pose)
+    increment = _extended("increment", increment)
+    if increment.shape not in ((5, 5), pose.shape):
+        raise InputError("increment", f"shape {increment.shape}", f"shape (5, 5) or {pose.shape}")
+    upsilon = np.eye(len(pose))
+    upsilon[: len(increment), : len(increment)] = increment
+    moved: Array = gravity_increment(gravity, duration, len(pose) - 3) @ free_flow(pose, duration) @ upsilon
+    return moved
+
+
+def error_dynamics(gravity: Array, columns: int = 2) -> Array:
+    """Return ``A`` of the right-invariant error's exact linear dynamics, (3 + 3 columns, 3 + 3 columns).
+
+    With ``exp(xi) = X_estimate X_true^{-1}`` and neither noise nor biases, ``xi(t) = expm(A t) xi(0)`` for errors of
+    any size along any motion, where A depends on gravity alone (Barrau and Bonnabel, IEEE TAC 2017; Hartley et al.,
+    IJRR 2020; chapter 4.11.3, of whose statement this is the precise form).
+
+    Raises:
+        InputError: gravity is no finite 3-vector, or fewer than 2 columns.
+    """
+    if columns < 2:
+        raise InputError("columns", columns, "at least 2: velocity and position")
+    result = np.zeros((3 + 3 * columns, 3 + 3 * columns))
+    result[3:6, :3] = so3.hat(_three("gravity", gravity))
+    result[6:9, 3:6] = np.eye(3)
+    return result
+
+
+def flow_differential(duration: float, columns: int = 2) -> Array:
+    """Return the differential of :func:`free_flow` at the identity: ``phi_t(exp(x)) = exp(F x)``."""
+    result = np.eye(3 + 3 * columns)
+    result[6:9, 3:6] = duration * np.eye(3)
+    return result
+
+
+def _extended(name: str, value: Array) -> Array:
+    pose = checks.extended_pose(name, value)
+    if pose.ndim != 2 or len(pose) < 5:
+        raise InputError(name, f"shape {pose.shape}", "one matrix (3 + k, 3 + k) with k >= 2: velocity, position, ...")
+    return pose
+
+
+def _time(name: str, value: float) -> float:
+    if not math.isfinite(value):
+        raise InputError(name, value, "a finite number of seconds")
+    return float(value)

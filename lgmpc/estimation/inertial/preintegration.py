@@ -1,0 +1,119 @@
+"""IMU preintegration on SE_2(3): many samples as one relative motion, with bias Jacobian and covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.estimation.inertial.increments import IncrementRule, exponential_increment
+from lgmpc.estimation.inertial.kinematics import flow_differential, free_flow, gravity_increment
+from lgmpc.estimation.inertial.noise import ImuNoise
+from lgmpc.lie import checks, sek3
+from lgmpc.typing import Array
+
+__all__ = ["Preintegration"]
+
+_three = checks.tangent(3)
+
+
+class Preintegration:
+    r"""The product of IMU increments between two instants, independent of where the motion began (chapter 4.11).
+
+    From ``X_j = Gamma phi(X_i) Upsilon_ij`` (see :mod:`lgmpc.estimation.inertial.kinematics`) follow, for a sample with
+    increment ``u`` and Jacobian ``J``, and the error ``Upsilon_true = Upsilon exp(xi)``::
+
+        Upsilon <- phi_dt(Upsilon) u          xi <- Ad(u^-1) F_dt xi - J db + J n
+
+    and from the second line the bias Jacobian and the covariance (Forster et al., IEEE TRO 2017; on SE_2(3), where the
+    first line is exact for errors of any size: Brossard et al., IEEE TRO 2021). Forster's velocity and position errors
+    are those here rotated by ``Upsilon``'s rotation.
+
+    Args:
+        noise: densities of the sensors' noise; biases are constant over the interval.
+        gyro_bias: (3,) subtracted from every angular velocity, rad/s.
+        accelerometer_bias: (3,) subtracted from every specific force, m/s2.
+        rule: :func:`~lgmpc.estimation.inertial.exponential_increment`, exact for constant body rates, or
+            :func:`~lgmpc.estimation.inertial.zero_order_hold_increment`, that of Forster et al.
+
+    Attributes:
+        pose: (5, 5) Upsilon: rotation, velocity, position.
+        duration: s.
+        bias_jacobian: (9, 6): ``Upsilon(b + db) = Upsilon(b) exp(bias_jacobian db)`` to first order, gyro first.
+        covariance: (9, 9) of ``xi``.
+
+    Raises:
+        InputError: a bias that is no finite 3-vector.
+    """
+
+    def __init__(
+        self,
+        noise: ImuNoise,
+        gyro_bias: Array,
+        accelerometer_bias: Array,
+        rule: IncrementRule = exponential_increment,
+    ) -> None:
+        self.pose = sek3.identity(2)
+        self.duration = 0.0
+        self.bias_jacobian = np.zeros((9, 6))
+        self.covariance = np.zeros((9, 9))
+        self._bias = _biases(gyro_bias, accelerometer_bias)
+        self._densities = np.repeat([noise.gyro**2, noise.accelerometer**2], 3)
+        self._rule = rule
+
+    def integrate(self, gyro: Array, accelerometer: Array, duration: float) -> None:
+        """Take one sample.
+
+        Args:
+            gyro: (3,) angular velocity as measured, rad/s.
+            accelerometer: (3,) specific force as measured, m/s2.
+            duration: until the next sample, s.
+
+        Raises:
+            InputError: a sample that is not finite, or a duration that is not positive.
+        """
+        bias = self._bias
+        step = self._rule(_three("gyro", gyro) - bias[:3], _three("accelerometer", accelerometer) - bias[3:], duration)
+        self.pose = free_flow(self.pose, duration) @ step.pose
+        transition = sek3.adjoint.unchecked(sek3.inverse.unchecked(step.pose)) @ flow_differential(duration)
+        self.bias_jacobian = transition @ self.bias_jacobian - step.jacobian
+        noise = (step.jacobian * (self._densities / duration)) @ step.jacobian.T
+        self.covariance = transition @ self.covariance @ transition.T + noise
+        self.duration += duration
+
+    def corrected(self, gyro_bias: Array, accelerometer_bias: Array) -> Array:
+        """Return (5, 5) the increment for other biases, to first order in their change, without integrating again."""
+        change = _biases(gyro_bias, accelerometer_bias) - self._bias
+        return sek3.compose(self.pose, sek3.exp(self.bias_jacobian @ change))
+
+    def predict(self, start: Array, gravity: Array) -> Array:
+        """Return (5, 5) the pose at the end of a motion that began at ``start``; gravity (3,) in world axes, m/s2.
+
+        Raises:
+            InputError: ``start`` is not in SE_2(3), or gravity no finite 3-vector.
+        """
+        end: Array = gravity_increment(gravity, self.duration) @ free_flow(_start(start), self.duration) @ self.pose
+        return end
+
+    def residual(self, start: Array, end: Array, gravity: Array, gyro_bias: Array, accelerometer_bias: Array) -> Array:
+        """Return (9,) how far ``end`` is from what was integrated, in the tangent whose covariance is known.
+
+        ``log(corrected^-1 phi(start)^-1 Gamma^-1 end)``: the error of a preintegration factor.
+
+        Raises:
+            InputError: a pose that is not in SE_2(3), or a vector that is not finite.
+        """
+        before = gravity_increment(gravity, self.duration) @ free_flow(_start(start), self.duration)
+        moved = sek3.inverse(before) @ checks.extended_pose("end", end)
+        return sek3.log(sek3.inverse(self.corrected(gyro_bias, accelerometer_bias)) @ moved)
+
+
+def _biases(gyro: Array, accelerometer: Array) -> Array:
+    biases = _three("gyro_bias", gyro), _three("accelerometer_bias", accelerometer)
+    return np.concatenate(biases)
+
+
+def _start(pose: Array) -> Array:
+    pose = checks.extended_pose("start", pose)
+    if pose.shape != (5, 5):
+        raise InputError("start", f"shape {pose.shape}", "shape (5, 5): rotation, velocity, position")
+    return pose

@@ -1,6 +1,24 @@
 """Configs: their shape, reading and writing them, and the session that one of them describes."""
 
-from lgmpc.config.loading import dump_config, load_config, parse_config
-from lgmpc.config.schema import Config
+from lgmpc.config.loading import (
+    dump_config,
+    load_any_config,
+    load_config,
+    load_solve_config,
+    parse_any_config,
+    parse_config,
+    parse_solve_config,
+)
+from lgmpc.config.schema import Config, SolveConfig
 
-__all__ = ["Config", "dump_config", "load_config", "parse_config"]
+__all__ = [
+    "Config",
+    "SolveConfig",
+    "dump_config",
+    "load_any_config",
+    "load_config",
+    "load_solve_config",
+    "parse_any_config",
+    "parse_config",
+    "parse_solve_config",
+]

@@ -4,40 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, TypeVar
 
 from pydantic import ValidationError
 
 from lgmpc import __version__
 from lgmpc.config.overrides import apply_overrides
 from lgmpc.config.problems import as_config_error, show_value
-from lgmpc.config.schema import Config
+from lgmpc.config.schema import Config, SolveConfig
+from lgmpc.config.schema.document import Document
 from lgmpc.config.source import COMMAND_LINE, ConfigSource
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import ConfigError
 
-__all__ = ["dump_config", "load_config", "parse_config"]
+__all__ = [
+    "dump_config",
+    "load_any_config",
+    "load_config",
+    "load_solve_config",
+    "parse_any_config",
+    "parse_config",
+    "parse_solve_config",
+]
+
+D = TypeVar("D", bound=Document)
+
+_MARK = "problem"
+"""The key that a config of a problem to solve has, and that of a closed loop has not."""
+
+
+class _Text(TypedDict):
+    text: str
+    name: str
+    folder: Path
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
-    """Read, change and check a config file.
+    """Read, change and check the config file of a closed loop.
 
     Args:
         path: the YAML file.
         overrides: changes ``key=value``; see :func:`lgmpc.config.overrides.apply_overrides`.
 
     Raises:
-        ConfigError: if the file cannot be read, is not YAML, or has keys or values that cannot be used; a
-            :class:`lgmpc.errors.ConfigErrors` with all of them if there are several.
+        ConfigError: if the file cannot be read, is not YAML, describes a problem to solve, or has keys or values that
+            cannot be used; a :class:`lgmpc.errors.ConfigErrors` with all of them if there are several.
     """
-    path = Path(path)
-    return parse_config(_read(path), name=str(path), folder=path.parent, overrides=overrides)
+    return parse_config(**_file(path), overrides=overrides)
+
+
+def load_solve_config(path: str | Path, overrides: Sequence[str] = ()) -> SolveConfig:
+    """Read, change and check the config file of a problem to solve; arguments and errors as :func:`load_config`."""
+    return parse_solve_config(**_file(path), overrides=overrides)
+
+
+def load_any_config(path: str | Path, overrides: Sequence[str] = ()) -> Config | SolveConfig:
+    """Read, change and check a config file of either kind; arguments and errors as :func:`load_config`."""
+    return parse_any_config(**_file(path), overrides=overrides)
 
 
 def parse_config(
     text: str, *, name: str = "config", folder: Path | None = None, overrides: Sequence[str] = ()
 ) -> Config:
-    """Check a config given as text.
+    """Check the config of a closed loop, given as text.
 
     Args:
         text: the YAML document.
@@ -49,6 +78,49 @@ def parse_config(
     Raises:
         ConfigError: as :func:`load_config`.
     """
+    data, source = _parse(text, name, folder, overrides)
+    if _MARK in data:
+        expected = f"a closed loop to simulate, which has no such key. To solve this: lgmpc solve {name}"
+        raise ConfigError(source.where(_MARK), _MARK, "a problem to solve", expected)
+    return _check(Config, data, source)
+
+
+def parse_solve_config(
+    text: str, *, name: str = "config", folder: Path | None = None, overrides: Sequence[str] = ()
+) -> SolveConfig:
+    """Check the config of a problem to solve, given as text; arguments and errors as :func:`parse_config`."""
+    data, source = _parse(text, name, folder, overrides)
+    if _MARK not in data:
+        expected = f"a problem to solve, which has the key {_MARK}. To simulate this: lgmpc run {name}"
+        raise ConfigError(name, "", "the config of a closed loop", expected)
+    return _check(SolveConfig, data, source)
+
+
+def parse_any_config(
+    text: str, *, name: str = "config", folder: Path | None = None, overrides: Sequence[str] = ()
+) -> Config | SolveConfig:
+    """Check a config of either kind, given as text; arguments and errors as :func:`parse_config`."""
+    data, source = _parse(text, name, folder, overrides)
+    return _check(SolveConfig, data, source) if _MARK in data else _check(Config, data, source)
+
+
+def dump_config(config: Config | SolveConfig) -> str:
+    """Return the whole config as YAML, defaults included, which reads back as an equal one."""
+    command = "solve" if isinstance(config, SolveConfig) else "run"
+    head = (
+        f"# Every value of this run, written by lgmpc {__version__} from {config.source.file}.\n"
+        f"# `lgmpc {command}` on this file repeats it.\n"
+    )
+    return head + write_yaml(config.model_dump(mode="json"))
+
+
+def _file(path: str | Path) -> _Text:
+    path = Path(path)
+    return {"text": _read(path), "name": str(path), "folder": path.parent}
+
+
+def _parse(text: str, name: str, folder: Path | None, overrides: Sequence[str]) -> tuple[dict[str, Any], ConfigSource]:
+    """Return the changed content, with absolute paths, and where its values came from."""
     data, places = parse_yaml(text, name)
     if data is None:
         raise ConfigError(name, "", "an empty file", "a config with at least the keys name and robot")
@@ -60,19 +132,14 @@ def parse_config(
             del places[stale]
     source = ConfigSource(name, places | changed)
     _make_paths_absolute(data, folder or Path(), source)
+    return data, source
+
+
+def _check(root: type[D], data: dict[str, Any], source: ConfigSource) -> D:
     try:
-        return Config.model_validate(data).with_source(source)
+        return root.model_validate(data).with_source(source)
     except ValidationError as error:
-        raise as_config_error(error, Config, data, source) from error
-
-
-def dump_config(config: Config) -> str:
-    """Return the whole config as YAML, defaults included, from which :func:`parse_config` makes an equal one."""
-    head = (
-        f"# Every value of this run, written by lgmpc {__version__} from {config.source.file}.\n"
-        "# `lgmpc run` on this file repeats it.\n"
-    )
-    return head + write_yaml(config.model_dump(mode="json"))
+        raise as_config_error(error, root, data, source) from error
 
 
 def _read(path: Path) -> str:

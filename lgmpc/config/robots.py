@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from lgmpc.config.schema import Config
+from lgmpc.config.schema import Config, Document
 from lgmpc.errors import ConfigError, ConfigErrors, InputError, ModelError
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
-__all__ = ["build_robot", "build_robot_spec"]
+__all__ = ["build_any_robot", "build_robot", "build_robot_spec"]
 
 _ROBOT_KEYS = {
     "model, urdf": "robot.model",
@@ -24,7 +24,7 @@ _ROBOT_KEYS = {
 """What the arguments of :class:`RobotSpec` are called in a config."""
 
 
-def build_robot_spec(config: Config) -> RobotSpec:
+def build_robot_spec(config: Document) -> RobotSpec:
     """Return what section ``robot`` says, in the words of :func:`lgmpc.robot.load_robot`."""
     robot = config.robot
     posture = robot.posture
@@ -44,21 +44,31 @@ def build_robot_spec(config: Config) -> RobotSpec:
     )
 
 
+def build_any_robot(config: Document) -> Robot:
+    """Load the robot, whatever kind of robot it is.
+
+    Raises:
+        ConfigError: if the robot does not exist.
+        ModelError: with everything that the model lacks.
+    """
+    try:
+        return load_robot(build_robot_spec(config))
+    except InputError as error:
+        key = _ROBOT_KEYS.get(error.argument, f"robot.{error.argument}")
+        raise config.error(key, error.got, error.expected, error.choices) from error
+    except ModelError as error:
+        raise ModelError(error.robot, [_in_words_of_a_config(problem) for problem in error.problems]) from error
+
+
 def build_robot(config: Config) -> Robot:
-    """Load the robot and check that the rest of the config fits it.
+    """Load the robot of a closed loop and check that the rest of the config fits it.
 
     Raises:
         ConfigError: if the robot does not exist, has no free base or no feet, or a push names a body that it lacks; a
             :class:`lgmpc.errors.ConfigErrors` if several of these hold.
         ModelError: with everything that the model lacks.
     """
-    try:
-        robot = load_robot(build_robot_spec(config))
-    except InputError as error:
-        key = _ROBOT_KEYS.get(error.argument, f"robot.{error.argument}")
-        raise config.error(key, error.got, error.expected, error.choices) from error
-    except ModelError as error:
-        raise ModelError(error.robot, [_in_words_of_a_config(problem) for problem in error.problems]) from error
+    robot = build_any_robot(config)
     found = list(_misfits(config, robot))
     if found:
         raise found[0] if len(found) == 1 else ConfigErrors(found)

@@ -1,5 +1,5 @@
 """Ready-made optimal control problems, each with its guess and what success means."""
 
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import Controls, Scenario, Waypoint
 
-__all__ = ["Scenario", "Waypoint"]
+__all__ = ["Controls", "Scenario", "Waypoint"]

@@ -12,7 +12,7 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Scenario", "Waypoint"]
+__all__ = ["Controls", "Scenario", "Waypoint"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,42 @@ class Waypoint:
 
 
 @dataclass(frozen=True, eq=False)
+class Controls:
+    """What the controls are, for figures and for the check of their limits.
+
+    Attributes:
+        names: (nu,) of each, for a reader.
+        unit: of all of them.
+        lower: (nu,) lowest values that the machine can have.
+        upper: (nu,) highest.
+
+    Raises:
+        InputError: numbers of names and limits that differ.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        for side in ("lower", "upper"):
+            if getattr(self, side).shape != (len(self.names),):
+                raise InputError(side, f"shape {getattr(self, side).shape}", f"shape {(len(self.names),)}")
+
+    @classmethod
+    def joints(cls, robot: Robot) -> Controls:
+        """The efforts of a robot's joints."""
+        limit = np.array(robot.effort_limit)
+        return cls(robot.joint_names, "N.m", -limit, limit)
+
+    def ratio(self, us: Array) -> float:
+        """Largest of all controls (N, nu) as a share of the limit on its side; above 1 is beyond it."""
+        limit = np.where(us > 0.0, self.upper, self.lower)
+        return float(np.max(np.abs(us) / np.maximum(np.abs(limit), 1e-12), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """A shooting problem of a robot, a guess, and the figures by which a solution is judged.
 
@@ -48,9 +84,11 @@ class Scenario:
         contact_forces: from states and controls to the (N, nc, 3) forces on the robot, world axes, N; none if there
             are no contacts.
         waypoints: places to reach.
+        controls: what the controls are; efforts of the joints, if there are as many, unless given.
+        friction: coefficient that the forces are meant to keep to; none if nothing says so.
 
     Raises:
-        InputError: durations or flags that do not fit the problem.
+        InputError: durations, flags or names of controls that do not fit the problem.
     """
 
     name: str
@@ -62,6 +100,8 @@ class Scenario:
     contact_flags: BoolArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
     contact_forces: Callable[[Trajectory], Array] | None = None
     waypoints: tuple[Waypoint, ...] = ()
+    controls: Controls | None = None
+    friction: float | None = None
 
     def __post_init__(self) -> None:
         nodes, nc = self.problem.nodes, self.robot.nc
@@ -71,6 +111,10 @@ class Scenario:
             got = getattr(self, name).shape
             if got != shape:
                 raise InputError(name, f"shape {got}", f"shape {shape}")
+        if self.controls is None and self.problem.nu == self.robot.nu:
+            object.__setattr__(self, "controls", Controls.joints(self.robot))
+        if self.controls is not None and len(self.controls.names) != self.problem.nu:
+            raise InputError("controls", f"{len(self.controls.names)} names", f"{self.problem.nu}, one a control")
 
     @property
     def times(self) -> Array:

@@ -29,7 +29,26 @@ def small_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture(params=sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
+SHIPPED = sorted((ROOT / "configs").glob("*.yaml"))
+PROBLEMS = [path for path in SHIPPED if "\nproblem:" in path.read_text(encoding="utf-8")]
+
+
+@pytest.fixture(params=SHIPPED, ids=lambda path: path.stem)
 def shipped(request: pytest.FixtureRequest) -> Path:
+    """Every config in the repository."""
+    path: Path = request.param
+    return path
+
+
+@pytest.fixture(params=[path for path in SHIPPED if path not in PROBLEMS], ids=lambda path: path.stem)
+def shipped_run(request: pytest.FixtureRequest) -> Path:
+    """Every config of a closed loop."""
+    path: Path = request.param
+    return path
+
+
+@pytest.fixture(params=PROBLEMS, ids=lambda path: path.stem)
+def shipped_problem(request: pytest.FixtureRequest) -> Path:
+    """Every config of a problem to solve."""
     path: Path = request.param
     return path

@@ -14,8 +14,8 @@ from lgmpc.robot import RobotSpec
 SOLO12 = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
 
-def test_the_shipped_configs_fit_their_robot(shipped: Path) -> None:
-    robot = build_robot(load_config(shipped))
+def test_the_shipped_configs_fit_their_robot(shipped_run: Path) -> None:
+    robot = build_robot(load_config(shipped_run))
     assert robot.name == "solo12"
     assert robot.mass == pytest.approx(2.5, abs=0.01)
     np.testing.assert_array_equal(robot.effort_limit, 1.8)

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import pytest
 
 from lgmpc.config.json_schema import json_schema_text
-from lgmpc.config.schema import Config, GateSection, MpcSection, PlantSection, RobotSection, WbcSection
+from lgmpc.config.schema import Config, GateSection, MpcSection, PlantSection, RobotSection, SolveConfig, WbcSection
 from lgmpc.runs import Gate
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
@@ -28,7 +28,7 @@ def all_sections(root: type[Any]) -> list[type[Any]]:
     return found
 
 
-@pytest.mark.parametrize("section", all_sections(Config), ids=lambda section: section.__name__)
+@pytest.mark.parametrize("section", [*all_sections(Config), *all_sections(SolveConfig)], ids=lambda each: each.__name__)
 def test_every_key_is_described_and_the_unit_of_its_name_is_explained(section: type[Any]) -> None:
     words = {
         "_hz": ("Hz", "1/s"),
@@ -54,7 +54,7 @@ def test_the_gate_section_has_exactly_the_limits_that_runs_are_judged_by() -> No
 
 def keys(schema: Any) -> Any:
     """Keep what pydantic's versions agree on: the keys, their descriptions and defaults."""
-    definitions = {"Config": schema, **schema["$defs"]}
+    definitions = schema["$defs"]
     return {
         (name, key): (value.get("description"), value.get("default"))
         for name, definition in definitions.items()

@@ -1,23 +1,20 @@
-"""The whole config: all sections, and the conditions between them."""
+"""The config of a closed loop: all sections, and the conditions between them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import Positive, Problem, Section, problem, problems
+from lgmpc.config.schema.base import Positive, Problem, problem, problems
+from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
 from lgmpc.config.schema.mpc import MpcSection
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ReferenceSection, StandReference
-from lgmpc.config.schema.robot import RobotSection
 from lgmpc.config.schema.wbc import WbcSection
-from lgmpc.config.source import ConfigSource
-from lgmpc.errors import ConfigError
 
 __all__ = ["MOST_TICKS", "Config"]
 
@@ -25,19 +22,13 @@ MOST_TICKS = 3_600_000
 """Ticks of the longest run: an hour at 1 kHz, which takes 4 GB."""
 
 
-class Config(Section):
-    """One run: a robot, its world, its controllers, what it should do, and what counts as success."""
+class Config(Document):
+    """A closed loop: a robot, its world, its controllers, what it should do, and what counts as success."""
 
-    name: str = Field(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
-        max_length=80,
-        description="Name of the run; part of its folder's name, so letters, digits, '.', '_' and '-' only.",
-    )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
         default=0, description="Seed of all random numbers."
     )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
-    robot: RobotSection = Field(description="The robot.")
     plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
     mpc: MpcSection = Field(default=MpcSection(), description="The predictive controller.")
     wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
@@ -45,8 +36,6 @@ class Config(Section):
     pushes: tuple[PushSection, ...] = Field(default=(), description="Disturbances.")
     gate: GateSection = Field(default=GateSection(), description="What counts as success.")
     log: LogSection = Field(default=LogSection(), description="What is recorded.")
-
-    _source: ConfigSource = PrivateAttr(default_factory=lambda: ConfigSource("config"))
 
     @model_validator(mode="after")
     def _rates_divide(self) -> Config:
@@ -74,23 +63,3 @@ class Config(Section):
             expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
             raise problem(expected, key="duration_s", got=self.duration_s)
         return self
-
-    @property
-    def source(self) -> ConfigSource:
-        """Where each key's value came from."""
-        return self._source
-
-    def with_source(self, source: ConfigSource) -> Config:
-        """Return a copy that knows where its values came from; equal to this one."""
-        copy = self.model_copy()
-        copy._source = source
-        return copy
-
-    def error(
-        self, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
-    ) -> ConfigError:
-        """Make the error for a key whose value turned out unusable later, naming the file and line it came from.
-
-        Arguments as in :class:`lgmpc.errors.ConfigError`.
-        """
-        return ConfigError(self.source.where(key), key, got, expected, choices, word=word)

@@ -1,0 +1,81 @@
+"""From the config of a problem to solve to its scenario.
+
+A new kind of problem takes three things:
+
+1. ``lgmpc/problems/<kind>.py``: a frozen dataclass of settings and ``build_<kind>(robot, settings) -> Scenario``.
+2. ``lgmpc/config/schema/problem/<kind>.py``: its section with ``kind: Literal["<kind>"]``, and one line in the union of
+   ``lgmpc/config/schema/problem/__init__.py``. Then write the schema for editors: ``lgmpc schema --out
+   configs/schema.json``.
+3. Here: a function from section to scenario, and one line in ``_BUILDERS``.
+
+An :class:`InputError` of a builder about the argument ``radius`` is reported at the key ``problem.radius`` or, where
+the key has a unit, ``problem.radius_m``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from lgmpc.config.robots import build_any_robot
+from lgmpc.config.schema import ComCircleProblem, ReachProblem, Section, SolveConfig
+from lgmpc.errors import ConfigError, InputError
+from lgmpc.problems import Scenario
+from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
+from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
+from lgmpc.robot import Robot
+
+__all__ = ["build_scenario"]
+
+
+def build_scenario(config: SolveConfig) -> Scenario:
+    """Load the robot and build the problem.
+
+    Raises:
+        ConfigError: a robot that does not exist, or a problem that this robot cannot have.
+        ModelError: with everything that the model lacks.
+    """
+    robot = build_any_robot(config)
+    try:
+        return _BUILDERS[type(config.problem)](robot, config.problem)
+    except InputError as error:
+        raise _at_its_key(config, error) from error
+
+
+def _com_circle(robot: Robot, section: ComCircleProblem) -> Scenario:
+    settings = ComCircleSettings(
+        radius=section.radius_m,
+        frequency=section.frequency_hz,
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        friction=section.friction,
+        weights=ComCircleWeights(**section.weights.model_dump()),
+    )
+    return build_com_circle(robot, settings)
+
+
+def _reach(robot: Robot, section: ReachProblem) -> Scenario:
+    settings = ReachSettings(
+        frame=section.frame,
+        position=section.position_m,
+        rpy_deg=section.rpy_deg,
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        weights=ReachWeights(**section.weights.model_dump()),
+    )
+    return build_reach(robot, settings)
+
+
+_BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
+    ComCircleProblem: _com_circle,
+    ReachProblem: _reach,
+}
+
+
+def _at_its_key(config: SolveConfig, error: InputError) -> ConfigError:
+    """Say where in the config the argument that a builder refused comes from."""
+    words = [key for key in type(config.problem).model_fields if key == error.argument]
+    words += [key for key in type(config.problem).model_fields if key.startswith(f"{error.argument}_")]
+    key = f"problem.{words[0]}" if words else "robot" if error.argument == "robot" else "problem"
+    expected = error.expected if words or key == "robot" else f"{error.expected} ({error.argument})"
+    return config.error(key, error.got, expected, error.choices)

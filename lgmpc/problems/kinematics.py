@@ -1,0 +1,44 @@
+"""Where a robot's points are along a trajectory: by Pinocchio, independently of the expressions that are optimised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["com_positions", "contact_positions", "frame_placements"]
+
+
+def com_positions(robot: Robot, xs: Array) -> Array:
+    """Return (n, 3) the centre of mass at states (n, nx), world axes, m."""
+    data = robot.create_data()
+    return np.array([pin.centerOfMass(robot.model, data, x[: robot.nq]).copy() for x in xs]).reshape(-1, 3)
+
+
+def contact_positions(robot: Robot, xs: Array) -> Array:
+    """Return (n, nc, 3) the origins of the contact frames at states (n, nx), world axes, m."""
+    return _translations(robot, xs, robot.contact_ids)
+
+
+def frame_placements(robot: Robot, frame: str, xs: Array) -> list[pin.SE3]:
+    """Return the placement of a frame in the world at each of the states (n, nx).
+
+    Raises:
+        InputError: no such frame.
+    """
+    data, index, placements = robot.create_data(), robot.frame(frame), []
+    for x in xs:
+        pin.forwardKinematics(robot.model, data, x[: robot.nq])
+        placements.append(pin.SE3(pin.updateFramePlacement(robot.model, data, index)))
+    return placements
+
+
+def _translations(robot: Robot, xs: Array, frames: tuple[int, ...]) -> Array:
+    data, found = robot.create_data(), np.empty((len(xs), len(frames), 3))
+    for row, x in zip(found, xs, strict=True):
+        pin.forwardKinematics(robot.model, data, x[: robot.nq])
+        for point, index in zip(row, frames, strict=True):
+            point[:] = pin.updateFramePlacement(robot.model, data, index).translation
+    return found

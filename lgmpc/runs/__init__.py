@@ -2,11 +2,14 @@
 
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.compare import Change, compare
-from lgmpc.runs.folder import Run, RunFolder, RunResult
+from lgmpc.runs.figures import judge_figures
+from lgmpc.runs.folder import Run, RunFolder, SolvedRun
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import PushInterval, RunLog, push_intervals
 from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
 from lgmpc.runs.recorder import Recorder
+from lgmpc.runs.result import RunResult, SolveResult
+from lgmpc.runs.trajectory import TrajectoryLog
 from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge
 
 __all__ = [
@@ -21,13 +24,17 @@ __all__ = [
     "RunFolder",
     "RunLog",
     "RunResult",
+    "SolveResult",
+    "SolvedRun",
     "Timing",
+    "TrajectoryLog",
     "Verdict",
     "atomic_write",
     "compare",
     "compute_metrics",
     "host_info",
     "judge",
+    "judge_figures",
     "push_intervals",
     "versions",
 ]

@@ -1,121 +1,29 @@
-"""The run folder: ``config.yaml``, ``log.npz`` and ``run.json``, each complete or absent."""
+"""The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent."""
 
 from __future__ import annotations
 
-import json
-import math
 import re
 import zipfile
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
 from lgmpc.runs.atomic import atomic_write, reason_of
-from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import RunLog
-from lgmpc.runs.metrics import Metrics, Timing
-from lgmpc.runs.verdict import Outcome, Verdict
+from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
+from lgmpc.runs.trajectory import TrajectoryLog
 
-__all__ = ["CONFIG_FILE", "LOG_FILE", "RESULT_FILE", "SCHEMA", "Run", "RunFolder", "RunResult"]
+__all__ = ["CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
 
-SCHEMA = 1
-"""Version of the folder's format; a reader refuses a newer one."""
+T = TypeVar("T")
 
-CONFIG_FILE, LOG_FILE, RESULT_FILE = "config.yaml", "log.npz", "run.json"
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """What ``run.json`` holds.
-
-    Attributes:
-        name: the run's name.
-        verdict: pass, fail or interrupted, with reasons.
-        metrics: what was measured; ``None`` if the run stopped before its first tick.
-        seed: seed of the run's random numbers.
-        created: when it was made, UTC, ISO 8601.
-        versions: versions of Python and packages.
-        host: the machine.
-    """
-
-    name: str
-    verdict: Verdict
-    metrics: Metrics | None
-    seed: int = 0
-    created: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"))
-    versions: Mapping[str, str] = field(default_factory=versions)
-    host: HostInfo = field(default_factory=host_info)
-
-    def to_json(self) -> str:
-        """Return the text of ``run.json``."""
-        content = {
-            "schema": SCHEMA,
-            "name": self.name,
-            "created": self.created,
-            "verdict": self.verdict.outcome.value,
-            "reasons": list(self.verdict.reasons),
-            "seed": self.seed,
-            "metrics": None if self.metrics is None else _without_nan(asdict(self.metrics)),
-            "versions": dict(self.versions),
-            "host": asdict(self.host),
-        }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str, source: str = RESULT_FILE) -> RunResult:
-        """Read the text of a ``run.json``; ``source`` names it in errors.
-
-        Raises:
-            RunFolderError: if it is not JSON, of a newer schema, or lacks an entry.
-        """
-        try:
-            content = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise RunFolderError(f"{source} is not JSON: {error}") from error
-        if not isinstance(content, dict) or not isinstance(content.get("schema"), int):
-            raise RunFolderError(f"{source} has no schema number: not a run of lgmpc")
-        if content["schema"] > SCHEMA:
-            raise RunFolderError(
-                f"{source} has schema {content['schema']}, this lgmpc reads up to {SCHEMA}: update lgmpc"
-            )
-        try:
-            return cls(
-                name=content["name"],
-                verdict=Verdict(Outcome(content["verdict"]), tuple(content["reasons"])),
-                metrics=_metrics(content["metrics"]),
-                seed=content["seed"],
-                created=content["created"],
-                versions=content["versions"],
-                host=HostInfo(**content["host"]),
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise RunFolderError(f"{source} is damaged: {type(error).__name__} {error}") from error
-
-
-def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no NaN and no infinity: what could not be measured is null."""
-    return {
-        name: _without_nan(value)
-        if isinstance(value, dict)
-        else None
-        if isinstance(value, float) and not math.isfinite(value)
-        else value
-        for name, value in values.items()
-    }
-
-
-def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
-    if content is None:
-        return None
-    values = {f.name: content[f.name] for f in fields(Metrics)}
-    for name in ("mpc_ms", "wbc_ms"):
-        values[name] = None if values[name] is None else Timing(**values[name])
-    return Metrics(**values)
+CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE = "config.yaml", "log.npz", "trajectory.npz"
 
 
 @dataclass(frozen=True)
@@ -133,6 +41,23 @@ class Run:
     config: str
     log: RunLog
     result: RunResult
+
+
+@dataclass(frozen=True)
+class SolvedRun:
+    """The folder of a solved problem, read.
+
+    Attributes:
+        path: the folder.
+        config: text of its ``config.yaml``.
+        trajectory: its arrays.
+        result: its ``run.json``.
+    """
+
+    path: Path
+    config: str
+    trajectory: TrajectoryLog
+    result: SolveResult
 
 
 @dataclass(frozen=True)
@@ -181,13 +106,20 @@ class RunFolder:
 
     def write_log(self, log: RunLog) -> None:
         """Write the arrays. :class:`RunLog` holds plain numbers and strings only, so nothing in the file is pickled."""
-        with atomic_write(self.path / LOG_FILE) as file:
-            arrays: dict[str, Any] = dict(log.arrays())
-            np.savez(file, **arrays)
+        self._write_arrays(LOG_FILE, log.arrays())
 
-    def write_result(self, result: RunResult) -> None:
+    def write_trajectory(self, trajectory: TrajectoryLog) -> None:
+        """Write the arrays of a solved problem; nothing in the file is pickled."""
+        self._write_arrays(TRAJECTORY_FILE, trajectory.arrays())
+
+    def write_result(self, result: RunResult | SolveResult) -> None:
         """Write ``run.json``: last, because a folder that has it is complete."""
         self._write(RESULT_FILE, result.to_json())
+
+    def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        with atomic_write(self.path / name) as file:
+            values: dict[str, Any] = dict(arrays)
+            np.savez(file, **values)
 
     def _write(self, name: str, text: str) -> None:
         with atomic_write(self.path / name) as file:
@@ -195,37 +127,59 @@ class RunFolder:
 
     @staticmethod
     def load(path: Path | str) -> Run:
-        """Read a run folder and check it.
+        """Read the run folder of a closed loop and check it.
 
         Raises:
             RunFolderError: if it is not one, or a file is missing, damaged, or of a newer schema.
         """
         path = Path(path)
-        if not path.is_dir():
-            raise RunFolderError(f"{path} is not a folder" if path.exists() else f"{path} does not exist")
-        missing = [name for name in (CONFIG_FILE, LOG_FILE, RESULT_FILE) if not (path / name).is_file()]
-        if missing:
-            raise RunFolderError(f"{path} is not a complete run folder: no {', no '.join(missing)}{_hint(path)}")
-        try:
-            config = (path / CONFIG_FILE).read_text(encoding="utf-8")
-            text = (path / RESULT_FILE).read_text(encoding="utf-8")
-            result = RunResult.from_json(text, str(path / RESULT_FILE))
-            return Run(path, config, _read_log(path / LOG_FILE), result)
-        except OSError as error:
-            raise RunFolderError(f"cannot read {path}: {reason_of(error)}") from error
-        except UnicodeDecodeError as error:
-            raise RunFolderError(f"cannot read {path}: not UTF-8 text ({error.reason})") from error
+        config, result = _texts(path)
+        parsed = RunResult.from_json(result, str(path / RESULT_FILE))
+        return Run(path, config, _read_arrays(path / LOG_FILE, RunLog.from_arrays), parsed)
+
+    @staticmethod
+    def load_solved(path: Path | str) -> SolvedRun:
+        """Read the run folder of a solved problem and check it; errors as :meth:`load`."""
+        path = Path(path)
+        config, result = _texts(path)
+        parsed = SolveResult.from_json(result, str(path / RESULT_FILE))
+        return SolvedRun(path, config, _read_arrays(path / TRAJECTORY_FILE, TrajectoryLog.from_arrays), parsed)
+
+    @staticmethod
+    def load_any(path: Path | str) -> Run | SolvedRun:
+        """Read a run folder of either kind and check it; errors as :meth:`load`."""
+        path = Path(path)
+        solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
+        return RunFolder.load_solved(path) if solved else RunFolder.load(path)
 
 
-def _read_log(path: Path) -> RunLog:
+def _texts(path: Path) -> tuple[str, str]:
+    """Return the texts of config and result."""
+    if not path.is_dir():
+        raise RunFolderError(f"{path} is not a folder" if path.exists() else f"{path} does not exist")
+    arrays = TRAJECTORY_FILE if (path / TRAJECTORY_FILE).is_file() else LOG_FILE
+    missing = [name for name in (CONFIG_FILE, arrays, RESULT_FILE) if not (path / name).is_file()]
+    if missing:
+        raise RunFolderError(f"{path} is not a complete run folder: no {', no '.join(missing)}{_hint(path)}")
+    try:
+        return (path / CONFIG_FILE).read_text(encoding="utf-8"), (path / RESULT_FILE).read_text(encoding="utf-8")
+    except OSError as error:
+        raise RunFolderError(f"cannot read {path}: {reason_of(error)}") from error
+    except UnicodeDecodeError as error:
+        raise RunFolderError(f"cannot read {path}: not UTF-8 text ({error.reason})") from error
+
+
+def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
     try:
         # Opened here, because np.load leaves a damaged file open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
+    except OSError as error:
+        raise RunFolderError(f"cannot read {path}: {reason_of(error)}") from error
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
         raise RunFolderError(f"{path} is damaged: {error}") from error
     try:
-        return RunLog.from_arrays(arrays)
+        return build(arrays)
     except RunFolderError as error:
         raise RunFolderError(f"{path}: {error}") from error
 

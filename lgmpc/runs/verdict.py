@@ -9,7 +9,7 @@ from enum import Enum
 from lgmpc.errors import InputError
 from lgmpc.runs.metrics import Metrics, Timing
 
-__all__ = ["Gate", "Outcome", "Verdict", "judge"]
+__all__ = ["Gate", "Outcome", "Verdict", "judge", "short_number"]
 
 
 class Outcome(str, Enum):
@@ -148,11 +148,15 @@ def _measured(metrics: Metrics, field: str) -> float | None:
 
 def _sentence(words: _Words, value: float, limit: float, kind: str, field: str) -> str:
     bound = "at most" if kind == "max" else "at least"
-    shown, allowed = _short(words.scale * value), _short(words.scale * limit)
-    if shown == allowed:  # so close that three digits would read as a contradiction
-        shown, allowed = f"{words.scale * value:.7g}", f"{words.scale * limit:.7g}"
+    shown, allowed = short_number(words.scale * value, words.scale * limit)
     unit = f" {words.unit}" if words.unit else ""
     return f"{words.phrase} {shown}{unit}, allowed {bound} {allowed}{unit} ({field})"
+
+
+def short_number(value: float, limit: float) -> tuple[str, str]:
+    """Return a value and the limit that it breaks, short, but not so short that the two read the same."""
+    shown, allowed = _short(value), _short(limit)
+    return (shown, allowed) if shown != allowed else (f"{value:.7g}", f"{limit:.7g}")
 
 
 def _short(value: float) -> str:

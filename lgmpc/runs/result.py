@@ -1,0 +1,198 @@
+"""``run.json``: what came of a run, and what it ran on. There are two kinds, of closed loops and of solved problems."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from datetime import datetime, timezone
+from typing import Any, ClassVar, TypeVar
+
+from lgmpc.errors import RunFolderError
+from lgmpc.runs.host import HostInfo, host_info, versions
+from lgmpc.runs.metrics import Metrics, Timing
+from lgmpc.runs.verdict import Outcome, Verdict
+
+__all__ = ["RESULT_FILE", "SCHEMA", "RunResult", "SolveResult", "kind_of"]
+
+SCHEMA = 1
+"""Version of the folder's format; a reader refuses a newer one."""
+
+RESULT_FILE = "run.json"
+
+R = TypeVar("R", bound="_Result")
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+
+
+class _Result:
+    """What both kinds have in their file."""
+
+    kind: ClassVar[str]
+    name: str
+    verdict: Verdict
+    created: str
+    versions: Mapping[str, str]
+    host: HostInfo
+
+    def to_json(self) -> str:
+        """Return the text of ``run.json``."""
+        content = {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "name": self.name,
+            "created": self.created,
+            "verdict": self.verdict.outcome.value,
+            "reasons": list(self.verdict.reasons),
+            **self._own(),
+            "versions": dict(self.versions),
+            "host": asdict(self.host),
+        }
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+    @classmethod
+    def from_json(cls: type[R], text: str, source: str = RESULT_FILE) -> R:
+        """Read the text of a ``run.json``; ``source`` names it in errors.
+
+        Raises:
+            RunFolderError: if it is not JSON, of a newer schema, of the other kind, or lacks an entry.
+        """
+        content = _content(text, source)
+        kind = content.get("kind", RunResult.kind)
+        if kind != cls.kind:
+            raise RunFolderError(f"{source} is of a {_words(kind)}, not of a {_words(cls.kind)}")
+        try:
+            common: dict[str, Any] = {name: content[name] for name in ("name", "created", "versions")}
+            common["verdict"] = Verdict(Outcome(content["verdict"]), tuple(content["reasons"]))
+            common["host"] = HostInfo(**content["host"])
+            return cls._read(content, common)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RunFolderError(f"{source} is damaged: {type(error).__name__} {error}") from error
+
+    def _own(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    @classmethod
+    def _read(cls: type[R], content: Mapping[str, Any], common: dict[str, Any]) -> R:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class RunResult(_Result):
+    """What ``run.json`` holds of a closed loop.
+
+    Attributes:
+        name: the run's name.
+        verdict: pass, fail or interrupted, with reasons.
+        metrics: what was measured; ``None`` if the run stopped before its first tick.
+        seed: seed of the run's random numbers.
+        created: when it was made, UTC, ISO 8601.
+        versions: versions of Python and packages.
+        host: the machine.
+    """
+
+    kind: ClassVar[str] = "closed_loop"
+
+    name: str
+    verdict: Verdict
+    metrics: Metrics | None
+    seed: int = 0
+    created: str = field(default_factory=_now)
+    versions: Mapping[str, str] = field(default_factory=versions)
+    host: HostInfo = field(default_factory=host_info)
+
+    def _own(self) -> dict[str, Any]:
+        metrics = None if self.metrics is None else _without_nan(asdict(self.metrics))
+        return {"seed": self.seed, "metrics": metrics}
+
+    @classmethod
+    def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> RunResult:
+        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]))
+
+
+@dataclass(frozen=True)
+class SolveResult(_Result):
+    """What ``run.json`` holds of a solved problem.
+
+    Attributes:
+        name: the run's name.
+        verdict: pass, fail or interrupted, with reasons.
+        method: the solver.
+        status: how it ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
+        explanation: what held it back, or that nothing did.
+        figures: by name, the unit at its end; NaN where one could not be measured.
+        created: when it was made, UTC, ISO 8601.
+        versions: versions of Python and packages.
+        host: the machine.
+    """
+
+    kind: ClassVar[str] = "solve"
+
+    name: str
+    verdict: Verdict
+    method: str
+    status: str
+    explanation: str
+    figures: Mapping[str, float]
+    created: str = field(default_factory=_now)
+    versions: Mapping[str, str] = field(default_factory=versions)
+    host: HostInfo = field(default_factory=host_info)
+
+    def _own(self) -> dict[str, Any]:
+        figures = _without_nan(dict(self.figures))
+        return {"method": self.method, "status": self.status, "explanation": self.explanation, "figures": figures}
+
+    @classmethod
+    def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> SolveResult:
+        figures = {name: math.nan if value is None else float(value) for name, value in content["figures"].items()}
+        texts = {name: str(content[name]) for name in ("method", "status", "explanation")}
+        return cls(**common, **texts, figures=figures)
+
+
+def kind_of(text: str, source: str = RESULT_FILE) -> str:
+    """Return the kind of run (``closed_loop``, ``solve``) whose ``run.json`` has this text.
+
+    Raises:
+        RunFolderError: if it is not JSON, or of a newer schema.
+    """
+    return str(_content(text, source).get("kind", RunResult.kind))  # the first lgmpc knew one kind only
+
+
+def _content(text: str, source: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise RunFolderError(f"{source} is not JSON: {error}") from error
+    if not isinstance(content, dict) or not isinstance(content.get("schema"), int):
+        raise RunFolderError(f"{source} has no schema number: not a run of lgmpc")
+    if content["schema"] > SCHEMA:
+        raise RunFolderError(f"{source} has schema {content['schema']}, this lgmpc reads up to {SCHEMA}: update lgmpc")
+    return content
+
+
+def _words(kind: object) -> str:
+    return {"closed_loop": "closed loop", "solve": "solved problem"}.get(str(kind), f"kind unknown here ({kind})")
+
+
+def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no NaN and no infinity: what could not be measured is null."""
+    return {
+        name: _without_nan(value)
+        if isinstance(value, dict)
+        else None
+        if isinstance(value, float) and not math.isfinite(value)
+        else value
+        for name, value in values.items()
+    }
+
+
+def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
+    if content is None:
+        return None
+    values = {f.name: content[f.name] for f in fields(Metrics)}
+    for name in ("mpc_ms", "wbc_ms"):
+        values[name] = None if values[name] is None else Timing(**values[name])
+    return Metrics(**values)

@@ -1,0 +1,160 @@
+"""What solving a problem leaves behind as arrays: the trajectory, its forces and waypoints, the solver's iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lgmpc.errors import RunFolderError
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["TrajectoryLog"]
+
+_SHAPES: Mapping[str, tuple[str | int, ...]] = {
+    "times": ("nodes",),
+    "xs": ("nodes", "nx"),
+    "us": ("intervals", "nu"),
+    "com": ("nodes", 3),
+    "contact_points": ("nodes", "nc", 3),
+    "contact_flags": ("intervals", "nc"),
+    "contact_forces": ("intervals", "nc", 3),
+    "contact_frames": ("nc",),
+    "control_names": ("nu",),
+    "control_lower": ("nu",),
+    "control_upper": ("nu",),
+    "waypoint_names": ("waypoints",),
+    "waypoint_times": ("waypoints",),
+    "waypoint_positions": ("waypoints", 3),
+    "waypoint_rotations": ("waypoints", 3, 3),
+    "iteration_cost": ("iterations",),
+    "iteration_criterion": ("iterations",),
+    "iteration_gap": ("iterations",),
+    "iteration_step": ("iterations",),
+    "iteration_regularization": ("iterations",),
+    "iteration_elapsed": ("iterations",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryLog:
+    """A trajectory of N intervals with nc contacts, found in i iterations. World axes, SI units, read-only arrays.
+
+    Attributes:
+        times: (N+1,) of the nodes, s, not decreasing; an impact's two nodes have the same.
+        xs: (N+1, nx) states [configuration; velocity].
+        us: (N, nu) controls.
+        com: (N+1, 3) centre of mass, m.
+        contact_points: (N+1, nc, 3) where the contact points are, m.
+        contact_flags: (N, nc) which are on the ground in each interval.
+        contact_forces: (N, nc, 3) forces on the robot, N.
+        contact_frames: (nc,) names of the contact frames.
+        control_names: (nu,) what each control is.
+        control_lower: (nu,) lowest value that the machine can have; minus infinity where unknown.
+        control_upper: (nu,) highest value; infinity where unknown.
+        waypoint_names: (w,) what should be there.
+        waypoint_times: (w,) when, s.
+        waypoint_positions: (w, 3) m.
+        waypoint_rotations: (w, 3, 3) world from frame; NaN where only the place counts.
+        iteration_cost: (i,) cost after each iteration.
+        iteration_criterion: (i,) what the solver compared with its tolerance; NaN where it does not tell.
+        iteration_gap: (i,) largest gap of the dynamics at the start of each.
+        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where the solver does not tell.
+        iteration_regularization: (i,) of the sweep.
+        iteration_elapsed: (i,) s since the solver began.
+        control_unit: of all controls.
+        nq: size of the configuration.
+        floating_base: whether the configuration begins with a base pose.
+        friction: coefficient that the forces are meant to keep to; NaN where nothing says so.
+
+    Raises:
+        RunFolderError: arrays that do not fit together.
+    """
+
+    times: Array
+    xs: Array
+    us: Array
+    com: Array
+    contact_points: Array
+    contact_flags: BoolArray
+    contact_forces: Array
+    contact_frames: NDArray[np.str_]
+    control_names: NDArray[np.str_]
+    control_lower: Array
+    control_upper: Array
+    waypoint_names: NDArray[np.str_]
+    waypoint_times: Array
+    waypoint_positions: Array
+    waypoint_rotations: Array
+    iteration_cost: Array
+    iteration_criterion: Array
+    iteration_gap: Array
+    iteration_step: Array
+    iteration_regularization: Array
+    iteration_elapsed: Array
+    control_unit: str
+    nq: int
+    floating_base: bool
+    friction: float = np.nan
+
+    def __post_init__(self) -> None:
+        sizes: dict[str, int] = {}
+        for name, axes in _SHAPES.items():
+            array = getattr(self, name)
+            if array.ndim != len(axes):
+                raise RunFolderError(f"'{name}' has {array.ndim} axes, expected {len(axes)}")
+            wanted = tuple(
+                axis if isinstance(axis, int) else sizes.setdefault(axis, size)
+                for axis, size in zip(axes, array.shape, strict=True)
+            )
+            if array.shape != wanted:
+                raise RunFolderError(f"'{name}' has shape {array.shape}, expected {wanted}")
+            if array.dtype.kind != _kind(name):
+                raise RunFolderError(f"'{name}' holds {array.dtype}")
+            array.setflags(write=False)
+        if sizes["nodes"] != sizes["intervals"] + 1:
+            raise RunFolderError(f"{sizes['nodes']} states do not fit {sizes['intervals']} controls")
+        if not (np.isfinite(self.times).all() and (np.diff(self.times) >= 0.0).all()):
+            raise RunFolderError("'times' decreases")
+        if not 0 <= self.nq <= sizes["nx"] or (self.floating_base and self.nq < 7):
+            raise RunFolderError(f"nq = {self.nq} does not fit {sizes['nx']} entries of the state")
+
+    @property
+    def nodes(self) -> int:
+        """Number of intervals N."""
+        return len(self.us)
+
+    @property
+    def finite(self) -> bool:
+        """Whether all states and controls are."""
+        return bool(np.isfinite(self.xs).all() and np.isfinite(self.us).all())
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything as named arrays, as ``trajectory.npz`` holds it."""
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> TrajectoryLog:
+        """Build it from the arrays of ``trajectory.npz``.
+
+        Raises:
+            RunFolderError: if one is missing or does not fit.
+        """
+        names = [field.name for field in fields(cls)]
+        missing = [name for name in names if name not in arrays]
+        if missing:
+            raise RunFolderError(f"{', '.join(missing)} missing")
+        values: dict[str, Any] = {name: arrays[name] for name in names}
+        for name in ("control_unit", "nq", "floating_base", "friction"):
+            if values[name].shape != ():
+                raise RunFolderError(f"'{name}' has shape {values[name].shape}, expected one value")
+            values[name] = values[name].item()
+        return cls(**values)
+
+
+def _kind(name: str) -> str:
+    """NumPy's letter for what an array holds: text, truth values or numbers."""
+    return "U" if name.endswith(("_names", "_frames")) else "b" if name.endswith("_flags") else "f"

@@ -1,0 +1,221 @@
+"""Rigid bodies as Euler-Poincare systems: free to turn, held at a point under gravity, and free to move.
+
+SI units. Body axes are fixed in the body; the world's third axis points up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, so3
+from lgmpc.lie.symbolic import se3 as symbolic_se3
+from lgmpc.lie.symbolic import so3 as symbolic_so3
+from lgmpc.mechanics.euler_poincare import Advected, Expression, LeftEulerPoincare
+from lgmpc.mechanics.groups import SE3, SO3
+from lgmpc.typing import Array
+
+__all__ = [
+    "HEIGHT",
+    "UP",
+    "SpatialInertia",
+    "check_inertia",
+    "check_positive",
+    "check_positive_definite",
+    "free_body",
+    "heavy_top",
+    "torque_free_body",
+]
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Upwards in the world."""
+
+HEIGHT = np.array([0.0, 0.0, 1.0, 0.0])
+"""The height of a point above the ground as a covector on [point; 1] in the world, m."""
+
+_TOLERANCE = 1e-9
+
+
+def check_positive_definite(name: str, value: object, size: int) -> Array:
+    """Convert a symmetric positive definite matrix (size, size).
+
+    Raises:
+        InputError: misshapen, not finite, not symmetric or not positive definite.
+    """
+    array = checks.matrix(size)(name, value)
+    if array.shape != (size, size):
+        raise InputError(name, f"shape {array.shape}", f"shape {(size, size)}")
+    scale = float(np.abs(array).max())
+    skew = float(np.abs(array - array.T).max())
+    if skew > _TOLERANCE * scale:
+        raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")
+    moments: Array = np.linalg.eigvalsh(array).astype(np.float64)
+    if not moments[0] > 0.0:
+        raise InputError(name, f"eigenvalues {_listed(moments)}", "a positive definite matrix")
+    return array
+
+
+def check_inertia(name: str, value: object) -> Array:
+    """Convert a rotational inertia (3, 3), kg.m^2.
+
+    Raises:
+        InputError: misshapen, not finite, not symmetric, not positive definite, or with a principal moment above the
+            sum of the other two, as no mass distribution has.
+    """
+    array = check_positive_definite(name, value, 3)
+    low, middle, high = np.linalg.eigvalsh(array)
+    if high > (low + middle) * (1.0 + _TOLERANCE):
+        got = f"principal moments {_listed(np.array([low, middle, high]))}"
+        raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
+    return array
+
+
+def check_positive(name: str, value: float, unit: str) -> float:
+    """Convert a positive, finite number.
+
+    Raises:
+        InputError: it is not.
+    """
+    array = checks.finite(name, value)
+    if array.ndim or not array > 0.0:
+        raise InputError(name, value, f"a positive number, {unit}")
+    return float(array)
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialInertia:
+    """Mass distribution of a body, seen from the origin of its frame.
+
+    Attributes:
+        mass: kg.
+        center: (3,) centre of mass in body axes, m.
+        rotational: (3, 3) inertia about the centre of mass in body axes, kg.m^2.
+
+    Raises:
+        InputError: a mass that is not positive, or an inertia that no body has.
+    """
+
+    mass: float
+    center: Array
+    rotational: Array
+
+    def __post_init__(self) -> None:
+        center = checks.finite("center", self.center)
+        if center.shape != (3,):
+            raise InputError("center", f"shape {center.shape}", "shape (3,)")
+        object.__setattr__(self, "mass", check_positive("mass", self.mass, "kg"))
+        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "rotational", check_inertia("rotational", self.rotational))
+
+    @property
+    def matrix(self) -> Array:
+        """(6, 6) with kinetic energy ``xi^T G xi / 2``, twist linear first (chapter 4.6.3, its blocks swapped)."""
+        c = so3.hat(self.center)
+        return np.block([[self.mass * np.eye(3), -self.mass * c], [self.mass * c, self.rotational - self.mass * c @ c]])
+
+    @property
+    def about_origin(self) -> Array:
+        """(3, 3) rotational inertia about the frame's origin, kg.m^2 (Huygens and Steiner)."""
+        return self.matrix[3:, 3:]
+
+
+def torque_free_body(
+    inertia: Array, *, body_force: Expression | None = None, spatial_force: Expression | None = None
+) -> LeftEulerPoincare:
+    """Euler's equations on SO(3), ``J w' = (J w) x w + tau``, from ``l = w^T J w / 2``.
+
+    Chapter 4.5; Euler, "Du mouvement de rotation des corps solides autour d'un axe variable" (1765).
+
+    Args:
+        inertia: (3, 3) about the centre of mass or the point that is held, body axes, kg.m^2.
+        body_force: torque in body axes, N.m.
+        spatial_force: torque in world axes, N.m.
+
+    Raises:
+        InputError: an inertia that no body has.
+    """
+    return LeftEulerPoincare(
+        "torque_free_body",
+        SO3,
+        lambda s: _quadratic(s.velocity, s.parameters, 3),
+        body_force=body_force,
+        spatial_force=spatial_force,
+        parameters=check_inertia("inertia", inertia).ravel(),
+    )
+
+
+def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEulerPoincare:
+    """A body held at a point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
+
+    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, upwards as the body sees it:
+    start at ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
+
+    Args:
+        inertia: (3, 3) about the point that is held, body axes, kg.m^2.
+        moment: (3,) mass times centre of mass, from that point, body axes, kg.m.
+        gravity: m/s^2.
+
+    Raises:
+        InputError: an inertia that no body has, or a moment or gravity not finite.
+    """
+    weight = checks.finite("gravity", gravity) * checks.tangent(3)("moment", moment)
+    return LeftEulerPoincare(
+        "heavy_top",
+        SO3,
+        lambda s: _quadratic(s.velocity, s.parameters, 3) - ca.dot(s.parameters[9:], s.advected),
+        advected=Advected(3, symbolic_so3.act),
+        parameters=np.concatenate((check_inertia("inertia", inertia).ravel(), weight)),
+    )
+
+
+def free_body(
+    inertia: SpatialInertia,
+    gravity: float = 0.0,
+    *,
+    potential: Expression | None = None,
+    body_force: Expression | None = None,
+    spatial_force: Expression | None = None,
+) -> LeftEulerPoincare:
+    """Newton's and Euler's equations on SE(3), the frame's origin anywhere: ``G xi' = ad(xi)^T G xi + F``.
+
+    From ``l = xi^T G xi / 2 - m g h``. Advected is the height of points above the ground as a covector on
+    [point; 1] in body coordinates: ``HEIGHT`` in the world, ``g^T @ HEIGHT`` at the start.
+    Chapter 4.6; Marsden, Ratiu, Weinstein (1984) for the semidirect product SE(3) with (R^4)*.
+
+    Args:
+        inertia: of the body.
+        gravity: m/s^2, downwards.
+        potential: further potential energy, J.
+        body_force: wrench [force; moment about the body frame's origin] in body axes, N, N.m.
+        spatial_force: wrench [force; moment about the world's origin] in world axes, N, N.m.
+
+    Raises:
+        InputError: gravity that is not finite.
+    """
+    weight = inertia.mass * checks.finite("gravity", gravity) * np.append(inertia.center, 1.0)
+    return LeftEulerPoincare(
+        "free_body",
+        SE3,
+        lambda s: _quadratic(s.velocity, s.parameters, 6) - ca.dot(s.parameters[36:], s.advected),
+        advected=Advected(4, lambda g, a: symbolic_se3.inverse(g).T @ a),
+        potential=potential,
+        body_force=body_force,
+        spatial_force=spatial_force,
+        parameters=np.concatenate((inertia.matrix.ravel(), weight)),
+    )
+
+
+def _quadratic(velocity: Any, parameters: Any, size: int) -> Any:
+    matrix = ca.reshape(parameters[: size * size], size, size)
+    return 0.5 * ca.dot(velocity, matrix @ velocity)
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)

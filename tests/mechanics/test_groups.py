@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from lgmpc.errors import InputError
+from lgmpc.mechanics import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
+
+GROUPS = (SO3, SE3, SEMIDIRECT, extended_poses(2), translations(3))
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.name)
+def test_bracket_adjoint_and_exponential_are_those_of_the_matrices(group: LieGroup) -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(2, group.dim))
+    hat, vee, g = group.numeric.hat, group.numeric.vee, group.numeric.exp(x)
+    assert g.shape == (group.size, group.size)
+    np.testing.assert_allclose(g, expm(hat(x)), atol=1e-13)
+    np.testing.assert_allclose(group.numeric.ad(x) @ y, vee(hat(x) @ hat(y) - hat(y) @ hat(x)), atol=1e-13)
+    np.testing.assert_allclose(group.numeric.adjoint(g) @ y, vee(g @ hat(y) @ np.linalg.inv(g)), atol=1e-13)
+    np.testing.assert_array_equal(group.numeric.coadjoint(x), group.numeric.ad(x).T)
+    np.testing.assert_allclose(group.check_element("g", g), g)
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.name)
+def test_expressions_and_numbers_are_the_same_group(group: LieGroup) -> None:
+    rng = np.random.default_rng(2)
+    x, y = rng.normal(size=(2, group.dim))
+    g, h = group.numeric.exp(x), group.numeric.exp(y)
+    for name, arguments in (
+        ("exp", (x,)),
+        ("log", (g,)),
+        ("compose", (g, h)),
+        ("inverse", (g,)),
+        ("adjoint", (g,)),
+        ("ad", (x,)),
+        ("coadjoint", (x,)),
+        ("left_jacobian_inverse", (x,)),
+        ("right_jacobian_inverse", (x,)),
+    ):
+        expression = getattr(group.symbolic, name)(*(ca.DM(a) for a in arguments))
+        number = getattr(group.numeric, name)(*arguments)
+        np.testing.assert_allclose(ca.DM(expression).full().reshape(number.shape), number, atol=1e-13, err_msg=name)
+
+
+def test_batches_of_translations() -> None:
+    group = translations(2).numeric
+    points = np.arange(6.0).reshape(3, 2)
+    poses = group.exp(points)
+    np.testing.assert_array_equal(group.act(poses, points), 2 * points)
+    np.testing.assert_array_equal(group.log(group.compose(poses, group.inverse(poses))), 0 * points)
+    assert group.adjoint(poses).shape == group.ad(points).shape == (3, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("group", "value", "message"),
+    [
+        (SO3, np.diag([1.0, 1.0, 2.0]), "pose: .* expected a rotation"),
+        (SO3, np.diag([1.0, 1.0, -1.0]), "pose: got a reflection"),
+        (SE3, np.eye(3), "pose: got shape"),
+        (SE3, np.tile(np.eye(4), (2, 1, 1)), "pose: got shape"),
+        (SE3, np.full((4, 4), np.nan), "pose: .* finite"),
+        (extended_poses(2), np.eye(4), r"pose: got shape \(4, 4\)"),
+        (translations(2), np.diag([2.0, 1.0, 1.0]), "pose: .* off the last column"),
+    ],
+)
+def test_what_is_no_element_is_refused(group: LieGroup, value: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        group.check_element("pose", value)
+
+
+def test_dimensions_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(InputError, match="k: got 0"):
+        extended_poses(0)
+    with pytest.raises(InputError, match="n: got 0"):
+        translations(0)
+    with pytest.raises(InputError, match=r"velocity: got shape \(2,\)"):
+        SO3.check_tangent("velocity", [1.0, 2.0])

@@ -71,15 +71,14 @@ def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
     console = out()
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("quantity")
-    for name in ("predicted", "measured", "difference", "allowed"):
-        table.add_column(name, justify="right")
-    table.add_column("unit")
-    table.add_column("")
+    for name in ("predicted", "measured", "off by", "allowed"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     for row in outcome.rows:
-        mark = Text("agrees", "green") if row.agrees else Text("differs", "bold red")
-        difference = row.measured - row.predicted
-        numbers = (f"{row.predicted:.9g}", f"{row.measured:.9g}", f"{difference:.1e}", f"{row.tolerance:.1e}")
-        table.add_row(row.quantity, *numbers, row.unit, mark)
+        mark = Text("ok", "green") if row.agrees else Text("differs", "bold red")
+        name = f"{row.quantity} / {row.unit}" if row.unit else row.quantity
+        off = f"{row.measured - row.predicted:.1e}"
+        table.add_row(name, f"{row.predicted:.7g}", f"{row.measured:.7g}", off, f"{row.tolerance:.0e}", mark)
     console.print(table)
     for remark in outcome.remarks:
         console.print(Text(remark))

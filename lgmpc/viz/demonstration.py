@@ -27,6 +27,9 @@ __all__ = ["FORMATS", "demo_page", "draw_demo", "write_demo_page"]
 FORMATS = ("png", "svg")
 """Kinds of file that a figure can be."""
 
+_MOST_ENTRIES = 5
+"""More bodies than this share one entry of the legend."""
+
 _CLEARANCE = 0.12
 """How far above the floor a scene without one hangs, as a share of its size."""
 
@@ -62,11 +65,10 @@ def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
-    # A prediction has the ink's colour, so that a measurement on it is seen; several tell each other apart by colour.
-    lonely = sum(curve.dashed for curve in panel.curves) == 1
+    # Predictions have the ink's colour, so that measurements are seen below them.
     colors = iter(PALETTE * (len(panel.curves) // len(PALETTE) + 1))
     for curve in sorted(panel.curves, key=lambda each: each.dashed):
-        look: dict[str, Any] = {"color": INK if curve.dashed and lonely else next(colors), "label": curve.label or None}
+        look: dict[str, Any] = {"color": INK if curve.dashed else next(colors), "label": curve.label or None}
         if curve.dashed:
             look |= {"ls": "--", "lw": 1.1, "zorder": 3.0}
         axes.plot(curve.x, curve.y, **look)
@@ -110,15 +112,13 @@ def demo_page(demo: Demo, outcome: Outcome) -> str:
     for path in outcome.paths:
         line = np.repeat(path.points + lift, 2, axis=0)[1:-1]
         scene.add_segments(f"/paths/{path.name}", line, path.color)
-    names = [(f"/bodies/{b.name}", b.name, b.shapes[0].color) for b in outcome.bodies]
-    names += [(f"/paths/{p.name}", p.name, p.color) for p in outcome.paths]
     content = {
         "name": demo.name,
         "created": demo.summary,
         "verdict": "pass" if outcome.agrees else "fail",
         "reasons": list(outcome.remarks),
-        "facts": [(row.quantity, _fact(row)) for row in outcome.rows],
-        "legend": [{"path": p, "label": n, "note": "", "color": f"#{c:06x}", "on": True} for p, n, c in names],
+        "facts": _facts(outcome.rows),
+        "legend": _legend(outcome),
         "pushes": [],
         "start": float(outcome.times[0]),
         "series": time_line(outcome.times - outcome.times[0], ()),
@@ -128,8 +128,25 @@ def demo_page(demo: Demo, outcome: Outcome) -> str:
     return page_of(f"{demo.name} · lgmpc demo", scene, content)
 
 
-def _fact(row: Row) -> str:
-    return f"{row.measured:.6g} {row.unit}".strip()
+def _facts(rows: tuple[Row, ...]) -> list[tuple[str, str]]:
+    """Return what fits a card: how many predictions were met, and how closely; the table is on the terminal."""
+    shares = [abs(row.measured - row.predicted) / row.tolerance for row in rows if row.tolerance > 0]
+    facts = [("predictions met", f"{sum(row.agrees for row in rows)} of {len(rows)}")]
+    if shares and np.isfinite(shares).all():
+        facts.append(("farthest off", f"{100.0 * max(shares):.2g} % of tolerance"))
+    return facts
+
+
+def _legend(outcome: Outcome) -> list[dict[str, object]]:
+    """Return an entry for each thing, or one for all bodies where they are many."""
+    entries = [(f"/bodies/{body.name}", body.name, body.shapes[0].color) for body in outcome.bodies]
+    if len(entries) > _MOST_ENTRIES:
+        entries = [("/bodies", "bodies", outcome.bodies[0].shapes[0].color)]
+    entries += [(f"/paths/{path.name}", path.name, path.color) for path in outcome.paths]
+    return [
+        {"path": path, "label": label, "note": "", "color": f"#{color:06x}", "on": True}
+        for path, label, color in entries
+    ]
 
 
 def _add_body(scene: Scene, body: Body, times: Array, lift: Array) -> None:

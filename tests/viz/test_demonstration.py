@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import gzip
 import json
 
@@ -74,11 +75,21 @@ def test_the_page_tells_rows_and_remarks_and_whether_they_agree(tmp_path) -> Non
     content = content_of(write_demo_page(DEMO, circling(), tmp_path / "scene.html").read_text(encoding="utf-8"))
     assert content["name"] == "circle"
     assert content["verdict"] == "pass"
-    assert content["facts"] == [["radius", "1 m"]]
+    assert content["facts"][0] == ["predictions met", "1 of 1"]
+    assert [entry["label"] for entry in content["legend"]] == ["ball", "circle"]
     assert content["reasons"] == ["It goes round."]
     assert content["duration"] == pytest.approx(2.0)
     broken = circling(rows=(Row("radius", 1.0, float("nan"), 1e-12, "m"),))
-    assert content_of(demo_page(DEMO, broken))["verdict"] == "fail"
+    content = content_of(demo_page(DEMO, broken))
+    assert content["verdict"] == "fail"
+    assert content["facts"] == [["predictions met", "0 of 1"]]
+
+
+def test_many_bodies_share_an_entry_of_the_legend() -> None:
+    (ball,) = circling().bodies
+    many = tuple(dataclasses.replace(ball, name=f"ball{i}") for i in range(9))
+    labels = [entry["label"] for entry in content_of(demo_page(DEMO, circling(bodies=many)))["legend"]]
+    assert labels == ["bodies", "circle"]
 
 
 def test_nothing_hangs_below_the_floor() -> None:

@@ -222,6 +222,7 @@ function describe(content) {
     element.textContent = text;
     document.getElementById(parent).append(element);
   };
+  document.getElementById("reasons").className = content.verdict;
   for (const reason of content.reasons) add("reasons", "li", reason);
   for (const [label, value] of content.facts) {
     add("facts", "dt", label);

@@ -1,0 +1,210 @@
+"""Solo12 is thrown up, kicks about, and is pulled at one foot: its momentum knows only of gravity and of the pull.
+
+Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; joint torques do not occur in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import simpson
+
+from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.lie import se3
+from lgmpc.mechanics.centroidal import CentroidalTerms, centroidal_terms, wrench_about
+from lgmpc.mechanics.floating_base import FloatingBaseDynamics
+from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.typing import Array
+
+__all__ = ["DEMO"]
+
+_STEP, _STEPS = 5e-4, 1200
+_PULL = (400, 520)
+"""Steps between which the foot is pulled."""
+_FORCE = np.array([1.5, 3.0, 4.0])  # N, world axes
+_FOOT = "FL_FOOT"
+_THROW = np.array([0.2, 0.0, 2.6])  # m/s
+_COLORS = (0x34414F, 0xE69F00, 0x4C78A8)
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """Configurations (n, nq), velocities (n, nv), and the pulled foot (n, 3) over times (n,)."""
+
+    times: Array
+    qs: Array
+    vs: Array
+    feet: Array
+    terms: tuple[CentroidalTerms, ...]
+
+
+def _run() -> Outcome:
+    robot = load_robot(
+        RobotSpec(
+            "solo12",
+            contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+            effort_limit=1.8,
+            velocity_limit=30.0,
+            position_limit=(-3.2, 3.2),
+        )
+    )
+    flight = _fly(robot)
+    momenta = np.array([t.momentum(v) for t, v in zip(flight.terms, flight.vs, strict=True)])
+    coms = np.array([t.com for t in flight.terms])
+    pulled = slice(_PULL[0], _PULL[1] + 1)
+    lasts = (_PULL[1] - _PULL[0]) * _STEP
+    total = _STEP * _STEPS
+    weight = robot.mass * robot.gravity
+
+    # In closed form: impulses, and the parabola with the pull's part from its middle to the end.
+    linear = momenta[0, :3] + weight * total + _FORCE * lasts
+    since = total - 0.5 * (_PULL[0] + _PULL[1]) * _STEP
+    com = coms[0] + momenta[0, :3] / robot.mass * total + 0.5 * robot.gravity * total**2
+    com += _FORCE * lasts / robot.mass * since
+    # The pull's moment about the centre of mass depends on where the foot is: a quadrature.
+    levers = [
+        wrench_about(c, p[None], _FORCE[None])[3:] for c, p in zip(coms[pulled], flight.feet[pulled], strict=True)
+    ]
+    turned = simpson(np.array(levers), dx=_STEP, axis=0)
+
+    free = momenta[: _PULL[0] + 1, 3:]
+    rows = [
+        Row("angular momentum before the pull, kicking", 0.0, float(np.abs(free - free[0]).max()), 1e-9, "N.m.s"),
+        *[
+            Row(f"linear momentum at the end, {axis}", float(linear[i]), float(momenta[-1, i]), 1e-9, "N.s")
+            for i, axis in enumerate("xyz")
+        ],
+        *[
+            Row(f"angular momentum at the end, {axis}", float(turned[i]), float(momenta[-1, 3 + i]), 1e-8, "N.m.s")
+            for i, axis in enumerate("xyz")
+        ],
+        Row("distance of the centre of mass from its parabola", 0.0, float(np.linalg.norm(coms[-1] - com)), 1e-9, "m"),
+    ]
+    t = flight.times
+    predicted = momenta[0, :3] + weight * t[:, None]
+    predicted = predicted + _FORCE * np.clip(t - _PULL[0] * _STEP, 0.0, lasts)[:, None]
+    trunk = np.array([pin.rpy.matrixToRpy(pin.XYZQUATToSE3(q[:7]).rotation) for q in flight.qs])
+    axes = tuple("xyz")
+    panels = (
+        Panel(
+            "Linear momentum",
+            "time, s",
+            "N.s",
+            (
+                *(Curve(axis, t, momenta[:, i]) for i, axis in enumerate(axes)),
+                *(Curve("", t, predicted[:, i], dashed=True) for i in range(3)),
+            ),
+        ),
+        Panel(
+            "Angular momentum about the centre of mass",
+            "time, s",
+            "N.m.s",
+            tuple(Curve(axis, t, momenta[:, 3 + i]) for i, axis in enumerate(axes)),
+        ),
+        Panel(
+            "The trunk turns all the same",
+            "time, s",
+            "deg",
+            tuple(Curve(n, t, np.degrees(trunk[:, i])) for i, n in enumerate(("roll", "pitch", "yaw"))),
+        ),
+    )
+    shown = slice(None, None, 20)
+    return Outcome(
+        tuple(rows),
+        panels,
+        t[shown],
+        tuple(_bodies(robot, flight.qs[shown])),
+        (Path("centre of mass", coms[shown], 0xD55E00),),
+        (
+            "The legs kick with up to a few N.m, and turn the trunk; momentum does not notice.",
+            f"A foot is pulled with {np.linalg.norm(_FORCE):.1f} N at {_PULL[0] * _STEP:g} s, for {lasts:g} s.",
+        ),
+    )
+
+
+def _fly(robot: Robot) -> _Flight:
+    """Integrate with the Runge-Kutta-Munthe-Kaas method of order 4, Pinocchio's accelerations, and log."""
+    model, data = robot.model, robot.create_data()
+    foot = robot.frame(_FOOT)
+    q, v = np.array(robot.q_reference), np.zeros(robot.nv)
+    q[2] += 0.3
+    v[:3] = _THROW
+    rest = q[7:].copy()
+    phases = np.repeat([0.0, np.pi, 0.5 * np.pi, 1.5 * np.pi], 3)
+    swing = np.tile([0.25, 0.5, 0.8], 4)
+
+    def rate(time: float, q: Array, v: Array, pull: Array) -> Array:
+        wanted = rest + swing * (np.sin(14.0 * time + phases) - np.sin(phases))
+        load = np.concatenate([np.zeros(6), 3.0 * (wanted - q[7:]) - 0.08 * v[6:]])
+        jacobian = pin.computeFrameJacobian(model, data, q, foot, pin.LOCAL_WORLD_ALIGNED)[:3]
+        return np.array(pin.aba(model, data, q, v, load + jacobian.T @ pull))
+
+    qs, vs, h = [q], [v], _STEP
+    for k in range(_STEPS):
+        pull, time = _FORCE * (_PULL[0] <= k < _PULL[1]), k * h
+        k1, a1 = v, rate(time, q, v, pull)
+        k2, u2 = v + 0.5 * h * a1, 0.5 * h * k1
+        a2 = rate(time + 0.5 * h, pin.integrate(model, q, u2), k2, pull)
+        d2 = _inverse_differential(u2, k2)
+        k3, u3 = v + 0.5 * h * a2, 0.5 * h * d2
+        a3 = rate(time + 0.5 * h, pin.integrate(model, q, u3), k3, pull)
+        d3 = _inverse_differential(u3, k3)
+        k4, u4 = v + h * a3, h * d3
+        a4 = rate(time + h, pin.integrate(model, q, u4), k4, pull)
+        d4 = _inverse_differential(u4, k4)
+        q = pin.integrate(model, q, h / 6.0 * (k1 + 2.0 * d2 + 2.0 * d3 + d4))
+        v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        qs.append(q)
+        vs.append(v)
+    dynamics = FloatingBaseDynamics(model)
+    terms = tuple(centroidal_terms(dynamics.equations(q, v), q, v) for q, v in zip(qs, vs, strict=True))
+    feet = []
+    for q in qs:
+        pin.framesForwardKinematics(model, data, q)
+        feet.append(data.oMf[foot].translation.copy())
+    times: Array = h * np.arange(_STEPS + 1, dtype=np.float64)
+    return _Flight(times, np.array(qs), np.array(vs), np.array(feet), terms)
+
+
+def _inverse_differential(u: Array, v: Array) -> Array:
+    """Return the rate of the tangent coordinates u of the step whose body velocity is v (Munthe-Kaas 1999)."""
+    found = v.copy()
+    found[:6] = se3.right_jacobian_inverse.unchecked(u[:6]) @ v[:6]
+    return found
+
+
+def _bodies(robot: Robot, qs: Array) -> list[Body]:
+    """The trunk as a box, a ball at every joint and a rod to the next joint or the foot."""
+    model, data = robot.model, robot.create_data()
+    poses = []
+    for q in qs:
+        pin.forwardKinematics(model, data, q)
+        poses.append([placement.homogeneous for placement in data.oMi])
+    placed = np.array(poses)
+    ends = {model.parents[j]: model.jointPlacements[j].translation for j in range(2, model.njoints)}
+    ends |= {model.frames[i].parentJoint: model.frames[i].placement.translation for i in robot.contact_ids}
+    bodies = [
+        Body("trunk", (Shape("box", (0.42, 0.2, 0.06), color=_COLORS[0]),), placed[:, 1, :3, 3], _turns(placed, 1))
+    ]
+    for j in range(2, model.njoints):
+        color = _COLORS[1 + j % 2]
+        end = np.asarray(ends[j])
+        length = float(np.linalg.norm(end))
+        along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
+        middle = (float(0.5 * end[0]), float(0.5 * end[1]), float(0.5 * end[2]))
+        shapes = (
+            Shape("sphere", (0.018, 0.018, 0.018), color=color),
+            Shape("cylinder", (0.011, 0.011, length), middle, color, rotation=along),
+        )
+        bodies.append(Body(str(model.names[j]), shapes, placed[:, j, :3, 3], _turns(placed, j)))
+    return bodies
+
+
+def _turns(placed: Array, joint: int) -> Array:
+    turns: Array = placed[:, joint, :3, :3]
+    return turns
+
+
+DEMO = Demo("solo12-momentum", "Solo12 kicks in the air: only gravity and a pull change its momentum", _run)

@@ -11,8 +11,10 @@ from lgmpc.mechanics.euler_poincare import (
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
 from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, Flow, LiePoisson, extended_poses_dual
 from lgmpc.mechanics.momentum_maps import body_momentum, conserved_dimension, spatial_momentum
+from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_body_phase
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry
+from lgmpc.mechanics.variational import GroupSystem, Trajectory, compare_integrators, drift_table
 
 __all__ = [
     "HEIGHT",
@@ -24,8 +26,12 @@ __all__ = [
     "SO3_DUAL",
     "UP",
     "Advected",
+    "Beanie",
+    "Cat",
+    "Connection",
     "EulerPoincare",
     "Flow",
+    "GroupSystem",
     "LeftEulerPoincare",
     "LeftSymmetry",
     "LieGroup",
@@ -34,13 +40,18 @@ __all__ = [
     "RightEulerPoincare",
     "SpatialInertia",
     "Symbols",
+    "ThreeLink",
+    "Trajectory",
     "body_momentum",
     "check_inertia",
+    "compare_integrators",
     "conserved_dimension",
+    "drift_table",
     "extended_poses",
     "extended_poses_dual",
     "free_body",
     "heavy_top",
+    "rigid_body_phase",
     "spatial_momentum",
     "torque_free_body",
     "translations",

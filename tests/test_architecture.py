@@ -49,13 +49,16 @@ ARROWS: dict[str, str] = {
     # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
     "config": "",
     "config.robots": "robot",
+    "config.scaling": "robot",
+    "config.planners": f"{_PARTS} control",
     "config.build": f"{_PARTS} control runs",
-    "config.scenarios": f"{_PROBLEMS} problems solvers runs",
+    "config.scenarios": "robot problems",
+    "config.solving": f"{_PROBLEMS} problems solvers runs",
     "config.closed_loop": f"{_PARTS} control runs",
     "config.execution": "runs",
     "config.session": "runs",
     "doctor": f"{_PARTS} viz",
-    "cli": "config robot runs viz doctor demos",
+    "cli": "config problems robot runs viz doctor demos",
     "__main__": "cli",
     # The foundation itself, and the package's own front page.
     "errors": "",

@@ -13,15 +13,17 @@ from lgmpc.cli.failures import guarded
 
 __all__ = ["app"]
 
-_OVERVIEW = """Lie-group model-predictive control of floating-base robots.
+_OVERVIEW = """Lie-group trajectory optimisation and model-predictive control of floating-base robots.
 
-A config (YAML) describes a robot, a simulated world, controllers, disturbances, and what counts as success.
-`lgmpc run` plays it through and saves a run folder; `lgmpc play` and `lgmpc plot` show what happened.
+A config (YAML) describes a robot and what counts as success and, either, a simulated world, controllers and
+disturbances, which `lgmpc run` plays through, or a problem and a solver, whose trajectory `lgmpc solve` finds.
+Both save a run folder; `lgmpc play` and `lgmpc plot` show what happened.
 
 [bold]Start here[/bold]
 
   lgmpc doctor                               is everything installed?
   lgmpc run configs/solo12_balance.yaml      push Solo12, see it recover
+  lgmpc solve configs/panda_reach.yaml       optimise a trajectory
   lgmpc play latest                          watch that run in the browser
 
 [bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 mistake in lgmpc
@@ -38,6 +40,15 @@ _RUN_EXAMPLES = """[bold]Examples[/bold]
   lgmpc run runs/<time>-<name>/config.yaml      repeat a run
 """
 
+_SOLVE_EXAMPLES = """[bold]Examples[/bold]
+
+  lgmpc solve configs/panda_reach.yaml
+
+  lgmpc solve configs/panda_reach.yaml --set "problem.position_m=[0.4, 0.3, 0.5]" solver.method=sqp
+
+  lgmpc solve configs/solo12_com_circle_full_body.yaml --json | jq .figures
+"""
+
 _PLAY_EXAMPLES = """[bold]Examples[/bold]
 
   lgmpc play latest                          in the browser, with a time slider
@@ -50,6 +61,8 @@ _CHECK_EXAMPLES = """[bold]Examples[/bold]
   lgmpc check configs/solo12_balance.yaml
 
   lgmpc check my.yaml --set robot.model=anymal_c
+
+  lgmpc check configs/panda_reach.yaml       which figures can be bounded
 """
 
 _DEMO_EXAMPLES = """[bold]Examples[/bold]
@@ -144,6 +157,28 @@ def run(
     raise typer.Exit(run_shown(loaded, out, as_json=as_json))
 
 
+@app.command(epilog=_SOLVE_EXAMPLES)
+@guarded
+def solve(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006
+    overrides: Overrides = [],  # noqa: B006
+    out: Annotated[Path, typer.Option(help="Folder that the run's folder is made in.")] = Path("runs"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")] = False,
+) -> None:
+    """Optimise the trajectory of a config, save it and judge it.
+
+    Shows the iterations. Ctrl-C saves the trajectory as it is then and marks it as interrupted.
+    """
+    from lgmpc.config import load_solve_config
+
+    loaded = load_solve_config(config, [*overrides, *more])
+    from lgmpc.cli.solving import solve_shown
+
+    raise typer.Exit(solve_shown(loaded, out, as_json=as_json, quiet=quiet))
+
+
 @app.command(epilog=_PLAY_EXAMPLES)
 @guarded
 def play(
@@ -157,7 +192,7 @@ def play(
     port: Annotated[int, typer.Option(help="Port of the viewer on this machine; 0 takes any free one.")] = 0,
     runs: RunsFolder = Path("runs"),
 ) -> None:
-    """Replay a run in the browser: robot, forces, friction cones, pushes, horizon."""
+    """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon."""
     from lgmpc.cli.runs import find_run
 
     folder = find_run(run, runs)
@@ -176,7 +211,7 @@ def plot(
     ] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
-    """Draw the figures of a run: motion, forces, torques, timings."""
+    """Draw the figures of a run (motion, forces, torques, timings) or of a solved trajectory."""
     from lgmpc.cli.runs import find_run
 
     folder = find_run(run, runs)
@@ -220,14 +255,19 @@ def check(
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Check a config without running it: keys, values, robot, frames, bodies of pushes."""
-    from lgmpc.config import load_config
+    """Check a config without running or solving it: keys, values, robot, frames, bodies of pushes, figures."""
+    from lgmpc.config import SolveConfig, load_any_config
 
-    loaded = load_config(config, [*overrides, *more])
-    from lgmpc.cli.screen import show_checked
+    loaded = load_any_config(config, [*overrides, *more])
+    from lgmpc.cli.screen import show_checked, show_checked_problem
     from lgmpc.config.notes import notes_on
     from lgmpc.config.robots import build_robot
 
+    if isinstance(loaded, SolveConfig):
+        from lgmpc.config.solving import check_scenario
+
+        show_checked_problem(loaded, *check_scenario(loaded))
+        return
     robot = build_robot(loaded)
     show_checked(loaded, robot, (*notes_on(loaded), *robot.notes))
 

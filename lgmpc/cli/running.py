@@ -21,13 +21,13 @@ from lgmpc.config.build import build_gate
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
 
-__all__ = ["run_shown"]
+__all__ = ["run_shown", "warnings_on"]
 
 
 def run_shown(config: Config, folder: Path, *, as_json: bool) -> int:
     """Run ``config``, showing its progress, print the verdict, and return the exit code."""
     console = err()
-    with _display(console, config.duration_s) as display, _warnings_on(console):
+    with _display(console, config.duration_s) as display, warnings_on(console):
         finished = run_config(config, folder, notify=display.tell, progress=display.move)
     if as_json:
         _print_json(finished)
@@ -93,7 +93,7 @@ def _display(console: Console, duration_s: float) -> Iterator[_Display]:
 
 
 @contextmanager
-def _warnings_on(console: Console) -> Iterator[None]:
+def warnings_on(console: Console) -> Iterator[None]:
     """Show log records from WARNING on, and Python's warnings without the line of code they came from."""
     handler = RichHandler(logging.WARNING, console, show_path=False, show_time=False)
     logger = logging.getLogger("lgmpc")

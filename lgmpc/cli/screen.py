@@ -15,20 +15,26 @@ from rich.text import Text
 from lgmpc.errors import ConfigError, LgmpcError, ModelError, RunFolderError
 
 if TYPE_CHECKING:
-    from lgmpc.config import Config
+    from lgmpc.config import Config, SolveConfig
     from lgmpc.config.execution import FinishedRun
+    from lgmpc.problems import Scenario
     from lgmpc.robot import Robot
-    from lgmpc.runs import Gate, Metrics
+    from lgmpc.runs import Gate, Metrics, Verdict
 
 __all__ = [
+    "figure_name",
+    "figure_number",
     "err",
     "has_desktop",
     "out",
     "show_checked",
     "show_crash",
     "show_error",
+    "show_checked_problem",
     "show_finished",
     "show_interrupted",
+    "show_next",
+    "show_verdict",
 ]
 
 MOST_PROBLEMS = 10
@@ -102,12 +108,20 @@ def show_finished(run: FinishedRun, gate: Gate) -> None:
     metrics = run.session.metrics
     if metrics is not None:
         console.print(_figures(metrics, gate))
-    verdict = run.session.verdict
+    show_verdict(console, run.session.verdict, run.result.name)
+    show_next(console, run.folder.path)
+
+
+def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
+    """Print whether a run passed, and if not, why."""
     style = {"pass": "bold green", "fail": "bold red", "interrupted": "bold yellow"}[verdict.outcome.value]
-    console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {run.result.name}"))
+    console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {name}"))
     for reason in verdict.reasons:
         console.print(Text(f"  - {reason}"))
-    path = run.folder.path
+
+
+def show_next(console: Console, path: Path) -> None:
+    """Print where a run is, and what can be done with it."""
     console.print(Text(f"saved in {path}"))
     console.print(Text(f"next: lgmpc play {path}    (replay in the browser)"), style="dim")
     console.print(Text(f"      lgmpc plot {path}    (figures)"), style="dim")
@@ -141,6 +155,28 @@ def show_checked(config: Config, robot: Robot, notes: Sequence[str]) -> None:
     console.print(Text.assemble(("OK", "bold green"), f"  {config.source.file}"))
 
 
+def show_checked_problem(config: SolveConfig, scenario: Scenario, figures: Sequence[str]) -> None:
+    """Print what the config of a problem to solve describes."""
+    console, robot, problem, solver = out(), scenario.robot, scenario.problem, config.solver
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    base = "free" if robot.floating_base else "fixed"
+    table.add_row("robot", f"{robot.name}, {robot.mass:.3f} kg, {base} base, {robot.nu} joints")
+    table.add_row("contacts", ", ".join(robot.contact_frames) or "none")
+    grid = f"{problem.nodes} intervals, {scenario.times[-1]:g} s, {problem.state.ndx} states, {problem.nu} controls"
+    table.add_row("problem", f"{config.problem.kind}: {grid}")
+    for waypoint in scenario.waypoints:
+        where = ", ".join(f"{x:.3g}" for x in waypoint.position)
+        table.add_row("waypoint", f"{waypoint.name} at [{where}] m, {waypoint.time:g} s")
+    table.add_row("solver", f"{solver.method}, at most {solver.max_iterations} iterations")
+    bounds = config.gate.bounds
+    table.add_row("gate", f"{'converged' if config.gate.converged else 'need not converge'}, {len(bounds)} bounds")
+    table.add_row("figures", ", ".join(figures))
+    console.print(table)
+    for note in robot.notes:
+        console.print(Text.assemble(("note: ", "yellow"), note))
+    console.print(Text.assemble(("OK", "bold green"), f"  {config.source.file}"))
+
+
 def _figures(metrics: Metrics, gate: Gate) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("figure")
@@ -154,12 +190,12 @@ def _figures(metrics: Metrics, gate: Gate) -> Table:
         highest = limit_name.startswith("max_")
         kept = value is not None and (value <= limit if highest else value >= limit)
         mark = Text("ok", "green") if kept else Text("broken", "bold red")
-        name, scale = _name_and_scale(limit_name)
+        name, scale = figure_name(limit_name)
         allowed = f"{'<=' if highest else '>='} {scale * limit:g}"
-        table.add_row(name, "-" if value is None else _number(scale * value), allowed, mark)
+        table.add_row(name, "-" if value is None else figure_number(scale * value), allowed, mark)
     for name, value in _always_shown(metrics):
         if value is not None:
-            table.add_row(name, _number(value), "", "")
+            table.add_row(name, figure_number(value), "", "")
     return table
 
 
@@ -181,23 +217,14 @@ def _always_shown(metrics: Metrics) -> list[tuple[str, float | None]]:
     ]
 
 
-_UNITS = {
-    "_rad_s": ("rad/s", 1.0),
-    "_deg": ("deg", 1.0),
-    "_nm": ("N.m", 1.0),
-    "_ms": ("ms", 1.0),
-    "_m": ("mm", 1e3),
-    "_n": ("N", 1.0),
-}
+def figure_name(figure: str) -> tuple[str, float]:
+    """Return ``max_slip_m`` as "max slip / mm" and 1000: with the unit that its values read best in."""
+    from lgmpc.runs.figures import figure_words  # not above: `lgmpc --help` needs no NumPy
+
+    words, unit, scale = figure_words(figure)
+    return f"{words} / {unit}" if unit else words, scale
 
 
-def _name_and_scale(limit: str) -> tuple[str, float]:
-    """Return ``max_slip_m`` as "max slip / mm" and 1000: the unit that its values read best in."""
-    for ending, (unit, scale) in _UNITS.items():
-        if limit.endswith(ending):
-            return f"{limit.removesuffix(ending).replace('_', ' ')} / {unit}", scale
-    return limit.replace("_", " "), 1.0
-
-
-def _number(value: float) -> str:
+def figure_number(value: float) -> str:
+    """Return three digits of a figure."""
     return f"{value:.3g}" if value == 0 or abs(value) >= 1e-3 else f"{'<' if value > 0 else '>-'} 0.001"

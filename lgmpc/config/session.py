@@ -7,9 +7,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from lgmpc.runs import Metrics, RunLog, Verdict
+    from collections.abc import Mapping
 
-__all__ = ["Notify", "Progress", "ProgressReport", "Session", "SessionResult"]
+    from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
+
+__all__ = [
+    "Iteration",
+    "IterationReport",
+    "Notify",
+    "Progress",
+    "ProgressReport",
+    "Session",
+    "SessionResult",
+    "SolveOutcome",
+]
 
 
 @dataclass(frozen=True)
@@ -63,3 +74,54 @@ class Session(Protocol):
             progress: called between ticks, about every 0.05 s of simulated time. If it raises KeyboardInterrupt the
                 run ends there and its partial log is returned, marked as interrupted.
         """
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """Where a solve is.
+
+    Attributes:
+        count: iterations taken.
+        cost: at the current trajectory.
+        criterion: what is compared with the tolerance; NaN where the solver does not tell.
+        gap: largest gap of the dynamics at the start of the iteration.
+        step: length of the step; 0 where none was accepted, NaN where the solver does not tell.
+        regularization: of the sweep.
+        elapsed_s: since the solver began, s.
+    """
+
+    count: int
+    cost: float
+    criterion: float
+    gap: float
+    step: float
+    regularization: float
+    elapsed_s: float
+
+
+IterationReport = Callable[[Iteration], None]
+"""Called after every iteration. It may raise KeyboardInterrupt to stop the solve there."""
+
+
+@dataclass(frozen=True)
+class SolveOutcome:
+    """What solving a problem left.
+
+    Attributes:
+        log: the last trajectory and the iterations that led to it.
+        figures: by name, the unit at its end; NaN where one could not be measured.
+        verdict: pass, fail or interrupted, with reasons.
+        status: how the solver ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
+        explanation: what held convergence back, in a few lines.
+    """
+
+    log: TrajectoryLog
+    figures: Mapping[str, float]
+    verdict: Verdict
+    status: str
+    explanation: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver reached its tolerance."""
+        return self.status in ("converged", "acceptable")

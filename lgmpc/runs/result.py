@@ -148,7 +148,7 @@ class SolveResult(_Result):
     @classmethod
     def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> SolveResult:
         figures = {name: math.nan if value is None else float(value) for name, value in content["figures"].items()}
-        texts = {name: str(content[name]) for name in ("method", "status", "explanation")}
+        texts: dict[str, Any] = {name: str(content[name]) for name in ("method", "status", "explanation")}
         return cls(**common, **texts, figures=figures)
 
 

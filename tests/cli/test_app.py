@@ -71,7 +71,9 @@ def test_check_tells_what_was_probably_not_meant(invoke: Invoke) -> None:
 def test_the_schema_goes_to_stdout_or_a_file(invoke: Invoke, tmp_path: Path) -> None:
     code, output = invoke("schema")
     assert code == 0
-    assert json.loads(output)["properties"]["duration_s"]["description"] == "Simulated time, s."
+    kinds = json.loads(output)["$defs"]
+    assert kinds["Config"]["properties"]["duration_s"]["description"] == "Simulated time, s."
+    assert "problem" in kinds["SolveConfig"]["required"]
     file = tmp_path / "schema.json"
     assert invoke("schema", "--out", file) == (0, "")
     assert file.read_text(encoding="utf-8") == output

@@ -1,0 +1,177 @@
+"""``lgmpc solve``: a table of iterations while it solves, and what came of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.spinner import Spinner
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.running import warnings_on
+from lgmpc.cli.screen import err, figure_name, figure_number, out, show_next, show_verdict
+from lgmpc.config import SolveConfig
+from lgmpc.config.execution import FinishedSolve, solve_config
+from lgmpc.config.session import Iteration
+
+__all__ = ["solve_shown"]
+
+_ROWS = 12
+"""Iterations that the moving table shows: the last ones."""
+
+
+def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool) -> int:
+    """Solve the problem of ``config``, showing the iterations, print the verdict, and return the exit code."""
+    console = err()
+    with _display(console, config, quiet=quiet) as display, warnings_on(console):
+        finished = solve_config(config, folder, notify=display.tell, progress=display.move)
+    if as_json:
+        content = json.loads(finished.result.to_json())
+        print(json.dumps({"folder": str(finished.folder.path), **content}, indent=2))
+    else:
+        _show(finished, config, quiet=quiet)
+    return finished.outcome.verdict.exit_code
+
+
+def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
+    console, outcome = out(), finished.outcome
+    if not quiet:
+        console.print(_figures(outcome.figures, config.gate.bounds))
+    if not outcome.converged:
+        console.print(Text(outcome.explanation))
+    show_verdict(console, outcome.verdict, finished.result.name)
+    if not quiet:
+        show_next(console, finished.folder.path)
+
+
+def _figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Table:
+    """Every figure; those with bounds first, a line for each bound."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("figure")
+    table.add_column("measured", justify="right")
+    table.add_column("allowed", justify="right")
+    table.add_column("")
+    bounded = set()
+    for bound, limit in bounds.items():
+        figure, highest = bound[len("max_") :], bound.startswith("max_")
+        bounded.add(figure)
+        value = figures[figure]
+        kept = value <= limit if highest else value >= limit
+        mark = Text("ok", "green") if kept else Text("broken", "bold red")
+        name, scale = figure_name(figure)
+        table.add_row(name, _number(scale * value), f"{'<=' if highest else '>='} {scale * limit:g}", mark)
+    for figure, value in figures.items():
+        if figure not in bounded and not math.isnan(value):
+            name, scale = figure_name(figure)
+            table.add_row(name, _number(scale * value), "", "")
+    return table
+
+
+def _number(value: float) -> str:
+    return f"{value:.2e}" if 0.0 < abs(value) < 1e-3 else "-" if math.isnan(value) else figure_number(value)
+
+
+class _Display(Protocol):
+    """Shows how far a solve is."""
+
+    def tell(self, message: str) -> None:
+        """Show what is being prepared."""
+
+    def move(self, now: Iteration) -> None:
+        """Show an iteration."""
+
+
+class _Silent:
+    """Shows nothing."""
+
+    def tell(self, message: str) -> None:
+        pass
+
+    def move(self, now: Iteration) -> None:
+        pass
+
+
+class _Lines:
+    """For pipes and files: a line for each stage and iteration."""
+
+    def __init__(self, console: Console, columns: Columns) -> None:
+        self._console = console
+        self._columns = columns
+        self._count = 0
+
+    def tell(self, message: str) -> None:
+        self._console.print(message, markup=False)
+
+    def move(self, now: Iteration) -> None:
+        if self._count % 20 == 0:
+            self._console.print("".join(f"{name:>14}" for name in self._columns), markup=False)
+        self._count += 1
+        self._console.print("".join(f"{write(now):>14}" for write in self._columns.values()), markup=False)
+
+
+class _Moving:
+    """For terminals: a table of the last iterations, which grows in place."""
+
+    def __init__(self, live: Live, columns: Columns) -> None:
+        self._live = live
+        self._columns = columns
+        self._rows: deque[Iteration] = deque(maxlen=_ROWS)
+        self._spinner = Spinner("dots", "")
+
+    def tell(self, message: str) -> None:
+        self._spinner.update(text=Text(message))
+        self._draw()
+
+    def move(self, now: Iteration) -> None:
+        self._rows.append(now)
+        self._draw()
+
+    def _draw(self) -> None:
+        table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+        for name in self._columns:
+            table.add_column(name, justify="right")
+        for row in self._rows:
+            table.add_row(*(write(row) for write in self._columns.values()))
+        self._live.update(Group(*((table,) if self._rows else ()), self._spinner))
+
+
+Columns = Mapping[str, Callable[[Iteration], str]]
+"""Heading of each column, and what it says of an iteration."""
+
+
+def _columns(method: str) -> Columns:
+    """What an iteration tells: FDDP compares what is left to gain with its tolerance, SQP the residual."""
+    criterion = "left to gain" if "fddp" in method else "residual"
+    return {
+        "iteration": lambda now: str(now.count),
+        "cost": lambda now: f"{now.cost:.6g}",
+        criterion: lambda now: _scientific(now.criterion),
+        "gap": lambda now: _scientific(now.gap),
+        "step": lambda now: "-" if math.isnan(now.step) else "refused" if now.step == 0.0 else f"{now.step:.4g}",
+        "regularis.": lambda now: _scientific(now.regularization),
+        "ms": lambda now: f"{1e3 * now.elapsed_s:.0f}",
+    }
+
+
+def _scientific(value: float) -> str:
+    return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.1e}"
+
+
+@contextmanager
+def _display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[_Display]:
+    columns = _columns(config.solver.method)
+    if quiet:
+        yield _Silent()
+    elif not console.is_terminal:
+        yield _Lines(console, columns)
+    else:
+        with Live(console=console, transient=True, refresh_per_second=12) as live:
+            yield _Moving(live, columns)

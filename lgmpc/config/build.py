@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.planners import build_planner
 from lgmpc.config.robots import build_robot, build_robot_spec
+from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
 from lgmpc.config.schema.reference import ComCircleReference
 from lgmpc.config.schema.wbc import WbcGain
 from lgmpc.config.session import Notify, Session
-from lgmpc.control import (
-    BalanceController,
-    CentroidalPlanner,
-    CircleReference,
-    ComReference,
-    PlannerSettings,
-    StandReference,
-)
-from lgmpc.estimation import FrictionMonitor, WrenchObserver
-from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, CentroidalWeights
+from lgmpc.control import BalanceController, CircleReference, ComReference, StandReference
+from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Recorder
 from lgmpc.simulation.disturbances import Push, PushSchedule
@@ -36,15 +30,8 @@ __all__ = [
     "prepare",
 ]
 
-_WEIGHTS_MASS = 2.5
-"""kg. Weights of momenta and forces are those of a robot of this mass, so that the same ones suit light and heavy ones:
-unscaled, the momentum of a robot of 50 kg would count 400 times as much beside tasks that are accelerations."""
 _WBC_NORMAL_FORCE = (0.04, 10.0)
 """N per kg of the robot: a foot presses a little, and can carry the whole robot."""
-_MPC_NORMAL_FORCE = (0.2, 12.0)
-"""N per kg of the robot: the plan unloads no foot entirely."""
-_CREDIBLE_PUSH = 3.0
-"""Weights of the robot: what the observer takes for a stronger push than this is a fault."""
 
 
 def build_gate(config: Config) -> Gate:
@@ -90,7 +77,7 @@ def build_reference(config: Config) -> ComReference:
 def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyController:
     """Return the whole-body controller of section ``wbc``."""
     section, weights, gains = config.wbc, config.wbc.weights, config.wbc.gains
-    normal_force = _normal_force(section.normal_force_n, _WBC_NORMAL_FORCE, robot)
+    normal_force = normal_force_range(section.normal_force_n, _WBC_NORMAL_FORCE, robot)
     limits = WholeBodyLimits(
         friction=section.friction,
         friction_facets=section.friction_facets,
@@ -107,7 +94,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         base_orientation_gain=_gain(gains.base_orientation),
         base_position_weight=weights.base_position,
         base_position_gain=_gain(gains.base_position),
-        angular_momentum_weight=_weight_factor(robot) * weights.angular_momentum,
+        angular_momentum_weight=weight_factor(robot) * weights.angular_momentum,
         angular_momentum_gain=gains.angular_momentum,
         posture_weight=weights.posture,
         posture_gain=_gain(gains.posture),
@@ -115,7 +102,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         stance_damping=gains.stance_damping,
         swing_weight=weights.swing,
         swing_gain=_gain(gains.swing),
-        force_weight=_weight_factor(robot) * weights.force,
+        force_weight=weight_factor(robot) * weights.force,
         acceleration_weight=weights.acceleration,
         tolerance=section.tolerance,
         max_iterations=section.max_iterations,
@@ -126,50 +113,6 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
 
 def _gain(gain: WbcGain) -> Gain:
     return Gain.critically_damped(gain.kp) if gain.kd is None else Gain(gain.kp, gain.kd)
-
-
-def _weight_factor(robot: Robot) -> float:
-    """Return what turns weights of squared momenta and forces of a robot of 2.5 kg into those of this one."""
-    return float((_WEIGHTS_MASS / robot.mass) ** 2)
-
-
-def _normal_force(
-    given: tuple[float, float] | None, per_kilogram: tuple[float, float], robot: Robot
-) -> tuple[float, float]:
-    """Return the lowest and highest normal force of a foot, N: as given, or in proportion to the robot's mass."""
-    return given if given is not None else (per_kilogram[0] * robot.mass, per_kilogram[1] * robot.mass)
-
-
-def build_planner(config: Config, robot: Robot, reference: ComReference, notify: Notify) -> CentroidalPlanner:
-    """Return the predictive layer of section ``mpc``; compiles it if it never was on this machine."""
-    section, weights, factor = config.mpc, config.mpc.weights, _weight_factor(robot)
-    normal_force = _normal_force(section.normal_force_n, _MPC_NORMAL_FORCE, robot)
-    settings = CentroidalMpcSettings(
-        nodes=section.nodes,
-        node_duration=section.node_s,
-        weights=CentroidalWeights(
-            com=weights.com,
-            linear_momentum=factor * weights.linear_momentum,
-            angular_momentum=factor * weights.angular_momentum,
-            force=factor * weights.force,
-            terminal=weights.terminal,
-        ),
-        friction=section.friction,
-        facets=section.friction_facets,
-        normal_force_min=normal_force[0],
-        normal_force_max=normal_force[1],
-        qp_solver=section.qp_solver,
-        sqp_iterations=section.sqp_iterations,
-    )
-    mpc = CentroidalMpc(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=notify)
-    period = 1.0 / config.wbc.rate_hz
-    observer = WrenchObserver(period, section.observer_time_s, force_limit=_CREDIBLE_PUSH * robot.mass * 9.81)
-    following = PlannerSettings(
-        every=round(config.wbc.rate_hz / section.rate_hz),
-        wrench_decay_time=section.wrench_decay_s,
-        uprighting_rate=section.uprighting_rate_hz,
-    )
-    return CentroidalPlanner(mpc, observer, reference, period, following)
 
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:

@@ -97,8 +97,9 @@ def _translate(detail: ErrorDetails, root: type[Section], data: Any, source: Con
         return
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         field = _field(root, path, data)
-        tags = [tag for branch in _sections_of(field.annotation) for tag in _kinds(branch)] if field else []
-        key = f"{key}.kind"
+        branches = list(_sections_of(field.annotation)) if field else []
+        tags = [tag for branch in branches for tag in _kinds(branch)]
+        key = f"{key}.{_tag_key(branches[0]) if branches else 'kind'}"
         got = context.get("tag")
         yield ConfigError(
             source.where(key), key, show_value(got), f"one of {', '.join(tags)}", tags if got else (), word=str(got)
@@ -200,17 +201,22 @@ def _section(root: type[Section], path: Sequence[str], data: Any) -> type[Sectio
 
 
 def _branch(sections: Sequence[type[Section]], data: Any) -> type[Section]:
-    """Choose among the sections of a union by the key ``kind``."""
+    """Choose among the sections of a union by the key that tells them apart."""
     if len(sections) > 1 and isinstance(data, Mapping):
         for section in sections:
-            if data.get("kind") in _kinds(section):
+            if data.get(_tag_key(section)) in _kinds(section):
                 return section
     return sections[0]
 
 
+def _tag_key(section: type[Section]) -> str:
+    """Return the key whose value chooses this section in a union."""
+    return "kind" if "kind" in section.model_fields else "model"
+
+
 def _kinds(section: type[Section]) -> tuple[str, ...]:
-    """Return the values of the key ``kind`` that choose this section in a union."""
-    field = section.model_fields.get("kind")
+    """Return the values of that key that choose this section."""
+    field = section.model_fields.get(_tag_key(section))
     return get_args(field.annotation) if field else ()
 
 

@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from lgmpc.control.planner import CentroidalPlanner
+from lgmpc.control.planner import Planner
 from lgmpc.control.reference import ComReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
@@ -50,7 +50,7 @@ class BalanceController:
         wbc: WholeBodyController,
         reference: ComReference,
         floor: FrictionMonitor,
-        planner: CentroidalPlanner | None = None,
+        planner: Planner | None = None,
     ) -> None:
         self.robot = robot
         self.wbc = wbc
@@ -115,7 +115,7 @@ class BalanceController:
         self._start_base = q[:7].copy()
         self._tracked = WholeBodyReference.standing(self.robot, terms.com, terms.contact_points)
         if self.planner is not None:
-            self.planner.begin(terms)
+            self.planner.begin(terms, self._tracked)
 
     def _follow_reference(self, time: float) -> None:
         """Write the user's target into what the whole-body QP tracks."""

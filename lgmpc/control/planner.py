@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-import pinocchio as pin
 
+from lgmpc.control.prediction import Predictor
 from lgmpc.control.reference import ComReference
 from lgmpc.errors import InputError
 from lgmpc.estimation import WrenchObserver
-from lgmpc.mpc import CentroidalMpc, CentroidalPlan, CentroidalSample, MpcStatus
+from lgmpc.mpc import CentroidalPlan, CentroidalSample, MpcStatus, PostureSample
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
 
-__all__ = ["CentroidalPlanner", "PlannerSettings"]
+__all__ = ["Planner", "PlannerSettings"]
 
 
 @dataclass(frozen=True)
@@ -25,35 +25,31 @@ class PlannerSettings:
     Attributes:
         every: whole-body ticks per MPC update.
         wrench_decay_time: s; the estimated external wrench is predicted to fade with this time constant.
-        uprighting_rate: 1/s; a tilted base is asked for the angular momentum ``-I rate * tilt``, fading at this rate.
 
     Raises:
-        InputError: a value that is not positive (rates may be zero).
+        InputError: a value that is not positive.
     """
 
     every: int = 10
     wrench_decay_time: float = 0.1
-    uprighting_rate: float = 0.0
 
     def __post_init__(self) -> None:
         if self.every < 1:
             raise InputError("every", self.every, "at least one whole-body tick")
         if not self.wrench_decay_time > 0:
             raise InputError("wrench_decay_time", self.wrench_decay_time, "a positive number of seconds")
-        if not self.uprighting_rate >= 0:
-            raise InputError("uprighting_rate", self.uprighting_rate, "a rate that is not negative, 1/s")
 
 
-class CentroidalPlanner:
-    """Centroidal MPC with its disturbance observer, writing what the whole-body QP should track.
+class Planner:
+    """Predictive control with a disturbance observer, writing what the whole-body QP should track.
 
     Every tick the observer compares the change of the centroidal momentum with what the whole-body QP asked for; every
-    ``settings.every`` ticks the MPC plans anew from the measured momenta under the observed wrench; in between the plan
-    is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass and the
-    angular momentum by itself.
+    ``settings.every`` ticks the predictor plans anew from the measured state under the observed wrench; in between the
+    plan is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass, the
+    angular momentum and the posture by itself.
 
     Args:
-        mpc: the receding-horizon controller.
+        predictor: the receding-horizon controller, of any model.
         observer: estimates the external wrench.
         reference: offset of the centre of mass over time.
         tick_period: time between two updates, s.
@@ -67,13 +63,13 @@ class CentroidalPlanner:
 
     def __init__(
         self,
-        mpc: CentroidalMpc,
+        predictor: Predictor,
         observer: WrenchObserver,
         reference: ComReference,
         tick_period: float,
         settings: PlannerSettings,
     ) -> None:
-        self.mpc = mpc
+        self.predictor = predictor
         self._tick_times: Array = tick_period * np.arange(settings.every, dtype=np.float64)
         self.observer = observer
         self.settings = settings
@@ -81,15 +77,13 @@ class CentroidalPlanner:
         self.planned = False
         self.spent = 0.0
         self._reference = reference
-        nodes, step = mpc.settings.nodes, mpc.settings.node_duration
-        self._node_times: Array = step * np.arange(nodes + 1, dtype=np.float64)
-        self._fading = np.exp(-self._node_times[:-1] / settings.wrench_decay_time)[:, None]
-        self._uprighting = settings.uprighting_rate * np.exp(-settings.uprighting_rate * self._node_times)[:, None]
-        self._x_reference = np.zeros((nodes + 1, 9))
-        self._mass = mpc.mass
+        self._fading = np.exp(-predictor.node_times[:-1] / settings.wrench_decay_time)[:, None]
+        self._x_reference = np.zeros((predictor.node_times.size, 9))
         self._start_com = np.zeros(3)
+        self._base_rotation, self._joint_position = np.eye(3), np.zeros(0)
         self._tick = 0
         self._motion: CentroidalSample | None = None
+        self._posture: PostureSample | None = None
 
     @property
     def horizon_com(self) -> Array:
@@ -109,13 +103,14 @@ class CentroidalPlanner:
         assert self.plan is not None
         return self.plan.status
 
-    def begin(self, terms: WholeBodyTerms) -> None:
-        """Take the present centre of mass as the one that the reference is relative to, and start afresh."""
+    def begin(self, terms: WholeBodyTerms, tracked: WholeBodyReference) -> None:
+        """Start afresh: the reference is relative to the present centre of mass, the posture is the tracked one."""
         self._start_com[:] = terms.com
+        self._base_rotation, self._joint_position = tracked.base_rotation.copy(), tracked.joint_position.copy()
         self._tick = 0
         self.plan = None
-        self._motion = None
-        self.mpc.reset()
+        self._motion = self._posture = None
+        self.predictor.reset()
         self.observer.reset()
 
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
@@ -138,38 +133,33 @@ class CentroidalPlanner:
             started = perf_counter()
             self.plan = self._plan(time, terms, tracked, wrench)
             # All ticks until the next plan in one call: NumPy's cost per call is that of a hundred rows.
-            self._motion = self.plan.sample_at(time + self._tick_times)
+            times = time + self._tick_times
+            self._motion = self.plan.sample_at(times)
+            self._posture = None if self.plan.posture is None else self.plan.posture.sample_at(times)
             self.spent = perf_counter() - started
         if self._motion is None or self.status is MpcStatus.STALE:
             self._let_go(tracked)
-        else:
-            self._follow(self._motion, row, tracked)
+            return
+        self._follow(self._motion, row, tracked)
+        if self._posture is not None:
+            self._take_posture(self._posture, row, tracked)
 
     def _plan(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, wrench: Array) -> CentroidalPlan:
-        offset, velocity, _ = self._reference.sample(time + self._node_times)
-        reference = self._x_reference
+        predictor, reference = self.predictor, self._x_reference
+        offset, velocity, _ = self._reference.sample(time + predictor.node_times)
         np.add(self._start_com, offset, out=reference[:, :3])
-        np.multiply(velocity, self._mass, out=reference[:, 3:6])
-        tilt = pin.log3(terms.rotation.T @ tracked.base_rotation)  # body axes, towards upright
-        reference[:, 6:9] = self._uprighting * (terms.momentum_matrix[3:, 3:6] @ tilt)
-        if tracked.friction is not None:
-            self.mpc.friction = tracked.friction
-        return self.mpc.update(
-            time,
-            terms.com,
-            terms.momentum[:3],
-            terms.momentum[3:],
-            terms.contact_points,
-            tracked.stance,
-            reference,
-            self._fading * wrench,
-        )
+        np.multiply(velocity, predictor.mass, out=reference[:, 3:6])
+        reference[:, 6:9] = 0.0
+        return predictor.predict(time, terms, tracked, reference, self._fading * wrench)
 
-    @staticmethod
-    def _let_go(tracked: WholeBodyReference) -> None:
-        """Leave the centre of mass to the user's target, as without an MPC."""
+    def _let_go(self, tracked: WholeBodyReference) -> None:
+        """Leave the centre of mass to the user's target, and the posture to where it began, as without an MPC."""
         tracked.angular_momentum[:] = 0.0
         tracked.angular_momentum_rate[:] = 0.0
+        tracked.base_rotation[:] = self._base_rotation
+        tracked.base_angular_velocity[:] = 0.0
+        tracked.joint_position[:] = self._joint_position
+        tracked.joint_velocity[:] = 0.0
 
     @staticmethod
     def _follow(motion: CentroidalSample, row: int, tracked: WholeBodyReference) -> None:
@@ -179,3 +169,10 @@ class CentroidalPlanner:
         tracked.angular_momentum[:] = motion.angular_momentum[row]
         tracked.angular_momentum_rate[:] = motion.angular_momentum_rate[row]
         tracked.contact_forces[:] = motion.forces[row]
+
+    @staticmethod
+    def _take_posture(posture: PostureSample, row: int, tracked: WholeBodyReference) -> None:
+        tracked.base_rotation[:] = posture.base_rotation[row]
+        tracked.base_angular_velocity[:] = posture.base_angular_velocity[row]
+        tracked.joint_position[:] = posture.joint_position[row]
+        tracked.joint_velocity[:] = posture.joint_velocity[row]

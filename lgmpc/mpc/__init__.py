@@ -1,8 +1,20 @@
 """Model-predictive control: receding horizons on top of the real-time solvers."""
 
 from lgmpc.mpc.centroidal import CentroidalMpc
-from lgmpc.mpc.plan import CentroidalPlan, CentroidalSample, MpcStatus
-from lgmpc.mpc.settings import CentroidalMpcSettings, CentroidalWeights
+from lgmpc.mpc.full_body import FullBodyMpc
+from lgmpc.mpc.kinodynamic import KinodynamicMpc
+from lgmpc.mpc.plan import CentroidalPlan, CentroidalSample, MpcStatus, PosturePlan, PostureSample
+from lgmpc.mpc.receding import RecedingHorizon
+from lgmpc.mpc.settings import (
+    CentroidalMpcSettings,
+    CentroidalWeights,
+    FullBodyMpcSettings,
+    FullBodyWeights,
+    KinodynamicMpcSettings,
+    KinodynamicWeights,
+    MpcSettings,
+)
+from lgmpc.mpc.whole_body import WholeBodyMpc
 
 __all__ = [
     "CentroidalMpc",
@@ -10,5 +22,16 @@ __all__ = [
     "CentroidalPlan",
     "CentroidalSample",
     "CentroidalWeights",
+    "FullBodyMpc",
+    "FullBodyMpcSettings",
+    "FullBodyWeights",
+    "KinodynamicMpc",
+    "KinodynamicMpcSettings",
+    "KinodynamicWeights",
+    "MpcSettings",
     "MpcStatus",
+    "PosturePlan",
+    "PostureSample",
+    "RecedingHorizon",
+    "WholeBodyMpc",
 ]

@@ -7,10 +7,11 @@ from enum import Enum
 
 import numpy as np
 
+from lgmpc.lie import quaternion, so3
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalPlan", "CentroidalSample", "MpcStatus"]
+__all__ = ["CentroidalPlan", "CentroidalSample", "MpcStatus", "PosturePlan", "PostureSample"]
 
 
 class MpcStatus(Enum):
@@ -52,8 +53,59 @@ class CentroidalSample:
 
 
 @dataclass(frozen=True)
+class PostureSample:
+    """The predicted base and joints, with one row for each of several times.
+
+    Attributes:
+        base_rotation: (n, 3, 3) body to world.
+        base_angular_velocity: (n, 3) body axes, rad/s.
+        joint_position: (n, nu) rad.
+        joint_velocity: (n, nu) rad/s.
+    """
+
+    base_rotation: Array
+    base_angular_velocity: Array
+    joint_position: Array
+    joint_velocity: Array
+
+
+@dataclass(frozen=True)
+class PosturePlan:
+    """A predicted motion of base and joints, by models that know them.
+
+    Attributes:
+        time: of the first node, s.
+        node_duration: between nodes, s.
+        qs: (N+1, nq) configurations at the nodes.
+        vs: (N+1, nv) velocities at the nodes.
+    """
+
+    time: float
+    node_duration: float
+    qs: Array
+    vs: Array
+
+    def sample_at(self, times: Array) -> PostureSample:
+        """Return the predicted posture at ``times`` (n,) s: geodesic between nodes, velocities linear in time.
+
+        Before the first node it is that of the first, after the last that of the last.
+        """
+        last = len(self.qs) - 2
+        share = np.minimum(np.maximum((times - self.time) / self.node_duration, 0.0), last + 1.0)
+        k = np.minimum(share.astype(np.intp), last)
+        s = (share - k)[:, None]
+        start, end = (quaternion.to_matrix(self.qs[i, 3:7]) for i in (k, k + 1))
+        turned = start @ so3.exp(s * so3.log(np.swapaxes(start, -1, -2) @ end))
+        joints = self.qs[k, 7:] + s * (self.qs[k + 1, 7:] - self.qs[k, 7:])
+        speeds = self.vs[k] + s * (self.vs[k + 1] - self.vs[k])
+        return PostureSample(turned, speeds[:, 3:6], joints, speeds[:, 6:])
+
+
+@dataclass(frozen=True)
 class CentroidalPlan:
     """A predicted trajectory of centre of mass, momenta and contact forces; arrays of its own.
+
+    Every model's prediction has this part; where it knows base and joints too, ``posture`` holds them.
 
     Attributes:
         time: of the first node, s.
@@ -65,6 +117,7 @@ class CentroidalPlan:
         qp_iterations: of the QP solver in the update that returned this plan.
         kkt: residual of the last subproblem's optimality conditions, when the plan was made.
         update_time: what the update took, everything included, s.
+        posture: of base and joints, None if the model has none.
     """
 
     time: float
@@ -76,6 +129,7 @@ class CentroidalPlan:
     qp_iterations: int
     kkt: KktResidual
     update_time: float
+    posture: PosturePlan | None = None
 
     @property
     def first_forces(self) -> Array:

@@ -1,4 +1,4 @@
-"""What the centroidal MPC is told once."""
+"""What predictive controllers are told once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from dataclasses import dataclass, field, fields
 from lgmpc.errors import InputError
 from lgmpc.solvers.qp import QP_SOLVERS
 
-__all__ = ["CentroidalMpcSettings", "CentroidalWeights"]
+__all__ = [
+    "CentroidalMpcSettings",
+    "CentroidalWeights",
+    "FullBodyMpcSettings",
+    "FullBodyWeights",
+    "KinodynamicMpcSettings",
+    "KinodynamicWeights",
+    "MpcSettings",
+]
 
 
 @dataclass(frozen=True)
@@ -38,11 +46,18 @@ class CentroidalWeights:
         for item in fields(self):
             value = getattr(self, item.name)
             numbers = tuple(value) if isinstance(value, Sequence) else (value,)
-            lowest = "positive" if item.name == "force" else "non-negative"
+            control = item.name in self._controls
+            lowest = "positive" if control else "non-negative"
             if len(numbers) not in (1, 3) or not all(_is_number(n) and n >= 0 for n in numbers):
                 raise InputError(f"weights.{item.name}", value, f"a finite {lowest} number, or one an axis")
-            if item.name == "force" and min(numbers) == 0:
-                raise InputError("weights.force", value, "positive numbers: without them the forces are not unique")
+            if control and min(numbers) == 0:
+                expected = "positive numbers: without them the controls are not unique"
+                raise InputError(f"weights.{item.name}", value, expected)
+
+    @property
+    def _controls(self) -> tuple[str, ...]:
+        """Weights of controls, which have to be positive."""
+        return ("force",)
 
     def state(self) -> list[float]:
         """Return the nine weights of a state."""
@@ -54,13 +69,60 @@ class CentroidalWeights:
 
 
 @dataclass(frozen=True)
-class CentroidalMpcSettings:
-    """Horizon, weights and limits of the centroidal MPC.
+class KinodynamicWeights(CentroidalWeights):
+    """Those of :class:`CentroidalWeights`, and of what the joints do.
+
+    Attributes:
+        base_orientation: 1/rad^2; turn from the reference.
+        posture: 1/rad^2; joints from the reference posture.
+        joint_velocity: 1/(rad/s)^2, positive.
+
+    Raises:
+        InputError: a weight that is negative or not finite, or no positive weight of a control.
+    """
+
+    angular_momentum: float | tuple[float, float, float] = 10.0
+    base_orientation: float | tuple[float, float, float] = 1.0
+    posture: float = 0.1
+    joint_velocity: float = 1e-3
+
+    @property
+    def _controls(self) -> tuple[str, ...]:
+        return ("force", "joint_velocity")
+
+
+@dataclass(frozen=True)
+class FullBodyWeights(CentroidalWeights):
+    """Those of :class:`CentroidalWeights`, and of what joints and motors do.
+
+    Attributes:
+        base_orientation: 1/rad^2; turn from the reference.
+        posture: 1/rad^2; joints from the reference posture.
+        joint_velocity: 1/(rad/s)^2.
+        effort: 1/(N.m)^2, positive.
+
+    Raises:
+        InputError: a weight that is negative or not finite, or no positive weight of a control.
+    """
+
+    angular_momentum: float | tuple[float, float, float] = 10.0
+    base_orientation: float | tuple[float, float, float] = 1.0
+    posture: float = 0.1
+    joint_velocity: float = 1e-3
+    effort: float = 1e-3
+
+    @property
+    def _controls(self) -> tuple[str, ...]:
+        return ("effort",)
+
+
+@dataclass(frozen=True)
+class MpcSettings:
+    """Horizon and limits of any MPC.
 
     Attributes:
         nodes: number of intervals of the horizon, at least 2.
         node_duration: length of each, s.
-        weights: of the cost.
         friction: coefficient that the plan relies on.
         facets: sides of the pyramid inscribed in the friction cone, at least 3.
         normal_force_min: of a foot in contact, N.
@@ -75,7 +137,6 @@ class CentroidalMpcSettings:
 
     nodes: int = 20
     node_duration: float = 0.02
-    weights: CentroidalWeights = field(default_factory=CentroidalWeights)
     friction: float = 0.6
     facets: int = 8
     normal_force_min: float = 0.5
@@ -99,6 +160,39 @@ class CentroidalMpcSettings:
             raise InputError("normal_force_min", self.normal_force_min, expected)
         if self.qp_solver not in QP_SOLVERS:
             raise InputError("qp_solver", self.qp_solver, "a solver of quadratic programmes", QP_SOLVERS)
+
+
+@dataclass(frozen=True)
+class CentroidalMpcSettings(MpcSettings):
+    """Those of :class:`MpcSettings`, and weights.
+
+    Attributes:
+        weights: of the cost.
+    """
+
+    weights: CentroidalWeights = field(default_factory=CentroidalWeights)
+
+
+@dataclass(frozen=True)
+class KinodynamicMpcSettings(MpcSettings):
+    """Those of :class:`MpcSettings`, and weights.
+
+    Attributes:
+        weights: of the cost.
+    """
+
+    weights: KinodynamicWeights = field(default_factory=KinodynamicWeights)
+
+
+@dataclass(frozen=True)
+class FullBodyMpcSettings(MpcSettings):
+    """Those of :class:`MpcSettings`, and weights.
+
+    Attributes:
+        weights: of the cost.
+    """
+
+    weights: FullBodyWeights = field(default_factory=FullBodyWeights)
 
 
 def _is_number(value: object) -> bool:

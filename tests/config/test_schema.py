@@ -8,7 +8,17 @@ from typing import Any, get_args
 import pytest
 
 from lgmpc.config.json_schema import json_schema_text
-from lgmpc.config.schema import Config, GateSection, MpcSection, PlantSection, RobotSection, SolveConfig, WbcSection
+from lgmpc.config.schema import (
+    CentroidalMpcSection,
+    Config,
+    FullBodyMpcSection,
+    GateSection,
+    KinodynamicMpcSection,
+    PlantSection,
+    RobotSection,
+    SolveConfig,
+    WbcSection,
+)
 from lgmpc.runs import Gate
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
@@ -72,6 +82,6 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 
 def test_sections_have_defaults_that_can_run() -> None:
-    for section in (PlantSection, MpcSection, WbcSection):
+    for section in (PlantSection, CentroidalMpcSection, KinodynamicMpcSection, FullBodyMpcSection, WbcSection):
         assert section() == section.model_validate({})
     assert RobotSection(model="solo12").contact_radius_m == 0.0

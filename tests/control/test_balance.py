@@ -11,9 +11,9 @@ import pytest
 from lgmpc.config.build import build_controller, build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
-from lgmpc.control import BalanceController, PlannerSettings
+from lgmpc.control import BalanceController, CentroidalPredictor, PlannerSettings
 from lgmpc.errors import InputError
-from lgmpc.mpc import MpcStatus
+from lgmpc.mpc import CentroidalMpc, MpcStatus
 from lgmpc.robot import Robot
 from lgmpc.wbc import QpStatus
 
@@ -132,4 +132,4 @@ def test_settings_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match="wrench_decay_time"):
         PlannerSettings(wrench_decay_time=0.0)
     with pytest.raises(InputError, match="uprighting_rate"):
-        PlannerSettings(uprighting_rate=-1.0)
+        CentroidalPredictor(CentroidalMpc(2.5, 4), uprighting_rate=-1.0)

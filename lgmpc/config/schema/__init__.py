@@ -4,7 +4,16 @@ from lgmpc.config.schema.base import Section
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
-from lgmpc.config.schema.mpc import MpcSection, MpcWeights
+from lgmpc.config.schema.mpc import (
+    CentroidalMpcSection,
+    FullBodyMpcSection,
+    FullBodyMpcWeights,
+    KinodynamicMpcSection,
+    KinodynamicMpcWeights,
+    MpcSection,
+    MpcWeights,
+    WholeBodyMpcWeights,
+)
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.problem import ComCircleProblem, ProblemSection, ReachProblem
 from lgmpc.config.schema.pushes import PushSection
@@ -17,11 +26,16 @@ from lgmpc.config.schema.solver import SolverSection
 from lgmpc.config.schema.wbc import WbcGain, WbcGains, WbcSection, WbcWeights
 
 __all__ = [
+    "CentroidalMpcSection",
     "ComCircleProblem",
     "ComCircleReference",
     "Config",
     "Document",
+    "FullBodyMpcSection",
+    "FullBodyMpcWeights",
     "GateSection",
+    "KinodynamicMpcSection",
+    "KinodynamicMpcWeights",
     "LogSection",
     "MpcSection",
     "MpcWeights",
@@ -40,4 +54,5 @@ __all__ = [
     "WbcGains",
     "WbcSection",
     "WbcWeights",
+    "WholeBodyMpcWeights",
 ]

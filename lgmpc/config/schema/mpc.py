@@ -1,14 +1,24 @@
-"""Config section ``mpc``: the predictive controller above the whole-body controller."""
+"""Config section ``mpc``: the predictive controller above the whole-body controller; its keys depend on its model."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from lgmpc.config.schema.base import Count, NonNegative, Positive, RangeFromZero, Section, Vector3
 
-__all__ = ["MpcSection", "MpcWeights"]
+__all__ = [
+    "CentroidalMpcSection",
+    "FullBodyMpcSection",
+    "FullBodyMpcWeights",
+    "KinodynamicMpcSection",
+    "KinodynamicMpcWeights",
+    "MpcSection",
+    "MpcWeights",
+    "WholeBodyMpcWeights",
+]
 
 
 class MpcWeights(Section):
@@ -28,20 +38,38 @@ class MpcWeights(Section):
     terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
 
 
-class MpcSection(Section):
-    """Model-predictive control of the momenta by contact forces over a receding horizon."""
+class WholeBodyMpcWeights(MpcWeights):
+    """Weights of models that know base and joints."""
+
+    base_orientation: NonNegative = Field(default=1.0, description="Turn of the base, 1/rad2.")
+    posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
+
+
+class KinodynamicMpcWeights(WholeBodyMpcWeights):
+    """Weights of the squared deviations that the kinodynamic MPC minimises."""
+
+    joint_velocity: Positive = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
+
+
+class FullBodyMpcWeights(WholeBodyMpcWeights):
+    """Weights of the squared deviations that the full-body MPC minimises."""
+
+    joint_velocity: NonNegative = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
+    effort: Positive = Field(
+        default=1e-3, description="Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass)."
+    )
+
+
+class _MpcSection(Section):
+    """What all models have."""
 
     enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller works alone.")
-    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
     rate_hz: Positive = Field(default=100.0, description="Updates per second, Hz.")
     nodes: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
         default=20, description="Number of intervals of the horizon, 2 to 200."
     )
     node_s: Annotated[Positive, Field(le=1.0)] = Field(
         default=0.02, description="Length of each interval, s, at most 1."
-    )
-    qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
-        default="riccati", description="Solver of each quadratic programme."
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
@@ -60,7 +88,57 @@ class MpcSection(Section):
     wrench_decay_s: Positive = Field(
         default=0.1, description="Time constant with which the observed push is predicted to fade, s."
     )
+
+
+class CentroidalMpcSection(_MpcSection):
+    """Model-predictive control of the momenta by contact forces over a receding horizon."""
+
+    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
+    qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
+        default="riccati", description="Solver of each quadratic programme."
+    )
     uprighting_rate_hz: NonNegative = Field(
         default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
     weights: MpcWeights = Field(default=MpcWeights(), description="Weights of the cost.")
+
+
+class _WholeBodyMpcSection(_MpcSection):
+    """What models that know base and joints have."""
+
+    rate_hz: Positive = Field(default=50.0, description="Updates per second, Hz.")
+    qp_solver: Literal["piqp_multistage", "piqp"] = Field(
+        default="piqp_multistage", description="Solver of each quadratic programme."
+    )
+
+
+class KinodynamicMpcSection(_WholeBodyMpcSection):
+    """Model-predictive control of momenta and posture by contact forces and joint velocities."""
+
+    model: Literal["kinodynamic"] = Field(default="kinodynamic", description="Model that predicts.")
+    weights: KinodynamicMpcWeights = Field(default=KinodynamicMpcWeights(), description="Weights of the cost.")
+
+
+class FullBodyMpcSection(_WholeBodyMpcSection):
+    """Model-predictive control of the whole robot by its torques, which have limits as the forces have."""
+
+    model: Literal["full_body"] = Field(default="full_body", description="Model that predicts.")
+    weights: FullBodyMpcWeights = Field(default=FullBodyMpcWeights(), description="Weights of the cost.")
+
+
+def _model(value: Any) -> Any:
+    """The model that a section names; the centroidal one where it names none."""
+    if isinstance(value, Mapping):
+        return value.get("model", "centroidal")
+    return getattr(value, "model", "centroidal")
+
+
+MpcSection = Annotated[
+    Union[  # noqa: UP007
+        Annotated[CentroidalMpcSection, Tag("centroidal")],
+        Annotated[KinodynamicMpcSection, Tag("kinodynamic")],
+        Annotated[FullBodyMpcSection, Tag("full_body")],
+    ],
+    Discriminator(_model),
+]
+"""The section of one of the models; the key ``model`` tells which."""

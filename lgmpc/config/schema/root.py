@@ -10,7 +10,7 @@ from lgmpc.config.schema.base import Positive, Problem, problem, problems
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
-from lgmpc.config.schema.mpc import MpcSection
+from lgmpc.config.schema.mpc import CentroidalMpcSection, MpcSection
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ReferenceSection, StandReference
@@ -30,7 +30,7 @@ class Config(Document):
     )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
     plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
-    mpc: MpcSection = Field(default=MpcSection(), description="The predictive controller.")
+    mpc: MpcSection = Field(default=CentroidalMpcSection(), description="The predictive controller.")
     wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
     reference: ReferenceSection = Field(default=StandReference(), description="What the robot should do.")
     pushes: tuple[PushSection, ...] = Field(default=(), description="Disturbances.")

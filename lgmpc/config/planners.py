@@ -1,0 +1,77 @@
+"""From section ``mpc`` of a config to the predictive layer of the controller: one builder for each model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lgmpc.config.scaling import normal_force_range, weight_factor
+from lgmpc.config.schema import Config
+from lgmpc.config.schema.mpc import FullBodyMpcSection, KinodynamicMpcSection, MpcSection
+from lgmpc.config.session import Notify
+from lgmpc.control import CentroidalPredictor, ComReference, Planner, PlannerSettings, Predictor, WholeBodyPredictor
+from lgmpc.estimation import WrenchObserver
+from lgmpc.mpc import (
+    CentroidalMpc,
+    CentroidalMpcSettings,
+    CentroidalWeights,
+    FullBodyMpc,
+    FullBodyMpcSettings,
+    FullBodyWeights,
+    KinodynamicMpc,
+    KinodynamicMpcSettings,
+    KinodynamicWeights,
+)
+from lgmpc.robot import Robot
+
+__all__ = ["build_planner"]
+
+_NORMAL_FORCE = (0.2, 12.0)
+"""N per kg of the robot: the plan unloads no foot entirely."""
+_CREDIBLE_PUSH = 3.0
+"""Weights of the robot: what the observer takes for a stronger push than this is a fault."""
+_SCALED = ("linear_momentum", "angular_momentum", "force", "effort")
+"""Weights that are for a robot of 2.5 kg."""
+
+
+def build_planner(config: Config, robot: Robot, reference: ComReference, notify: Notify) -> Planner:
+    """Return the predictive layer of section ``mpc``; compiles it if it never was on this machine."""
+    section, period = config.mpc, 1.0 / config.wbc.rate_hz
+    observer = WrenchObserver(period, section.observer_time_s, force_limit=_CREDIBLE_PUSH * robot.mass * 9.81)
+    following = PlannerSettings(
+        every=round(config.wbc.rate_hz / section.rate_hz), wrench_decay_time=section.wrench_decay_s
+    )
+    return Planner(_predictor(section, robot, notify), observer, reference, period, following)
+
+
+def _predictor(section: MpcSection, robot: Robot, notify: Notify) -> Predictor:
+    horizon, weights = _horizon(section, robot), _weights(section, robot)
+    if isinstance(section, FullBodyMpcSection):
+        full = FullBodyMpcSettings(**horizon, weights=FullBodyWeights(**weights))
+        return WholeBodyPredictor(FullBodyMpc(robot, full, notify), robot)
+    if isinstance(section, KinodynamicMpcSection):
+        kinodynamic = KinodynamicMpcSettings(**horizon, weights=KinodynamicWeights(**weights))
+        return WholeBodyPredictor(KinodynamicMpc(robot, kinodynamic, notify), robot)
+    centroidal = CentroidalMpcSettings(**horizon, weights=CentroidalWeights(**weights))
+    mpc = CentroidalMpc(robot.mass, robot.nc, centroidal, gravity=robot.gravity, progress=notify)
+    return CentroidalPredictor(mpc, section.uprighting_rate_hz)
+
+
+def _horizon(section: MpcSection, robot: Robot) -> dict[str, Any]:
+    """What :class:`lgmpc.mpc.MpcSettings` takes."""
+    lowest, highest = normal_force_range(section.normal_force_n, _NORMAL_FORCE, robot)
+    return {
+        "nodes": section.nodes,
+        "node_duration": section.node_s,
+        "friction": section.friction,
+        "facets": section.friction_facets,
+        "normal_force_min": lowest,
+        "normal_force_max": highest,
+        "qp_solver": section.qp_solver,
+        "sqp_iterations": section.sqp_iterations,
+    }
+
+
+def _weights(section: MpcSection, robot: Robot) -> dict[str, Any]:
+    """The weights, called as in :mod:`lgmpc.mpc.settings`, those that depend on mass scaled."""
+    factor = weight_factor(robot)
+    return {name: factor * value if name in _SCALED else value for name, value in section.weights}

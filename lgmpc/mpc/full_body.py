@@ -1,0 +1,106 @@
+"""Receding-horizon control of the whole robot by the torques of its motors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
+from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.costs.library import ContactForce, Control
+from lgmpc.mpc.settings import FullBodyMpcSettings
+from lgmpc.mpc.whole_body import WholeBodyMpc, common_constraints, common_costs, contact_point_model
+from lgmpc.ocp import Trajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["FullBodyMpc"]
+
+
+class FullBodyMpc(WholeBodyMpc):
+    """Plans joint torques: contact forward dynamics, with friction, normal forces and torques limited.
+
+    State (q, v), control the torques. The limits are hard constraints of each subproblem.
+
+    Args:
+        robot: the robot, with a floating base and contact frames.
+        settings: horizon, weights, limits.
+        progress: told what is being compiled, when something is.
+
+    Raises:
+        InputError: the robot has no contact frames.
+        MissingDependencyError: the QP solver is not installed.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        settings: FullBodyMpcSettings | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        s = FullBodyMpcSettings() if settings is None else settings
+        model, contacts = contact_point_model(robot)
+        self._dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
+        costs = [
+            *common_costs(self._dynamics.state),
+            CostItem("effort", Control(robot.nu)),
+            *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
+        ]
+        limits = [
+            *common_constraints(contacts, s.facets),
+            ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
+        ]
+        action = MultibodyAction(f"full_body_{robot.nc}x{s.facets}", self._dynamics, costs, limits)
+        super().__init__(robot, action, s, progress)
+        efforts = holding_efforts(model, contacts, robot.q_reference)
+        self._efforts = efforts
+        self.problem.set("contact_gains", [0.0, 1.0 / s.node_duration])
+        self.problem.set("effort_reference", efforts)
+        self._set_weight(self.problem, "effort", np.full(robot.nu, s.weights.effort), s)
+        for i in range(robot.nc):
+            self._set_weight(self.problem, f"force{i}", s.weights.forces(1), s)
+        self._force_references = tuple(self.problem.view(f"force{i}_reference") for i in range(robot.nc))
+
+    def _measure(self, q: Array, v: Array) -> None:
+        nq = self.robot.nq
+        self.problem.x0[:nq], self.problem.x0[nq:] = q, v
+
+    def _state_weights(self, robot: Robot, settings: FullBodyMpcSettings) -> Array:
+        w, free = settings.weights, np.zeros(3)
+        turn = np.broadcast_to(w.base_orientation, 3)
+        return np.concatenate(
+            [free, turn, np.full(robot.nu, w.posture), np.zeros(6), np.full(robot.nu, w.joint_velocity)]
+        )
+
+    def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
+        robot = self._dynamics.robot
+        q, v = x[: robot.nq], x[robot.nq :]
+        motion = self._dynamics.motion(q, v, u, values, Unknowns())
+        return [robot.com(q), robot.momentum(q, v), v, ca.vertcat(*motion.forces.values())]
+
+    def _refer_forces(self, shares: Array) -> None:
+        for i, reference in enumerate(self._force_references):
+            reference[...] = shares[:, i]
+
+    def _rest(self) -> Trajectory:
+        n = self.settings.nodes
+        return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), np.tile(self._efforts, (n, 1)))
+
+
+def holding_efforts(model: pin.Model, contacts: tuple[str, ...], q: Array) -> Array:
+    """Return the (nu,) joint efforts that hold a configuration at rest, by the smallest contact forces that do."""
+    data = model.createData()
+    load = pin.computeGeneralizedGravity(model, data, q)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    frames = [model.getFrameId(name) for name in contacts]
+    rows = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in frames]
+    jacobian = np.vstack(rows)
+    forces = np.linalg.lstsq(jacobian[:, :6].T, load[:6])[0]
+    efforts: Array = (load - jacobian.T @ forces)[6:]
+    return efforts

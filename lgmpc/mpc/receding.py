@@ -1,0 +1,224 @@
+"""What all predictive controllers share: warm start, real-time iterations, fall-backs and timing."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
+from lgmpc.mpc.settings import MpcSettings
+from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.solvers import SqpResult, SqpSolver, SqpStatus
+from lgmpc.typing import Array, BoolArray, IntArray
+
+__all__ = ["RecedingHorizon", "write_intervals"]
+
+_LOG = logging.getLogger(__name__)
+# A loosely solved subproblem is followed if it breaks its constraints by less than this share of the weight (forces,
+# N) and its dynamics by less than this (m, N.s, N.m.s).
+_ACCEPTED_FORCE = 0.01
+_ACCEPTED_GAP = 0.01
+
+
+class RecedingHorizon(ABC):
+    """Solves one problem again and again, each time from where the last solution has arrived.
+
+    Each update shifts the last trajectory to the present, takes the configured number of SQP steps from there and
+    returns the new plan. No numbers make it raise: when an update fails, the last valid plan goes on (its later part is
+    for the present), with a status that says why; after several failures in a row the status is STALE.
+
+    A subclass writes measured state, references and parameters into :attr:`problem` and calls :meth:`_advance`.
+
+    Args:
+        problem: the optimal control problem.
+        settings: horizon, limits, solver.
+        mass: of the robot, kg.
+        weight: (3,) force that holds the robot against gravity, world axes, N.
+        progress: told what is being compiled, when something is.
+
+    Attributes:
+        settings: as given.
+        mass: as given, kg.
+        problem: as given, with the data of the last update.
+        solver: the real-time iteration.
+        failures: updates without a fresh plan so far.
+        failures_in_a_row: since the last fresh plan.
+
+    Raises:
+        InputError: mass not positive.
+        MissingDependencyError: the QP solver is not installed.
+    """
+
+    def __init__(
+        self,
+        problem: ShootingProblem,
+        settings: MpcSettings,
+        mass: float,
+        weight: Array,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.problem = problem
+        self.mass = checked_mass(mass)
+        self.solver = SqpSolver(problem, settings.qp_solver, progress)
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._weight = weight
+        self._flags = problem.view("contact_flags")
+        self._bounded = _columns_without_bounds(problem)
+        self._plan: CentroidalPlan | None = None  # the last fresh one
+        self._trajectory: Trajectory | None = None  # and what it was made of
+        self._guess_time: float | None = None
+
+    @property
+    def friction(self) -> float:
+        """Friction coefficient that plans rely on; may be set between updates."""
+        return float(self.problem.view(self._friction_names[0])[0, 0])
+
+    @friction.setter
+    def friction(self, coefficient: float) -> None:
+        for name in self._friction_names:
+            self.problem.view(name)[:] = coefficient
+
+    def reset(self) -> None:
+        """Forget the last plan and the failure counts: the next update begins as the first one did."""
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._plan = None
+        self._trajectory = None
+        self._guess_time = None
+
+    @property
+    @abstractmethod
+    def _friction_names(self) -> tuple[str, ...]:
+        """Parameters that hold the friction coefficient."""
+
+    @abstractmethod
+    def _rest(self) -> Trajectory:
+        """The guess without a last solution: stand still in the measured state."""
+
+    @abstractmethod
+    def _describe(self, t: float, trajectory: Trajectory, result: SqpResult) -> CentroidalPlan:
+        """Return the plan that a solution from time ``t`` on amounts to; status and timing are filled in later."""
+
+    @abstractmethod
+    def _standing_plan(self, t: float) -> CentroidalPlan:
+        """Rest at the reference, all numbers finite: for when no update has succeeded yet."""
+
+    def _advance(self, t: float, start: float) -> CentroidalPlan:
+        """Plan from ``problem.x0`` at time ``t``; ``start`` is when the update began, by the performance counter."""
+        x0 = self.problem.x0
+        # One sum over all numbers shows any NaN or infinity among them.
+        if not math.isfinite(t + float(x0.sum()) + float(self.problem.parameters[:, self._bounded].sum())):
+            return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
+        qp_iterations = 0
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers end in a status, not in a warning
+            self._warm_start(t)
+            for _ in range(self.settings.sqp_iterations):
+                self.solver.prepare()
+                result = self.solver.feedback(x0)
+                qp_iterations += result.qp_iterations
+                if not self._is_acceptable(result):
+                    return self._fall_back(_FAILURES[result.status], t, qp_iterations, start)
+            plan = self._describe(t, result.trajectory, result)
+            if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
+                return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
+        self.failures_in_a_row = 0
+        self._trajectory = result.trajectory
+        status = MpcStatus.INACCURATE if result.status is SqpStatus.INACCURATE else MpcStatus.SOLVED
+        elapsed = time.perf_counter() - start
+        self._plan = dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+        return self._plan
+
+    def _warm_start(self, t: float) -> None:
+        """Shift the last trajectory to the present; without one, stand still."""
+        h, nodes = self.settings.node_duration, self.settings.nodes
+        ahead = math.inf if self._guess_time is None else (t - self._guess_time) / h
+        if not 0.0 <= ahead <= nodes:
+            self.solver.set_guess(self._rest())
+        else:
+            while ahead > 0.0:
+                self.solver.shift(min(ahead, 1.0))
+                ahead -= 1.0
+        self._guess_time = t
+
+    def _is_acceptable(self, result: SqpResult) -> bool:
+        if result.status is not SqpStatus.INACCURATE:
+            return result.status.usable
+        limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
+        return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
+
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+        """Go on with the last valid plan, and let the next update start from it."""
+        self.failures += 1
+        self.failures_in_a_row += 1
+        if self.failures_in_a_row == 1:
+            _LOG.warning("MPC update at %.3f s: %s (%s)", t, status.name, status.value)
+        if self.failures_in_a_row > self.settings.stale_after:
+            status = MpcStatus.STALE
+        plan, trajectory = self._plan, self._trajectory
+        if plan is None or trajectory is None:
+            plan, self._guess_time = self._standing_plan(t if math.isfinite(t) else 0.0), None
+        elif status is MpcStatus.STALE:
+            self._guess_time = None  # it may be the guess that is at fault: the next update begins without one
+        else:
+            self.solver.set_guess(trajectory)
+            self._guess_time = plan.time
+        elapsed = time.perf_counter() - start
+        return dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+
+    def _shares(self) -> Array:
+        """(N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
+        standing = self._flags[:, :, None]
+        shares: Array = standing * self._weight / np.maximum(standing.sum(axis=1, keepdims=True), 1.0)
+        return shares
+
+    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> CentroidalPlan:
+        xs.flags.writeable = forces.flags.writeable = False
+        return CentroidalPlan(t, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, kkt, 0.0)
+
+
+_FAILURES = {
+    SqpStatus.INACCURATE: MpcStatus.SOLVER_FAILED,
+    SqpStatus.QP_FAILED: MpcStatus.SOLVER_FAILED,
+    SqpStatus.NOT_FINITE: MpcStatus.NOT_FINITE,
+}
+
+
+def checked_mass(mass: float) -> float:
+    """Return the mass, kg.
+
+    Raises:
+        InputError: it is not positive.
+    """
+    if not (math.isfinite(mass) and mass > 0):
+        raise InputError("mass", mass, "a positive number, kg")
+    return float(mass)
+
+
+def write_intervals(target: Array, value: Array | BoolArray | float) -> None:
+    """Write one value for all intervals, or one each (the terminal node, which reads none of them, keeps the last)."""
+    if np.ndim(value) == target.ndim:
+        target[:-1] = value
+        target[-1] = target[-2]
+    else:
+        target[...] = value
+
+
+def _columns_without_bounds(problem: ShootingProblem) -> slice | IntArray:
+    """Columns of the parameters that have to be finite: all but those of bounds."""
+    layout = problem.action.parameters
+    bounds = [where for name, where in layout.items() if name.endswith(("_lower", "_upper"))]
+    if not bounds:
+        return slice(None)
+    rest = np.ones(layout.size, dtype=np.bool_)
+    for where in bounds:
+        rest[where] = False
+    return np.flatnonzero(rest)

@@ -19,10 +19,15 @@ from typing import Any
 
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import ComCircleProblem, ReachProblem, Section, SolveConfig
+from lgmpc.config.schema.problem import FlightProblem, RecoveryProblem
+from lgmpc.config.schema.problem.rotors import RotorsSection
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.problems import Scenario
 from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
+from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
+from lgmpc.problems.multirotor import MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
+from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
 from lgmpc.robot import Robot
 
 __all__ = ["build_scenario"]
@@ -66,9 +71,41 @@ def _reach(robot: Robot, section: ReachProblem) -> Scenario:
     return build_reach(robot, settings)
 
 
+def _flight(robot: Robot, section: FlightProblem) -> Scenario:
+    settings = FlightSettings(
+        rotors=_rotors(section.rotors),
+        start=section.start_m,
+        waypoints=tuple(FlightWaypoint(p.name, p.time_s, p.position_m, p.rotation_deg) for p in section.waypoints),
+        node_duration=section.node_s,
+        weights=FlightWeights(**section.weights.model_dump()),
+    )
+    return build_flight(robot, settings)
+
+
+def _recovery(robot: Robot, section: RecoveryProblem) -> Scenario:
+    settings = RecoverySettings(
+        rotors=_rotors(section.rotors),
+        position=section.position_m,
+        rotation_deg=section.rotation_deg,
+        velocity=section.velocity_m_s,
+        angular_velocity=section.angular_velocity_rad_s,
+        goal_rotation_deg=section.goal_rotation_deg,
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        weights=RecoveryWeights(**section.weights.model_dump()),
+    )
+    return build_recovery(robot, settings)
+
+
+def _rotors(section: RotorsSection) -> MultirotorSettings:
+    return MultirotorSettings(section.frames, section.turning, section.max_thrust_n, section.drag_ratio_m)
+
+
 _BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
     ComCircleProblem: _com_circle,
+    FlightProblem: _flight,
     ReachProblem: _reach,
+    RecoveryProblem: _recovery,
 }
 
 

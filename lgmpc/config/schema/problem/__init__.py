@@ -5,14 +5,18 @@ from typing import Annotated, Union
 from pydantic import Field
 
 from lgmpc.config.schema.problem.com_circle import ComCircleProblem
+from lgmpc.config.schema.problem.flight import FlightProblem
 from lgmpc.config.schema.problem.reach import ReachProblem
+from lgmpc.config.schema.problem.recovery import RecoveryProblem
 
-__all__ = ["ComCircleProblem", "ProblemSection", "ReachProblem"]
+__all__ = ["ComCircleProblem", "FlightProblem", "ProblemSection", "ReachProblem", "RecoveryProblem"]
 
 ProblemSection = Annotated[
     Union[  # noqa: UP007 (evaluated at run time)
         ComCircleProblem,
+        FlightProblem,
         ReachProblem,
+        RecoveryProblem,
     ],
     Field(discriminator="kind"),
 ]

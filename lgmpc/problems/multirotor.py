@@ -1,0 +1,162 @@
+"""A flying body that rotors push along their axes: its dynamics, its hover, a guess of its way, and its true flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import solve_ivp
+
+from lgmpc.actions import FreeForwardDynamics, thrusters
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.ocp import Trajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["Multirotor", "MultirotorSettings", "flown", "thrust_figures", "turning_guess"]
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class MultirotorSettings:
+    """The rotors, of which a URDF says only where they are.
+
+    Attributes:
+        frames: names of the rotors' frames; each pushes along its frame's z axis.
+        turning: sense of each rotor seen from above; its drag turns the body the other way.
+        max_thrust: of each rotor, N; the least is 0.
+        drag_ratio: moment about the axis per thrust, m.
+    """
+
+    frames: tuple[str, ...]
+    turning: tuple[Literal["ccw", "cw"], ...]
+    max_thrust: float
+    drag_ratio: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Multirotor:
+    """A robot that flies.
+
+    Attributes:
+        robot: one free body.
+        dynamics: u = thrusts of the rotors, N.
+        hover: (nu,) thrusts that hold it level against gravity, N.
+        max_thrust: of each rotor, N.
+        body: name of the frame of its body.
+    """
+
+    robot: Robot
+    dynamics: FreeForwardDynamics
+    hover: Array
+    max_thrust: float
+    body: str
+
+    @classmethod
+    def of(cls, robot: Robot, settings: MultirotorSettings) -> Multirotor:
+        """Put rotors on a robot.
+
+        Raises:
+            InputError: a robot with joints or a fixed base, a frame that is not there, as many senses as there are not
+                rotors, or rotors that cannot hold the robot level.
+        """
+        if not robot.floating_base or robot.nu:
+            raise InputError("robot", f"{robot.name}, {robot.nv} degrees of freedom", "a single free body")
+        if len(settings.turning) != len(settings.frames):
+            raise InputError("turning", f"{len(settings.turning)} senses", f"{len(settings.frames)}, one a rotor")
+        data = robot.create_data()
+        neutral = pin.neutral(robot.model)
+        pin.framesForwardKinematics(robot.model, data, neutral)
+        places = [data.oMf[robot.frame(name)] for name in settings.frames]
+        drag = settings.drag_ratio * np.array([-1.0 if sense == "ccw" else 1.0 for sense in settings.turning])
+        actuation = thrusters(
+            robot.model, [place.translation for place in places], [place.rotation[:, 2] for place in places], drag
+        )
+        weight = pin.computeGeneralizedGravity(robot.model, data, neutral)
+        hover = np.linalg.lstsq(actuation, weight, rcond=None)[0]
+        held = np.allclose(actuation @ hover, weight, rtol=0.0, atol=1e-6 * robot.mass * 9.81)
+        if not (held and (hover > 0.0).all() and (hover < settings.max_thrust).all()):
+            expected = f"above {hover.max():.3g} N" if held else "rotors about the centre of mass"
+            raise InputError("max_thrust", settings.max_thrust, f"{expected}, to hold {robot.name} level")
+        dynamics = FreeForwardDynamics(robot.model, actuation)
+        return cls(robot, dynamics, hover, settings.max_thrust, robot.body_names[0])
+
+
+def turning_guess(
+    vehicle: Multirotor, durations: Array, places: Sequence[tuple[float, Vector]], turns: Sequence[tuple[float, Vector]]
+) -> Trajectory:
+    """Return a guess that goes straight from place to place, turns evenly from attitude to attitude, and hovers.
+
+    Its velocities are those of this motion; its thrusts are not, so that it has gaps. Attitudes are rotation vectors,
+    which may be longer than half a turn: from [0, 0, 0] by [0, -180, 0] to [0, -360, 0] is a loop, nose up.
+
+    Args:
+        vehicle: what flies.
+        durations: (N,) of the intervals, s.
+        places: times, s, and positions, world axes, m; the times rise.
+        turns: times, s, and rotation vectors, degrees; the times rise.
+    """
+    n, model = len(durations), vehicle.robot.model
+    times = np.concatenate([[0.0], np.cumsum(durations)])
+    xs = np.zeros((n + 1, 13))
+    xs[:, :3] = _between(times, places)
+    xs[:, 3:7] = [pin.Quaternion(so3.exp(turn)).coeffs() for turn in np.radians(_between(times, turns))]
+    for k in range(n):
+        xs[k, 7:] = pin.difference(model, xs[k, :7], xs[k + 1, :7]) / durations[k]
+    return Trajectory(xs, np.tile(vehicle.hover, (n, 1)))
+
+
+def _between(times: Array, points: Sequence[tuple[float, Vector]]) -> Array:
+    known = [time for time, _ in points]
+    return np.column_stack([np.interp(times, known, [point[i] for _, point in points]) for i in range(3)])
+
+
+def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
+    """Return (13,) the state after flying given thrusts, by another method than any solver's.
+
+    Pinocchio's accelerations, the quaternion's differential equation and Dormand and Prince's method of order 8, none
+    of which the action uses.
+
+    Args:
+        vehicle: what flies.
+        x0: (13,) first state.
+        us: (N, nu) thrusts, each constant over its interval, N.
+        durations: (N,) s.
+    """
+    model, data = vehicle.robot.model, vehicle.robot.create_data()
+    actuation = np.asarray(vehicle.dynamics.actuation.full())
+
+    def rate(_: float, x: Array, wrench: Array) -> Array:
+        q = np.concatenate([x[:3], x[3:7] / np.linalg.norm(x[3:7])])
+        turn = pin.Quaternion(q[3:])
+        spin = turn * pin.Quaternion(np.append(x[10:13], 0.0))
+        return np.concatenate([turn * x[7:10], spin.coeffs() / 2.0, pin.aba(model, data, q, x[7:], wrench)])
+
+    x = np.array(x0)
+    for u, duration in zip(us, durations, strict=True):
+        done = solve_ivp(rate, (0.0, duration), x, "DOP853", rtol=1e-9, atol=1e-9, args=(actuation @ u,))
+        x = done.y[:, -1]
+        x[3:7] /= np.linalg.norm(x[3:7])
+    return x
+
+
+def thrust_figures(vehicle: Multirotor, trajectory: Trajectory, durations: Array) -> dict[str, float]:
+    """Return the figures that all flights have.
+
+    ``min_thrust_ratio`` and ``max_thrust_ratio``: of the largest thrust. ``integration_error_m`` and
+    ``integration_error_deg``: how far the last state is from where the thrusts take the vehicle (see :func:`flown`).
+    """
+    ratio = trajectory.us / vehicle.max_thrust
+    truth, end = flown(vehicle, trajectory.xs[0], trajectory.us, durations), trajectory.xs[-1]
+    turned = pin.Quaternion(truth[3:7]).angularDistance(pin.Quaternion(end[3:7]))
+    return {
+        "min_thrust_ratio": float(ratio.min()),
+        "max_thrust_ratio": float(ratio.max()),
+        "integration_error_m": float(np.linalg.norm(truth[:3] - end[:3])),
+        "integration_error_deg": float(np.degrees(turned)),
+    }

@@ -1,0 +1,199 @@
+"""Quadrotors that loop and recover: figures against an independent simulation, attitudes that pass every branch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import SemiImplicitEuler
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.ocp import Trajectory
+from lgmpc.problems.attitude import rotation_of, tilt
+from lgmpc.problems.flight import FlightSettings, FlightWaypoint, build_flight
+from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, flown
+from lgmpc.problems.recovery import RecoverySettings, build_recovery
+from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.solvers import BoxFddp, FddpSettings, Solution, Status
+
+ROTORS = MultirotorSettings(tuple(f"iris__rotor_{i}" for i in range(4)), ("ccw", "ccw", "cw", "cw"), 7.0, 0.06)
+LOOP = FlightSettings(
+    ROTORS,
+    (0.0, 0.0, 1.0),
+    (
+        FlightWaypoint("entry", 0.75, (1.5, 0.0, 1.0)),
+        FlightWaypoint("top", 1.5, (2.0, 0.0, 2.5), (0.0, -180.0, 0.0)),
+        FlightWaypoint("exit", 2.25, (2.5, 0.0, 1.0)),
+        FlightWaypoint("end", 3.0, (4.0, 0.0, 1.0), (0.0, -360.0, 0.0)),
+    ),
+)
+TUMBLE = RecoverySettings(
+    ROTORS, rotation_deg=(0.0, 150.0, 0.0), angular_velocity=(0.0, 8.0, 0.0), goal_rotation_deg=(0.0, 360.0, 0.0)
+)
+
+
+@lru_cache
+def iris() -> Robot:
+    return load_robot(RobotSpec(model="iris"))
+
+
+@lru_cache
+def loop() -> tuple[Solution, dict[str, float]]:
+    scenario = build_flight(iris(), LOOP)
+    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    return solution, dict(scenario.figures(solution.trajectory))
+
+
+@lru_cache
+def tumble() -> tuple[Solution, dict[str, float]]:
+    scenario = build_recovery(iris(), TUMBLE)
+    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    return solution, dict(scenario.figures(solution.trajectory))
+
+
+def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None:
+    solution, figures = loop()
+    assert solution.status is Status.CONVERGED
+    assert figures["waypoint_error_m"] < 1e-3 and figures["waypoint_error_deg"] < 0.1
+    assert figures["inverted_tilt_deg"] > 179.9 and figures["final_tilt_deg"] < 0.1
+    assert (figures["min_thrust_ratio"], figures["max_thrust_ratio"]) == (0.0, 1.0)  # it takes all there is
+    # Once round and no more: the nose's angle in the plane of the loop, counted up from node to node.
+    nose = np.array([rotation_of(x)[:, 0] for x in solution.xs])
+    turned = np.unwrap(np.arctan2(nose[:, 2], nose[:, 0]))
+    assert turned[-1] == pytest.approx(2.0 * np.pi, abs=1e-2)
+    assert solution.residual().largest < 1e-4 * max(1.0, np.abs(solution.costates).max())
+
+
+def test_the_thrusts_take_it_there_by_another_integrator_but_not_from_semi_implicit_steps() -> None:
+    """Why the default is Runge and Kutta's method: same grid, same solver."""
+    assert loop()[1]["integration_error_m"] < 1e-3
+    scenario = build_flight(iris(), replace(LOOP, integrator=SemiImplicitEuler()))
+    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    assert solution.status is Status.CONVERGED
+    assert scenario.figures(solution.trajectory)["integration_error_m"] > 0.5
+
+
+def test_an_independent_flight_is_a_fall_without_thrust_and_rest_at_hover() -> None:
+    vehicle = Multirotor.of(iris(), ROTORS)
+    x0 = np.concatenate([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], np.zeros(6)])
+    x0[12] = 5.0  # spinning about the vertical axis changes nothing
+    fallen = flown(vehicle, x0, np.zeros((2, 4)), np.array([0.3, 0.7]))
+    np.testing.assert_allclose(fallen[:3], [1.0, 2.0, 3.0 - 9.81 / 2], rtol=0, atol=1e-7)
+    hovering = flown(vehicle, np.concatenate([x0[:7], np.zeros(6)]), vehicle.hover[None], np.array([2.0]))
+    np.testing.assert_allclose(hovering, [*x0[:7], *np.zeros(6)], rtol=0, atol=1e-9)
+    # Rotors that turn counter-clockwise drag the body clockwise.
+    more = vehicle.hover + 0.1 * np.array([1, 1, -1, -1])
+    assert flown(vehicle, np.concatenate([x0[:7], np.zeros(6)]), more[None], np.array([0.1]))[12] < 0.0
+
+
+def test_figures_see_a_flight_that_misses() -> None:
+    scenario = build_flight(iris(), LOOP)
+    figures = scenario.figures(scenario.problem.rollout(scenario.guess.us))  # it just hovers at the start
+    assert figures["waypoint_error_m"] == pytest.approx(4.0)
+    assert figures["waypoint_error_deg"] == pytest.approx(180.0, abs=1e-3)
+    assert figures["inverted_tilt_deg"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_tumbling_body_passes_pitch_90_and_rotation_pi_without_a_jump() -> None:
+    solution, figures = tumble()
+    assert solution.status is Status.CONVERGED
+    assert figures["final_tilt_deg"] < 0.1 and figures["final_error_m"] < 1e-3
+    assert figures["integration_error_m"] < 5e-3
+    # The attitude turns smoothly, no further from node to node than its rates allow ...
+    rates = np.linalg.norm(solution.xs[:, 10:], axis=1).max()
+    assert figures["attitude_step_deg"] <= np.degrees(1.1 * rates * TUMBLE.node_duration)
+    # ... and charts of it jump: roll and yaw by half a turn, the rotation vector by nearly a whole one.
+    assert figures["rpy_jump_deg"] == pytest.approx(180.0, abs=1e-3)
+    assert figures["log_jump_deg"] > 340.0
+    nose_up = [rotation_of(x)[2, 0] for x in solution.xs]
+    assert max(nose_up) > 0.98 or min(nose_up) < -0.98  # the nose, near the vertical
+    tilts = [tilt(x) for x in solution.xs]
+    assert 0 < int(np.argmax(tilts)) < 10 and np.degrees(max(tilts)) > 170.0  # on its back between two nodes
+
+
+def test_a_turned_world_gives_the_turned_solution() -> None:
+    """The symmetry that gravity leaves: headings, moves, and the sign of quaternions change nothing else."""
+    first, _ = tumble()
+    yaw, shift = so3.exp(np.array([0.0, 0.0, 2.4])), np.array([3.0, -7.0, 1.0])
+    scenario = build_recovery(iris(), TUMBLE)
+    problem = scenario.problem
+
+    def moved(x: np.ndarray) -> np.ndarray:
+        q = pin.Quaternion(yaw) * pin.Quaternion(x[3:7])
+        return np.concatenate([yaw @ x[:3] + shift, -q.coeffs(), x[7:]])
+
+    problem.set_initial_state(moved(problem.x0))
+    problem.set("position_reference", yaw @ np.array(TUMBLE.position) + shift)
+    problem.set("rotation_reference", -pin.Quaternion(yaw).coeffs())
+    guess = Trajectory(np.array([moved(x) for x in scenario.guess.xs]), scenario.guess.us)
+    other = BoxFddp(problem).solve(guess)
+    assert other.status is Status.CONVERGED
+    assert other.cost == pytest.approx(first.cost, rel=1e-8)
+    np.testing.assert_allclose(other.us, first.us, rtol=0, atol=1e-3)
+    state = problem.state
+    for x, theirs in zip(other.xs, first.xs, strict=True):
+        np.testing.assert_allclose(state.diff(moved(theirs), x), 0.0, atol=1e-3)
+
+
+def test_recovers_from_random_attitudes() -> None:
+    rng = np.random.default_rng(5)
+    problem = build_recovery(iris(), RecoverySettings(ROTORS)).problem
+    solver = BoxFddp(problem, FddpSettings(tolerance=1e-6))
+    for _ in range(6):
+        turn = rng.standard_normal(3)
+        turn *= rng.uniform(60.0, 175.0) / np.linalg.norm(turn)
+        start = RecoverySettings(ROTORS, rotation_deg=tuple(turn), angular_velocity=tuple(rng.uniform(-4, 4, 3)))
+        scenario = build_recovery(iris(), start)
+        problem.set_initial_state(scenario.problem.x0)
+        solution = solver.solve(scenario.guess, max_iterations=200)
+        figures = scenario.figures(solution.trajectory)
+        assert solution.status is Status.CONVERGED, turn
+        assert figures["final_tilt_deg"] < 0.1 and figures["final_error_m"] < 0.01
+        assert figures["attitude_step_deg"] < 45.0
+
+
+def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() -> None:
+    """Without a guess that turns it is a saddle: no thrust is better than another, and a solver stays there."""
+    scenario = build_recovery(iris(), replace(TUMBLE, rotation_deg=(180.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)))
+    solver = BoxFddp(scenario.problem)
+    for sign in (1.0, -1.0):
+        towards = replace(
+            TUMBLE,
+            rotation_deg=(180.0 * sign, 0.0, 0.0),
+            angular_velocity=(0.0, 0.0, 0.0),
+            goal_rotation_deg=(0.0, 0.0, 0.0),
+        )
+        solution = solver.solve(build_recovery(iris(), towards).guess, max_iterations=300)
+        assert solution.status is Status.CONVERGED
+        assert np.degrees(tilt(solution.xs[-1])) < 0.1
+        assert np.sign(solution.xs[20, 10]) == -sign
+    still = solver.solve(scenario.problem.hold())
+    assert np.degrees(tilt(still.xs[-1])) == pytest.approx(180.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"waypoints": ()}, "waypoints: got none"),
+        ({"waypoints": (FlightWaypoint("a", 0.1, (0.0, 0.0, 0.0)),)}, "'a' at 0.1 s; expected a multiple of node_dur"),
+        ({"waypoints": LOOP.waypoints[::-1]}, "'exit' at 2.25 s; expected later than 3 s"),
+        ({"node_duration": 0.0}, "node_duration"),
+        ({"rotors": replace(ROTORS, max_thrust=3.0)}, "max_thrust: got 3.0; expected above 3.76 N"),
+        ({"rotors": replace(ROTORS, turning=("ccw",))}, "turning: got 1 senses"),
+        ({"rotors": MultirotorSettings(("iris__rotor_0",), ("cw",), 99.0)}, "about the centre of mass"),
+        ({"rotors": replace(ROTORS, frames=("iris__rotor_9", *ROTORS.frames[1:]))}, "iris__rotor_9"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        build_flight(iris(), replace(LOOP, **change))
+
+
+def test_a_robot_with_joints_is_no_multirotor() -> None:
+    solo = load_robot(RobotSpec(model="solo12", effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0)))
+    with pytest.raises(InputError, match="robot: got solo12, 18 degrees of freedom; expected a single free body"):
+        build_recovery(solo, TUMBLE)

@@ -45,7 +45,7 @@ def _run() -> Outcome:
         Row("turn about any other axis", 0.0, float(np.degrees(np.linalg.norm(back[:2]))), 1e-9, "deg"),
         Row(
             "turn with half the bend, by the closed form",
-            np.degrees(half_way),
+            float(np.degrees(half_way)),
             float(np.degrees(so3.log(connection.holonomy(flip(bend / 2.0), 300))[2])),
             1e-9,
             "deg",

@@ -1,5 +1,6 @@
 """Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control."""
 
+from lgmpc.mechanics.benchmarks import BRULS_TOP, SIMO_WONG_TOP, HeavyTopBenchmark
 from lgmpc.mechanics.euler_poincare import (
     Advected,
     EulerPoincare,
@@ -9,19 +10,24 @@ from lgmpc.mechanics.euler_poincare import (
     Symbols,
 )
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
+from lgmpc.mechanics.lagrange_top import LagrangeTop
 from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, Flow, LiePoisson, extended_poses_dual
 from lgmpc.mechanics.momentum_maps import body_momentum, conserved_dimension, spatial_momentum
 from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_body_phase
+from lgmpc.mechanics.poinsot import Poinsot
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry
+from lgmpc.mechanics.torque_free import EulerTop, montgomery_phase, symmetric_top_precession
 from lgmpc.mechanics.variational import GroupSystem, Trajectory, compare_integrators, drift_table
 
 __all__ = [
+    "BRULS_TOP",
     "HEIGHT",
     "SE3",
     "SE3_DUAL",
     "SEMIDIRECT",
     "SEMIDIRECT_DUAL",
+    "SIMO_WONG_TOP",
     "SO3",
     "SO3_DUAL",
     "UP",
@@ -30,13 +36,17 @@ __all__ = [
     "Cat",
     "Connection",
     "EulerPoincare",
+    "EulerTop",
     "Flow",
     "GroupSystem",
+    "HeavyTopBenchmark",
+    "LagrangeTop",
     "LeftEulerPoincare",
     "LeftSymmetry",
     "LieGroup",
     "LiePoisson",
     "Motion",
+    "Poinsot",
     "RightEulerPoincare",
     "SpatialInertia",
     "Symbols",
@@ -51,8 +61,10 @@ __all__ = [
     "extended_poses_dual",
     "free_body",
     "heavy_top",
+    "montgomery_phase",
     "rigid_body_phase",
     "spatial_momentum",
+    "symmetric_top_precession",
     "torque_free_body",
     "translations",
 ]

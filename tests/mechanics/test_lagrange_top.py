@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.mechanics import BRULS_TOP, SIMO_WONG_TOP, UP, HeavyTopBenchmark, LagrangeTop, Motion
+
+TOP = LagrangeTop(transverse=0.5, axial=0.3, weight=2.0)
+
+
+def simulate(top: LagrangeTop, rotation: np.ndarray, velocity: np.ndarray, end: float, step: float = 5e-4) -> Motion:
+    steps = 10 * round(end / step / 10)
+    return top.system.simulate(rotation, velocity, rotation.T @ UP, step=step, steps=steps, every=10)
+
+
+@pytest.mark.parametrize("tilt", [0.3, 1.2, math.pi / 2, 2.5])
+@pytest.mark.parametrize("spin", [15.0, -12.0])
+def test_steady_precession_slow_and_fast(tilt: float, spin: float) -> None:
+    for rate in TOP.steady_precession(tilt, spin):
+        if not abs(rate) < 100.0:
+            continue  # of a horizontal axis there is no fast one
+        rotation, velocity = TOP.start(tilt, spin, rate)
+        motion = simulate(TOP, rotation, velocity, 2.0, 1e-4)
+        axis = motion.poses[:, :, 2]
+        turned = np.stack([so3.exp(rate * t * UP) @ axis[0] for t in motion.times])
+        np.testing.assert_allclose(axis, turned, atol=1e-8 if abs(rate) > 10 else 1e-9)
+        nutation = TOP.nutation(rotation, velocity)
+        assert nutation.tilts == pytest.approx((tilt, tilt), abs=1e-9)
+
+
+def test_slow_precession_of_a_fast_top_is_the_gyroscopes() -> None:
+    slow, fast = TOP.steady_precession(0.5, 1e4)
+    assert slow == pytest.approx(TOP.weight / (TOP.axial * 1e4), rel=1e-5)
+    assert fast == pytest.approx(TOP.axial * 1e4 / (TOP.transverse * math.cos(0.5)), rel=1e-5)
+
+
+def test_too_slow_a_top_precesses_not_at_all() -> None:
+    slowest = 2 * math.sqrt(TOP.transverse * TOP.weight * math.cos(0.3)) / TOP.axial
+    TOP.steady_precession(0.3, slowest * 1.001)
+    with pytest.raises(InputError, match=f"spin: .* at least {slowest:.6g}"):
+        TOP.steady_precession(0.3, slowest * 0.999)
+    with pytest.raises(InputError, match="spin: got 0 rad/s"):
+        TOP.steady_precession(2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "velocity"),
+    [
+        (so3.exp([0.3, 0.0, 0.0]), [0.0, 0.0, 15.0]),  # cusps
+        (so3.exp([0.3, 0.0, 0.0]), [0.0, -0.5, 15.0]),  # loops
+        (so3.exp([0.8, 0.2, 0.5]), [1.0, 2.0, 12.0]),
+        (so3.exp([0.8, 0.2, 0.5]), [-1.0, 0.3, -9.0]),
+        (so3.exp([2.8, 0.2, 0.0]), [0.5, 0.0, 0.0]),  # a spherical pendulum
+    ],
+)
+def test_nutation_in_closed_form(rotation: np.ndarray, velocity: list[float]) -> None:
+    nutation = TOP.nutation(rotation, np.array(velocity))
+    motion = simulate(TOP, rotation, np.array(velocity), 3.0, 2e-4)
+    np.testing.assert_allclose(nutation.cosines(motion.times), motion.advected[:, 2], atol=1e-9)
+    fine = simulate(TOP, rotation, np.array(velocity), 1.2 * nutation.period, 1e-4)
+    tilts = np.arccos(fine.advected[:, 2])
+    assert nutation.tilts == pytest.approx((tilts.min(), tilts.max()), abs=1e-3 * (tilts.max() - tilts.min()))
+    assert tilts.min() >= nutation.tilts[0] - 1e-9
+    assert tilts.max() <= nutation.tilts[1] + 1e-9
+    np.testing.assert_allclose(nutation.cosines(np.array([0.7])), nutation.cosines(np.array([0.7 + nutation.period])))
+
+
+@pytest.mark.parametrize("ratio", [0.6, 0.9, 0.99, 1.01, 1.2])
+def test_sleeping_top_on_both_sides_of_the_critical_spin(ratio: float) -> None:
+    spin = ratio * TOP.critical_spin
+    disturbance = 1e-4
+    rotation, velocity = TOP.start(disturbance, spin, 0.5 * TOP.axial * spin / TOP.transverse)
+    nutation = TOP.nutation(rotation, velocity)
+    motion = simulate(TOP, rotation, velocity, 1.1 * nutation.period, 5e-4)
+    measured = float(np.arctan2(np.linalg.norm(motion.advected[:, :2], axis=1), motion.advected[:, 2]).max())
+    assert measured == pytest.approx(nutation.tilts[1], rel=1e-4)
+    if ratio > 1.0:
+        assert TOP.sleeping_growth(spin) == TOP.fall(spin) == 0.0
+        assert measured < 20 * disturbance
+    else:
+        assert measured == pytest.approx(TOP.fall(spin), rel=1e-2)
+        assert TOP.fall(spin) > 0.2
+
+
+def test_a_sleeping_top_awakes_at_the_predicted_rate() -> None:
+    spin = 0.5 * TOP.critical_spin
+    rotation, velocity = TOP.start(1e-7, spin, 0.5 * TOP.axial * spin / TOP.transverse)
+    motion = simulate(TOP, rotation, velocity, 6.0, 1e-3)
+    tilt = np.linalg.norm(motion.advected[:, :2], axis=1)
+    late = (tilt > 1e-5) & (tilt < 1e-3)
+    rate = np.polyfit(motion.times[late], np.log(tilt[late]), 1)[0]
+    assert late.sum() > 50
+    assert rate == pytest.approx(TOP.sleeping_growth(spin), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("benchmark", "end", "step"), [(SIMO_WONG_TOP, 0.5, 1.25e-4), (BRULS_TOP, 0.1, 1.25e-5)], ids=["simo_wong", "bruls"]
+)
+def test_benchmarks_against_dop853(benchmark: HeavyTopBenchmark, end: float, step: float) -> None:
+    steps = round(end / step)
+    rotation, velocity = (part[0] for part in benchmark.reference(np.array([end])))
+    motion = benchmark.simulate(step, steps, steps)
+    np.testing.assert_allclose(motion.poses[-1], rotation, atol=1e-9)
+    np.testing.assert_allclose(motion.velocities[-1], velocity, atol=1e-9)
+    errors = []
+    for n in (steps // 10, steps // 20):
+        errors.append(np.linalg.norm(benchmark.simulate(end / n, n, n).poses[-1] - rotation))
+    assert np.log2(errors[1] / errors[0]) == pytest.approx(4.0, abs=0.4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("benchmark", "step"), [(SIMO_WONG_TOP, 6.25e-5), (BRULS_TOP, 1e-5)], ids=["simo_wong", "bruls"]
+)
+def test_benchmarks_in_full_length(benchmark: HeavyTopBenchmark, step: float) -> None:
+    times = np.linspace(0.0, benchmark.duration, 21)
+    rotations, velocities = benchmark.reference(times)
+    steps = round(benchmark.duration / step)
+    motion = benchmark.simulate(step, steps, steps // 20)
+    np.testing.assert_allclose(motion.poses, rotations, atol=1e-8)
+    np.testing.assert_allclose(motion.velocities, velocities, atol=1e-7)
+
+
+def test_simo_wong_top_nods_as_its_closed_form_says() -> None:
+    top = LagrangeTop(5.0, 1.0, 20.0)
+    motion = SIMO_WONG_TOP.simulate(1.25e-4, 80000, 80)
+    nutation = top.nutation(SIMO_WONG_TOP.rotation, SIMO_WONG_TOP.velocity)
+    np.testing.assert_allclose(motion.advected[:, 2], nutation.cosines(motion.times), atol=1e-9)
+    energies = SIMO_WONG_TOP.system.energies(motion)
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.5, 0.3, 0.0), "weight: got 0.0"),
+        ((0.0, 0.3, 1.0), "transverse: got 0.0"),
+        ((0.5, -0.3, 1.0), "axial: got -0.3"),
+        ((0.5, 1.2, 1.0), "axial: .*triangle"),
+        ((0.5, math.nan, 1.0), "axial: .* finite"),
+    ],
+)
+def test_tops_that_cannot_be_are_refused(arguments: tuple[float, float, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        LagrangeTop(*arguments)
+
+
+def test_states_that_cannot_be_are_refused() -> None:
+    with pytest.raises(InputError, match="rotation: .* a rotation"):
+        TOP.nutation(2 * np.eye(3), np.ones(3))
+    with pytest.raises(InputError, match="velocity: got shape"):
+        TOP.nutation(np.eye(3), np.ones(2))

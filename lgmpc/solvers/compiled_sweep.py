@@ -11,15 +11,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cython_blas, cython_lapack
 
 from lgmpc.compile import compile_source
 from lgmpc.ocp import ShootingFunctions
+from lgmpc.solvers.routines import routine_addresses
 from lgmpc.solvers.sweep import BackwardSweep, all_finite
 
 __all__ = ["CompiledSweep", "make_sweep"]
 
-_ROUTINES = ((cython_blas, ("dgemm", "dgemv", "dsyrk", "dtrsm")), (cython_lapack, ("dpotrf",)))
+_ROUTINES = ("dgemm", "dgemv", "dsyrk", "dtrsm", "dpotrf")  # in the order in which the C code expects them
 
 # Matrices are stored column after column; of symmetric ones the lower triangle is computed.
 _SOURCE = r"""
@@ -115,7 +115,7 @@ class CompiledSweep(BackwardSweep):
             f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
             np.zeros(width * (ndx + width + 1)),
         )  # fmt: skip
-        addresses = [array.ctypes.data for array in arrays] + _routines()
+        addresses = [array.ctypes.data for array in arrays] + routine_addresses(*_ROUTINES)
         self._frame = (ctypes.c_void_p * len(addresses))(*addresses)
         self._memory = arrays  # the frame holds addresses only
         self._call: Callable[[Any], int] = library.lgmpc_sweep
@@ -131,16 +131,3 @@ def make_sweep(functions: ShootingFunctions, progress: Callable[[str], None] | N
     """The compiled sweep; in numpy where nothing can be compiled."""
     library = compile_source("lgmpc_sweep", _SOURCE, progress=progress) if functions.compiled else None
     return BackwardSweep(functions) if library is None else CompiledSweep(functions, ctypes.CDLL(str(library)))
-
-
-def _routines() -> list[int]:
-    """Addresses of the routines, in the order in which the C code expects them."""
-    name_of, pointer_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
-    name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    found = []
-    for module, names in _ROUTINES:
-        for name in names:
-            capsule = module.__pyx_capi__[name]
-            found.append(int(pointer_of(capsule, name_of(capsule))))
-    return found

@@ -22,7 +22,16 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.solvers.loop import IterativeSolver, Progress
-from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, QpSolver, QpStatus, make_qp_solver
+from lgmpc.solvers.qp import (
+    LARGE_STAGE,
+    PiqpSettings,
+    PiqpSolver,
+    QpSolver,
+    QpStatus,
+    StructuredSettings,
+    StructuredSolver,
+    make_qp_solver,
+)
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import all_finite
 from lgmpc.typing import Array
@@ -78,7 +87,7 @@ class LineSearchSqp(IterativeSolver):
         problem: the problem; its data are read at every solve.
         settings: tolerances.
         qp_solver: solver of the subproblems: a name, or a function that makes one. It has to be more accurate than the
-            tolerance; unless given, PIQP, much more accurate.
+            tolerance; unless given one that is much more accurate, lgmpc's own or (small stages) PIQP.
         progress: told what is being compiled.
 
     Raises:
@@ -104,11 +113,7 @@ class LineSearchSqp(IterativeSolver):
         elif qp_solver is not None:
             self.qp_solver = qp_solver(qp)
         else:
-            large = qp.structure.ndx + qp.structure.nu > 30
-            kind = "sparse_multistage" if large else "sparse_ldlt"
-            # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
-            accuracy = min(max(self.settings.tolerance**2, 1e-11), 1e-2 * self.settings.tolerance)
-            self.qp_solver = PiqpSolver(qp, PiqpSettings(kind, accuracy, 200))
+            self.qp_solver = _accurate(qp, self.settings.tolerance, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -231,3 +236,11 @@ class LineSearchSqp(IterativeSolver):
         below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(qp.vector("lower")))
         loose = float(np.maximum(above, below).max(initial=0.0))
         return KktResidual(stationarity, self._gap, float(self._outside.max(initial=0.0)), loose)
+
+
+def _accurate(qp: OcpQp, tolerance: float, progress: Callable[[str], None] | None) -> QpSolver:
+    """A solver of the subproblems that is much more accurate than a tolerance."""
+    if qp.structure.ndx + qp.structure.nu > LARGE_STAGE:
+        return StructuredSolver(qp, StructuredSettings(1e-2 * tolerance), progress=progress)
+    # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
+    return PiqpSolver(qp, PiqpSettings("sparse_ldlt", min(max(tolerance**2, 1e-11), 1e-2 * tolerance), 200))

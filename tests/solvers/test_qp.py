@@ -23,8 +23,15 @@ from lgmpc.solvers.qp.lqr import lqr_function
 
 # Largest residual of the optimality conditions that a solver's standard settings may leave on the problems below, and
 # largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
-ACCURACY = {"riccati": 1e-5, "piqp": 1e-5, "piqp_multistage": 1e-5, "osqp": 1e-3, "proxqp": 2e-5}
-FORCE_ACCURACY = {"riccati": 1e-5, "piqp": 1e-5, "piqp_multistage": 1e-5, "osqp": 1.0, "proxqp": 1e-4}
+ACCURACY = {"riccati": 1e-5, "structured": 1e-5, "piqp": 1e-5, "piqp_multistage": 1e-5, "osqp": 1e-3, "proxqp": 2e-5}
+FORCE_ACCURACY = {
+    "riccati": 1e-5,
+    "structured": 1e-5,
+    "piqp": 1e-5,
+    "piqp_multistage": 1e-5,
+    "osqp": 1.0,
+    "proxqp": 1e-4,
+}
 
 
 def expand(problem: ShootingProblem) -> tuple[HorizonFunctions, OcpQp]:
@@ -244,6 +251,7 @@ def test_unknown_names_are_named(cart: ShootingProblem) -> None:
         ("piqp", "piqp", "pip install .piqp"),
         ("proxqp", "lgmpc.proxqp", "pip install .proxsuite"),
         ("riccati", "piqp", "pip install .piqp"),
+        ("structured", "piqp", "pip install .piqp"),
     ],
 )
 def test_missing_backend_says_what_brings_it(

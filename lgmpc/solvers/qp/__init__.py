@@ -11,8 +11,10 @@ from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
 from lgmpc.solvers.qp.riccati import RiccatiSettings, RiccatiSolver
+from lgmpc.solvers.qp.structured import LARGE_STAGE, StructuredSettings, StructuredSolver
 
 __all__ = [
+    "LARGE_STAGE",
     "QP_SOLVERS",
     "OsqpSettings",
     "OsqpSolver",
@@ -25,12 +27,23 @@ __all__ = [
     "QpStatus",
     "RiccatiSettings",
     "RiccatiSolver",
+    "StructuredSettings",
+    "StructuredSolver",
     "make_qp_solver",
 ]
 
 _Progress = Callable[[str], None]
+
+
+def _riccati(qp: OcpQp, progress: _Progress | None) -> QpSolver:
+    """Our own: scalar code for small stages, dense blocks for large ones."""
+    large = qp.structure.ndx + qp.structure.nu > LARGE_STAGE
+    return StructuredSolver(qp, progress=progress) if large else RiccatiSolver(qp, progress=progress)
+
+
 _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
-    "riccati": lambda qp, progress: RiccatiSolver(qp, progress=progress),
+    "riccati": _riccati,
+    "structured": lambda qp, progress: StructuredSolver(qp, progress=progress),
     "piqp": lambda qp, _: PiqpSolver(qp),
     "piqp_multistage": lambda qp, _: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
     "osqp": lambda qp, _: OsqpSolver(qp),

@@ -1,0 +1,227 @@
+"""lgmpc's own for large stages: active sets where the last solve knows them, an interior point method where not.
+
+Both are made of one thing, the regulator with penalised rows (:class:`~lgmpc.solvers.qp.regulator.BlockRegulator`),
+whose price does not depend on how many rows are active.
+
+*Active sets.* The rows outside their bounds, shifted by the multipliers, are penalised as in
+:mod:`lgmpc.solvers.qp.riccati`, until they stay the same. From one iteration of an SQP to the next few rows change: one
+to three sweeps confirm what the multipliers say.
+
+*Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the regulator
+with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
+of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
+IFAC 2020). The predictor also tells the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
+Tapia, Zhang, SIAM Review 36, 1994). So the active sets take over again as soon as these hardly change any more, and
+finish exactly, without the ill-conditioned end of the central path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
+from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
+from lgmpc.solvers.qp.regulator import BlockRegulator
+from lgmpc.solvers.sweep import all_finite
+from lgmpc.typing import Array
+
+__all__ = ["LARGE_STAGE", "StructuredSettings", "StructuredSolver"]
+
+LARGE_STAGE = 30
+"""States and controls of a stage from which dense blocks pay."""
+
+_REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
+_START = 20.0  # penalty of all rows where the central path begins, in control weights
+
+
+@dataclass(frozen=True)
+class StructuredSettings:
+    """How accurate, and how long before the next method takes over.
+
+    Attributes:
+        tolerance: largest residual of the optimality conditions.
+        max_sweeps: regulators that confirm or correct one guess of the active rows.
+        max_iterations: of the interior point method.
+        penalty: of active rows, as a multiple of the largest control weight: large, so that one round of multipliers is
+            enough, and not so large that rounding shows in them.
+    """
+
+    tolerance: float = 1e-6
+    max_sweeps: int = 5
+    max_iterations: int = 30
+    penalty: float = 1e7
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        if not self.tolerance > 0.0:
+            raise InputError("tolerance", self.tolerance, "above 0")
+        if not self.penalty > 0.0:
+            raise InputError("penalty", self.penalty, "above 0")
+
+
+class StructuredSolver:
+    """:class:`~lgmpc.solvers.qp.QpSolver` for large stages whose R is positive definite; warm-started by multipliers.
+
+    What it cannot solve (an infeasible problem, a singular R) and all problems on a machine without a C compiler are
+    PIQP's.
+
+    Args:
+        qp: the problem.
+        settings: tolerance and limits.
+        fallback: makes the solver that takes over; PIQP in dense blocks unless given.
+        progress: told what is being compiled.
+
+    Attributes:
+        iterations: factorisations of the last solve, and the other solver's iterations if it took over.
+        took_over: whether the other solver did the last solve.
+
+    Raises:
+        MissingDependencyError: PIQP, the standard fallback, is not installed.
+    """
+
+    name = "structured"
+
+    def __init__(
+        self,
+        qp: OcpQp,
+        settings: StructuredSettings | None = None,
+        fallback: Callable[[OcpQp], QpSolver] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        s = qp.structure
+        self.qp = qp
+        self.settings = StructuredSettings() if settings is None else settings
+        self.iterations = 0
+        self.took_over = False
+        make = self._piqp if fallback is None else fallback
+        self._fallback = make(qp)
+        self._regulator = BlockRegulator(s, progress)
+        self._lower, self._upper = np.zeros((s.nodes, s.ng)), np.zeros((s.nodes, s.ng))
+        self._scale = self._rho = 0.0
+        self._ready = False
+        r = s.blocks["R"]
+        self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
+        shapes = ((s.nodes + 1, s.ndx), (s.nodes, s.nu), (s.nodes, s.ndx), (s.nodes, s.ng))
+        self.solution = QpSolution(*(np.zeros(shape) for shape in shapes))
+
+    def reset(self) -> None:
+        """Forget the multipliers, and whatever the other solver remembers."""
+        for array in vars(self.solution).values():
+            array[...] = 0.0
+        self._fallback.reset()
+        self.took_over = False
+
+    def prepare(self) -> None:
+        """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
+        qp = self.qp
+        self._lower[...], self._upper[...] = qp.vector("lower"), qp.vector("upper")
+        bounds = qp.structure.blocks["lower"].where.start, qp.structure.blocks["upper"].where.stop
+        finite = all_finite(qp.values[:, : bounds[0]], qp.values[:, bounds[1] :], qp.terminal_values)
+        possible = bool((self._lower <= self._upper).all())  # also False where one is NaN
+        self._scale = float(qp.values[:, self._control_weights].max(initial=0.0))
+        self._rho = self.settings.penalty * self._scale
+        self._ready = self._regulator.available and finite and possible and self._scale > 0.0
+        if self._ready:
+            self._regulator.load(qp)
+
+    def solve(self, dx0: Array) -> QpStatus:
+        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        self.iterations = 0
+        self._regulator.dx0[...] = dx0
+        self.took_over = not (self._ready and all_finite(dx0) and self._solve())
+        if not self.took_over:
+            return QpStatus.SOLVED
+        self._fallback.prepare()
+        status = self._fallback.solve(dx0)
+        self.iterations += self._fallback.iterations
+        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+            for mine, theirs in zip(vars(self.solution).values(), vars(self._fallback.solution).values(), strict=True):
+                mine[...] = theirs
+        return status
+
+    def _solve(self) -> bool:
+        known, least = self.solution.multipliers, self.settings.tolerance
+        mu = np.where(np.abs(known) > least, known, 0.0)
+        # Rows with multipliers are at their bounds, the others within them.
+        within = nearest_in(np.zeros_like(mu), self._lower, self._upper)
+        rows = np.where(mu > 0.0, self._upper, np.where(mu < 0.0, self._lower, within))
+        return self._active_set(rows, mu) or self._interior_point()
+
+    def _piqp(self, qp: OcpQp) -> QpSolver:
+        # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
+        return PiqpSolver(qp, PiqpSettings("sparse_multistage", 1e-2 * self.settings.tolerance, 200))
+
+    def _active_set(self, rows: Array, mu: Array) -> bool:
+        """Penalise the rows outside their shifted bounds until they stay the same; False if they do not soon."""
+        r, rho, lower, upper = self._regulator, self._rho, self._lower, self._upper
+        low, high = lower - mu / rho, upper - mu / rho
+        nearest = nearest_in(rows, low, high)
+        active, changed = rows != nearest, rows.size / 8
+        for _ in range(self.settings.max_sweeps):
+            np.multiply(active, rho, out=r.weights)
+            r.targets[...] = nearest
+            if not self._factor():
+                return False
+            if self._accept():
+                return True
+            rows = r.rows.copy()
+            nearest = nearest_in(rows, low, high)
+            before, active = active, rows != nearest
+            few, changed = changed / 2, float(np.count_nonzero(active != before))
+            if changed > few:
+                return False  # no contraction: the guess was too far off
+            if changed == 0:
+                low, high = lower - r.multipliers / rho, upper - r.multipliers / rho
+                nearest = nearest_in(rows, low, high)
+        return False
+
+    def _interior_point(self) -> bool:
+        """Follow the central path until the active rows are known; False if it leads nowhere."""
+        r, path = self._regulator, CentralPath(self._lower, self._upper, _START * self._scale, self._rho)
+        path.begin(r.weights, r.targets)
+        if not self._factor():
+            return False
+        path.start(r.rows)
+        for _ in range(self.settings.max_iterations):
+            path.predict(r.weights, r.targets)
+            if not self._factor():
+                return False
+            path.correct(r.rows, r.targets)
+            r.solve()
+            if not path.step(r.rows):
+                return False
+            if self._accept():
+                return True
+            if path.settled and self._active_set(*path.active_rows()):
+                return True
+        return False
+
+    def _factor(self) -> bool:
+        self.iterations += 1
+        return self._regulator.factor() and bool(np.isfinite(self._regulator.cost))
+
+    def _accept(self) -> bool:
+        """Take the regulator's point and multipliers if they satisfy the optimality conditions."""
+        r, s, tolerance = self._regulator, self.solution, self.settings.tolerance
+        r.take_multipliers()
+        if not self._loose() <= tolerance:
+            return False
+        for _ in range(_REFINEMENTS):
+            if r.stationarity() <= tolerance:
+                break
+            r.refine()
+        if not max(self._loose(), r.stationarity()) <= tolerance:
+            return False
+        s.dxs[...], s.dus[...], s.costates[...], s.multipliers[...] = r.dxs, r.dus, r.costates, r.multipliers
+        return True
+
+    def _loose(self) -> float:
+        """Zero exactly if all rows are within bounds and all multipliers belong to bounds that their rows are at."""
+        r = self._regulator
+        return float(np.abs(r.rows - nearest_in(r.rows + r.multipliers, self._lower, self._upper)).max(initial=0.0))

@@ -1,0 +1,221 @@
+"""lgmpc's own solver for large stages, on random problems, against PIQP, OSQP and a dense solution of its equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lgmpc.compile import compile_function
+from lgmpc.errors import InputError
+from lgmpc.ocp import Block, KktResidual, OcpQp, OcpQpStructure
+from lgmpc.ocp.quadratic import kkt_function
+from lgmpc.solvers.qp import (
+    LARGE_STAGE,
+    OsqpSettings,
+    OsqpSolver,
+    PiqpSettings,
+    PiqpSolver,
+    QpSolution,
+    QpSolver,
+    QpStatus,
+    RiccatiSolver,
+    StructuredSettings,
+    StructuredSolver,
+    make_qp_solver,
+)
+from lgmpc.solvers.qp.regulator import BlockRegulator
+
+NX, NU, NG, NODES = 9, 4, 6, 7
+
+
+def structure(nx: int = NX, nu: int = NU, ng: int = NG, nodes: int = NODES) -> OcpQpStructure:
+    """All blocks dense, but D, of which every other entry is left out."""
+    shapes = {
+        "A": (nx, nx), "B": (nx, nu), "b": (nx, 1), "Q": (nx, nx), "S": (nu, nx), "R": (nu, nu), "q": (nx, 1),
+        "r": (nu, 1), "C": (ng, nx), "D": (ng, nu), "lower": (ng, 1), "upper": (ng, 1), "cost": (1, 1),
+    }  # fmt: skip
+    blocks, start = {}, 0
+    for name, shape in shapes.items():
+        rows, columns = (index.ravel(order="F") for index in np.indices(shape))
+        kept = (rows + columns) % 2 == 0 if name == "D" else np.ones(rows.size, dtype=bool)
+        rows, columns = rows[kept], columns[kept]
+        blocks[name] = Block(shape, rows, columns, slice(start, start + rows.size))
+        start += rows.size
+    last, end = {}, 0
+    for name in ("Q", "q", "cost"):
+        rows, columns = (index.ravel(order="F") for index in np.indices(shapes[name]))
+        last[name] = Block(shapes[name], rows, columns, slice(end, end + rows.size))
+        end += rows.size
+    return OcpQpStructure(nodes, nx, nu, ng, blocks, last, start, end)
+
+
+def put(qp: OcpQp, name: str, node: int, value: np.ndarray) -> None:
+    block = qp.structure.blocks[name]
+    qp.values[node, block.where] = np.reshape(value, block.shape)[block.rows, block.columns]
+
+
+def random_problem(rng: np.random.Generator, tightness: float, equalities: int = 0) -> OcpQp:
+    """A feasible problem: a random trajectory satisfies the bounds, most of them closely if ``tightness`` is large."""
+    s = structure()
+    qp = OcpQp(s)
+    x = rng.standard_normal(NX)
+    for k in range(NODES):
+        root = rng.standard_normal((NX + NU, NX + NU))
+        hessian = root @ root.T / (NX + NU) + 0.1 * np.eye(NX + NU)
+        a, b = 0.4 * rng.standard_normal((NX, NX)), rng.standard_normal((NX, NU))
+        c, d = rng.standard_normal((NG, NX)), rng.standard_normal((NG, NU))
+        d[np.add.outer(np.arange(NG), np.arange(NU)) % 2 == 1] = 0.0
+        u, gap = rng.standard_normal(NU), rng.standard_normal(NX)
+        row = c @ x + d @ u
+        lower = row - rng.exponential(1.0 / tightness, NG)
+        upper = row + rng.exponential(1.0 / tightness, NG)
+        lower[rng.random(NG) < 0.3], upper[rng.random(NG) < 0.3] = -np.inf, np.inf
+        lower[:equalities] = upper[:equalities] = row[:equalities]
+        for name, value in {
+            "A": a, "B": b, "b": gap, "Q": hessian[:NX, :NX], "S": hessian[NX:, :NX], "R": hessian[NX:, NX:],
+            "q": rng.standard_normal(NX), "r": rng.standard_normal(NU), "C": c, "D": d, "lower": lower, "upper": upper,
+        }.items():  # fmt: skip
+            put(qp, name, k, value)
+        if k == 0:
+            qp_x0 = x.copy()
+        x = a @ x + b @ u + gap
+    last = rng.standard_normal((NX, NX))
+    blocks = s.terminal_blocks
+    qp.terminal_values[blocks["Q"].where] = (last @ last.T / NX).ravel(order="F")
+    qp.terminal_values[blocks["q"].where] = rng.standard_normal(NX)
+    qp.x0 = qp_x0  # type: ignore[attr-defined]
+    return qp
+
+
+KKT = compile_function(kkt_function(structure(), "random"))
+
+
+def residual(qp: OcpQp, s: QpSolution) -> KktResidual:
+    return KktResidual.of(KKT(qp.values.T, qp.terminal_values, *(array.T for array in vars(s).values()))[0])
+
+
+def solved(solver: QpSolver, dx0: np.ndarray) -> QpSolution:
+    solver.prepare()
+    assert solver.solve(dx0) is QpStatus.SOLVED
+    return solver.solution
+
+
+@pytest.mark.parametrize(("tightness", "equalities"), [(0.3, 0), (0.3, 2), (3.0, 0), (3.0, 2), (10.0, 0)])
+def test_random_problems_have_the_solution_of_piqp_and_osqp(tightness: float, equalities: int) -> None:
+    for seed in range(6):
+        qp = random_problem(np.random.default_rng(seed), tightness, equalities)
+        solver = StructuredSolver(qp, StructuredSettings(tolerance=1e-9))
+        mine = solved(solver, qp.x0)
+        assert not solver.took_over
+        assert residual(qp, mine).largest < 2e-9
+        if tightness > 1.0:
+            assert (np.abs(mine.multipliers) > 1e-6).sum() >= 5
+        other = solved(PiqpSolver(qp, PiqpSettings(tolerance=1e-11)), qp.x0)
+        np.testing.assert_allclose(mine.dus, other.dus, atol=1e-6)
+        np.testing.assert_allclose(mine.dxs, other.dxs, atol=1e-6)
+        if not equalities and tightness < 3.0:  # else OSQP does not get that far
+            split = solved(OsqpSolver(qp, OsqpSettings(tolerance=1e-7, max_iterations=20000)), qp.x0)
+            np.testing.assert_allclose(mine.dus, split.dus, atol=1e-4)
+        again = solved(solver, qp.x0)
+        assert solver.iterations == 1  # the multipliers say which rows are active
+        np.testing.assert_allclose(again.dus, other.dus, atol=1e-6)
+
+
+def test_nearby_problems_take_few_sweeps() -> None:
+    rng = np.random.default_rng(0)
+    qp = random_problem(rng, 3.0)
+    solver = StructuredSolver(qp)
+    solved(solver, qp.x0)
+    cold = solver.iterations
+    for _ in range(5):
+        solved(solver, qp.x0 + 1e-3 * rng.standard_normal(NX))
+        assert solver.iterations <= 3 < cold and not solver.took_over
+
+
+@pytest.mark.parametrize("kind", ["bounds", "rows", "nan", "no control weight"])
+def test_what_it_cannot_solve_is_told_and_forgotten(kind: str) -> None:
+    qp = random_problem(np.random.default_rng(1), 3.0)
+    solver = StructuredSolver(qp)
+    expected = solved(solver, qp.x0).dus.copy()
+    values = qp.values.copy()
+    if kind == "bounds":
+        qp.vector("lower")[2, 1], qp.vector("upper")[2, 1] = 1.0, -1.0
+    elif kind == "rows":  # the same row twice, between bounds that contradict each other
+        for name in ("C", "D"):
+            full = qp.dense(name)[2]
+            full[3] = full[1]
+            put(qp, name, 2, full)
+        qp.vector("lower")[2, [1, 3]], qp.vector("upper")[2, [1, 3]] = [1.0, -9.0], [2.0, -8.0]
+    elif kind == "nan":
+        qp.vector("b")[3, 0] = np.nan
+    else:
+        for k in range(NODES):
+            put(qp, "R", k, np.zeros((NU, NU)))
+            put(qp, "S", k, np.zeros((NU, NX)))
+    solver.prepare()
+    status = solver.solve(qp.x0)
+    wanted = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
+    assert status is wanted and solver.took_over
+    if status is not QpStatus.SOLVED:
+        np.testing.assert_array_equal(solver.solution.dus, expected)
+    qp.values[...] = values
+    np.testing.assert_allclose(solved(solver, qp.x0).dus, expected, atol=1e-5)
+
+
+def test_regulator_solves_the_equations_of_its_minimum() -> None:
+    """Against one dense system of the penalised problem; the second solve with the factors of the first."""
+    rng = np.random.default_rng(2)
+    qp = random_problem(rng, 1.0)
+    regulator = BlockRegulator(qp.structure)
+    regulator.load(qp)
+    regulator.weights[...] = rng.uniform(0.0, 5.0, (NODES, NG)) * (rng.random((NODES, NG)) < 0.6)
+    regulator.dx0[...] = qp.x0
+    for again in (False, True):
+        regulator.targets[...] = rng.standard_normal((NODES, NG))
+        assert regulator.factor() if not again else regulator.solve() is None
+        penalty = regulator.weights * (regulator.rows - regulator.targets)
+        point = QpSolution(regulator.dxs, regulator.dus, regulator.costates, penalty)
+        found = residual(qp, point)
+        assert found.stationarity < 1e-9 and found.dynamics < 1e-12
+        rows = qp.dense("C") @ regulator.dxs[:-1, :, None] + qp.dense("D") @ regulator.dus[:, :, None]
+        np.testing.assert_allclose(regulator.rows, rows[..., 0], atol=1e-10)
+    cost = 0.0
+    for k in range(NODES):
+        x, u = regulator.dxs[k], regulator.dus[k]
+        m = {name: qp.dense(name)[k] for name in "QSRqr"}
+        cost += 0.5 * (x @ m["Q"] @ x + u @ m["R"] @ u) + u @ m["S"] @ x + m["q"][:, 0] @ x + m["r"][:, 0] @ u
+    x = regulator.dxs[-1]
+    cost += 0.5 * x @ qp.dense_terminal("Q") @ x + qp.dense_terminal("q")[:, 0] @ x
+    assert regulator.cost == pytest.approx(cost, rel=1e-10)
+    put(qp, "R", 3, -100.0 * np.eye(NU))
+    regulator.load(qp)
+    assert not regulator.factor()
+
+
+def test_same_inputs_give_the_same_bits() -> None:
+    qp = random_problem(np.random.default_rng(3), 3.0)
+    solver = StructuredSolver(qp)
+    first = [array.copy() for array in vars(solved(solver, qp.x0)).values()]
+    solver.reset()
+    for other in (solver, StructuredSolver(qp)):
+        for one, two in zip(first, vars(solved(other, qp.x0)).values(), strict=True):
+            np.testing.assert_array_equal(one, two)
+
+
+def test_without_compiler_it_is_piqp(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    qp = random_problem(np.random.default_rng(4), 3.0)
+    solver = StructuredSolver(qp)
+    assert residual(qp, solved(solver, qp.x0)).largest < 1e-6
+    assert solver.took_over
+
+
+def test_size_decides_which_of_our_own_it_is() -> None:
+    assert isinstance(make_qp_solver("riccati", OcpQp(structure())), RiccatiSolver)
+    assert isinstance(make_qp_solver("riccati", OcpQp(structure(nx=LARGE_STAGE))), StructuredSolver)
+
+
+def test_settings_that_cannot_work_are_refused() -> None:
+    for name in ("tolerance", "penalty"):
+        with pytest.raises(InputError, match=name):
+            StructuredSettings(**{name: 0.0})

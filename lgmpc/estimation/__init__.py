@@ -2,11 +2,13 @@
 
 from lgmpc.estimation.friction import FrictionMonitor
 from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
+from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.estimation.wrench import WrenchObserver
 
 __all__ = [
     "FrictionMonitor",
     "ImuNoise",
+    "InvariantEkf",
     "Preintegration",
     "WrenchObserver",
     "exponential_increment",

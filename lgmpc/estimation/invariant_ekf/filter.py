@@ -1,0 +1,295 @@
+"""The contact-aided invariant extended Kalman filter, on memory that is allocated once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.compile import StageKernel
+from lgmpc.errors import InputError
+from lgmpc.estimation.inertial import ImuNoise
+from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
+from lgmpc.estimation.invariant_ekf.programme import augmentation, correction, prediction
+from lgmpc.lie import checks
+from lgmpc.typing import Array
+
+__all__ = ["InvariantEkf"]
+
+
+class InvariantEkf:
+    r"""Base motion, contact points and IMU biases from an IMU and leg kinematics (chapter 4.11.4).
+
+    The state is an extended pose in SE_{2+k}(3), columns velocity, position and k contact points (world axes), with a
+    gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020). Prediction is exact
+    for body rates that are constant over a sample, and so are its error dynamics. Feet in contact rest but for slip, a
+    white velocity noise, and the rolling of ball feet. Position and yaw are not observable: they drift.
+
+    Nothing is allocated, and no memory grows, from one tick to the next.
+
+    Args:
+        contacts: k, how many feet can be in contact.
+        noise: densities of the IMU's noise.
+        slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
+        gravity: (3,) world axes, m/s2.
+        contact_offset: (3,) from a contact point to the frame that the kinematics measure, world axes, m: (0, 0, r) for
+            ball feet of radius r.
+        form: :data:`RIGHT`, :data:`LEFT`, or :data:`MULTIPLICATIVE` for the quaternion filter.
+        progress: told what is being compiled.
+
+    Attributes:
+        form: as given.
+        contacts: as given.
+        touching: (k,) which feet are in contact; read-only.
+        pose: (5 + k, 5 + k) estimate, zero columns for open contacts; a live view, read-only as all that follow.
+        rotation: (3, 3) base to world.
+        velocity: (3,) of the base's origin, world axes, m/s.
+        position: (3,) m.
+        points: (3, k) contact points, world axes, m.
+        gyro_bias: (3,) rad/s.
+        accelerometer_bias: (3,) m/s2.
+        covariance: (15 + 3k, 15 + 3k) of the form's error: rotation, velocity, position, points, gyro bias,
+            accelerometer bias; zero rows for open contacts.
+
+    Raises:
+        InputError: an argument that cannot be.
+    """
+
+    def __init__(
+        self,
+        contacts: int,
+        noise: ImuNoise | None = None,
+        *,
+        slip: float = 1e-2,
+        gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81),
+        contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
+        form: ErrorForm = RIGHT,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        if contacts < 1:
+            raise InputError("contacts", contacts, "at least one foot")
+        if not (math.isfinite(slip) and slip >= 0.0):
+            raise InputError("slip", slip, "a density that is not negative")
+        noise = ImuNoise() if noise is None else noise
+        self.form, self.contacts = form, contacts
+        columns, size = 5 + contacts, 15 + 3 * contacts
+        self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
+        state, following = (_views(memory, columns, size) for memory in (self._state, self._scratch))
+        self._pose, self._bias, self._covariance = state
+        self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
+        self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
+        self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
+        self._touching = np.zeros(contacts, dtype=np.bool_)
+        self._new_point, self._new_noise = np.zeros(3), np.zeros((3, 3))
+        offset = _vector("contact_offset", contact_offset)
+        densities = (noise.gyro, noise.accelerometer, noise.gyro_bias_walk, noise.accelerometer_bias_walk, slip)
+        self._parameters = np.concatenate([[0.0], _vector("gravity", gravity), offset, np.square(densities)])
+
+        # A symmetric matrix is the same column by column and row by row; the pose is the one that is not.
+        held = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
+        given = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
+        self._predict = StageKernel(prediction(form, contacts), progress).bind(
+            1,
+            **held,
+            **given,
+            sample=self._sample,
+            rolling=self._rolling.ravel(),
+            contact=self._flags,
+            parameters=self._parameters,
+        )
+        self._correct = StageKernel(correction(form, contacts), progress).bind(
+            1,
+            **held,
+            **given,
+            bias_next=following[1],
+            measured=self._measured.ravel(),
+            noise=self._spread.ravel(),
+            contact=self._flags,
+            offset=self._parameters[4:7],
+        )
+        del held["bias"]
+        self._augment = StageKernel(augmentation(form, contacts), progress).bind(
+            1,
+            **held,
+            **given,
+            measured=self._new_point,
+            noise=self._new_noise.ravel(),
+            selected=self._selected,
+            offset=self._parameters[4:7],
+        )
+        self._next_bias = following[1]
+        self.touching = self._touching.view()
+        self.touching.flags.writeable = False
+        self.pose = _read_only(self._pose)
+        self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
+        self.points = self.pose[:3, 5:]
+        self.gyro_bias, self.accelerometer_bias = (_read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
+        self.covariance = _read_only(self._covariance)
+        self.reset(np.eye(5), np.zeros(15))
+
+    def reset(
+        self,
+        pose: Array,
+        deviations: Array,
+        gyro_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
+        accelerometer_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Begin anew, no foot in contact.
+
+        Args:
+            pose: (5, 5) rotation, velocity, position.
+            deviations: (15,) standard deviations of plain differences, world axes: rotation (rad), velocity, position,
+                gyro bias, accelerometer bias.
+            gyro_bias: (3,) rad/s.
+            accelerometer_bias: (3,) m/s2.
+
+        Raises:
+            InputError: an argument of another form, or a negative deviation.
+        """
+        pose = checks.extended_pose("pose", pose)
+        if pose.shape != (5, 5):
+            raise InputError("pose", f"shape {pose.shape}", "shape (5, 5): rotation, velocity, position")
+        deviations = checks.finite("deviations", deviations)
+        if deviations.shape != (15,) or (deviations < 0.0).any():
+            raise InputError("deviations", deviations, "15 numbers that are not negative")
+        biases = _vector("gyro_bias", gyro_bias), _vector("accelerometer_bias", accelerometer_bias)
+        self._pose[:] = np.eye(len(self._pose))
+        self._pose[:5, :5] = pose
+        self._bias[:] = np.concatenate(biases)
+        change = np.array(ca.DM(self.form.from_differences(ca.DM(pose))))
+        self._covariance[:] = 0.0
+        self._covariance[:9, :9] = (change * deviations[:9] ** 2) @ change.T
+        self._covariance[-6:, -6:] = np.diag(deviations[9:] ** 2)
+        self._touching[:] = False
+        self._flags[:] = 0.0
+
+    def predict(self, gyro: Array, accelerometer: Array, duration: float, foot_rates: Array | None = None) -> None:
+        """Move on by one IMU sample.
+
+        Args:
+            gyro: (3,) mean angular velocity over the sample, body axes, rad/s.
+            accelerometer: (3,) mean specific force, body axes, m/s2.
+            duration: of the sample, s.
+            foot_rates: (k, 3) angular velocities of the feet relative to the base, base axes, rad/s: what makes ball
+                feet roll. Zero if not given.
+
+        Raises:
+            InputError: a vector that is not finite or of another shape, or a duration that is not positive.
+        """
+        _write("gyro", gyro, self._sample[:3])
+        _write("accelerometer", accelerometer, self._sample[3:])
+        if foot_rates is not None:
+            _write("foot_rates", foot_rates, self._rolling)
+        if not 0.0 < duration < math.inf:
+            raise InputError("duration", duration, "a positive number of seconds")
+        self._parameters[0] = duration
+        self._next_bias[:] = self._bias
+        self._predict()
+        self._state[:] = self._scratch
+
+    def begin_contact(self, foot: int, measured: Array, covariance: Array) -> None:
+        """Let ``foot`` rest where the kinematics say it is.
+
+        Args:
+            foot: which one, 0 to k - 1.
+            measured: (3,) from the base to its contact frame, body axes, m.
+            covariance: (3, 3) of ``measured``, m2.
+
+        Raises:
+            InputError: no such foot, or arrays that are not finite or of another shape.
+        """
+        self._check_foot(foot)
+        _write("measured", measured, self._new_point)
+        _write("covariance", covariance, self._new_noise)
+        self._selected[:] = 0.0
+        self._selected[foot] = 1.0
+        self._next_bias[:] = self._bias
+        self._augment()
+        self._state[:] = self._scratch
+        self._touching[foot], self._flags[foot] = True, 1.0
+
+    def end_contact(self, foot: int) -> None:
+        """Forget the contact point of ``foot``: marginalise it.
+
+        Raises:
+            InputError: no such foot.
+        """
+        self._check_foot(foot)
+        rows = slice(9 + 3 * foot, 12 + 3 * foot)
+        self._pose[:3, 5 + foot] = 0.0
+        self._covariance[rows], self._covariance[:, rows] = 0.0, 0.0
+        self._touching[foot], self._flags[foot] = False, 0.0
+
+    def correct(self, measured: Array, covariances: Array) -> None:
+        """Take the positions of the feet in contact; those of the others are not looked at.
+
+        Args:
+            measured: (k, 3) from the base to the contact frames, body axes, m.
+            covariances: (k, 3, 3) of each, m2; positive definite.
+
+        Raises:
+            InputError: arrays that are not finite or of another shape.
+        """
+        _write("measured", measured, self._measured)
+        _write("covariances", covariances, self._spread)
+        self._correct()
+        self._state[:] = self._scratch
+
+    def error(self, pose: Array, biases: Array) -> Array:
+        """Return (15 + 3k,) the error of the estimate against a truth, that which :attr:`covariance` is of.
+
+        Args:
+            pose: (5 + k, 5 + k) true pose, with the true points of the feet in contact.
+            biases: (6,) true biases, gyro first.
+
+        Raises:
+            InputError: no pose of this size, or no six numbers.
+        """
+        pose, biases = checks.extended_pose("pose", pose), checks.finite("biases", biases)
+        if pose.shape != self.pose.shape:
+            raise InputError("pose", f"shape {pose.shape}", f"shape {self.pose.shape}")
+        if biases.shape != (6,):
+            raise InputError("biases", f"shape {biases.shape}", "shape (6,)")
+        truth = pose.copy()
+        truth[:3, 5:] *= self._flags
+        error = np.array(ca.DM(self.form.error(ca.DM(self.pose), ca.DM(truth)))).ravel()
+        return np.concatenate([error, self._bias - biases])
+
+    def _check_foot(self, foot: int) -> None:
+        if not 0 <= foot < self.contacts:
+            raise InputError("foot", foot, f"a number from 0 to {self.contacts - 1}")
+
+
+def _views(memory: Array, columns: int, size: int) -> tuple[Array, Array, Array]:
+    """Return pose, biases and covariance within one piece of memory, so that one copy copies all."""
+    pose, bias, covariance = np.split(memory, [columns**2, columns**2 + 6])
+    return pose.reshape((columns, columns), order="F"), bias, covariance.reshape(size, size)
+
+
+def _memory(matrix: Array) -> Array:
+    """Return the memory of a matrix that is stored column after column, flat."""
+    return matrix.T.reshape(-1)
+
+
+def _read_only(array: Array) -> Array:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _vector(name: str, value: object) -> Array:
+    vector = checks.tangent(3)(name, value)
+    if vector.ndim != 1:
+        raise InputError(name, f"shape {vector.shape}", "shape (3,)")
+    return vector
+
+
+def _write(name: str, value: Array, buffer: Array) -> None:
+    """Copy into a buffer what has its shape and is finite; cheap, because it runs at every tick."""
+    if np.shape(value) != buffer.shape:
+        raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
+    if not math.isfinite(np.add.reduce(value, axis=None)):
+        raise InputError(name, value, "finite numbers")
+    buffer[...] = value

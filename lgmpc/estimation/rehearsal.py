@@ -1,0 +1,182 @@
+"""A trot whose truth is known, to try filters on: IMU samples and leg kinematics with the noise that was asked for."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.estimation.inertial import ImuNoise, exponential_increment, propagate
+from lgmpc.estimation.invariant_ekf import InvariantEkf
+from lgmpc.lie import so3
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Rehearsal", "rehearse"]
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+_FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+_PERIOD, _DUTY = 0.5, 0.6  # s; share of it that a foot stands
+_PHASES = np.array([0.0, 0.5, 0.5, 0.0])  # of the four feet: a trot
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a trotting robot with four point feet does, and what its sensors say; n samples.
+
+    Attributes:
+        period: s between samples.
+        poses: (n + 1, 5, 5) true rotation, velocity, position.
+        biases: (n + 1, 6) true biases, gyro first.
+        points: (n + 1, 4, 3) true contact points, world axes, m; meaningless while a foot is in the air.
+        touching: (n + 1, 4) which feet stand.
+        gyro: (n, 3) measured over each sample, rad/s.
+        accelerometer: (n, 3) measured, m/s2.
+        measured: (n + 1, 4, 3) measured foot positions, base axes, m.
+        foot_noise: standard deviation of ``measured``, m.
+    """
+
+    period: float
+    poses: Array
+    biases: Array
+    points: Array
+    touching: BoolArray
+    gyro: Array
+    accelerometer: Array
+    measured: Array
+    foot_noise: float
+
+    def follow(self, ekf: InvariantEkf) -> Iterator[int]:
+        """Let a filter live through it; yields k when the filter knows everything up to instant k, from 0 on.
+
+        Raises:
+            InputError: a filter that is not for four feet.
+        """
+        if ekf.contacts != 4:
+            raise InputError("ekf", f"a filter for {ekf.contacts} feet", "one for four")
+        covariances = np.tile(self.foot_noise**2 * np.eye(3), (4, 1, 1))
+        for k in range(len(self.touching)):
+            if k:
+                ekf.predict(self.gyro[k - 1], self.accelerometer[k - 1], self.period)
+            for foot in np.flatnonzero(ekf.touching & ~self.touching[k]):
+                ekf.end_contact(int(foot))
+            known = ekf.touching.copy()
+            ekf.correct(self.measured[k], covariances)
+            for foot in np.flatnonzero(self.touching[k] & ~known):
+                ekf.begin_contact(int(foot), self.measured[k, foot], covariances[foot])
+            yield k
+
+    def normalised_error(self, ekf: InvariantEkf, k: int) -> tuple[float, int]:
+        """Return the squared error of a filter at instant k over its covariance, and its degrees of freedom.
+
+        Of a consistent filter, the first is chi-square distributed with the second (NEES; Bar-Shalom et al. 2001).
+        """
+        truth = np.eye(9)
+        truth[:5, :5], truth[:3, 5:] = self.poses[k], self.points[k].T
+        known = np.repeat([True, *ekf.touching, True], [9, 3, 3, 3, 3, 6])
+        error = ekf.error(truth, self.biases[k])[known]
+        return float(error @ np.linalg.solve(ekf.covariance[np.ix_(known, known)], error)), len(error)
+
+
+def rehearse(
+    rng: np.random.Generator,
+    noise: ImuNoise,
+    *,
+    duration: float = 2.0,
+    period: float = 0.005,
+    foot_noise: float = 0.002,
+    slip: float = 0.005,
+    gyro_bias: float = 0.005,
+    accelerometer_bias: float = 0.05,
+) -> Rehearsal:
+    """Make a trot: 0.3 m/s forward, swaying, nodding and turning.
+
+    Args:
+        rng: random numbers.
+        noise: of the IMU.
+        duration: s.
+        period: of the IMU, s.
+        foot_noise: standard deviation of a measured foot position in each axis, m.
+        slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
+        gyro_bias: standard deviation of the first bias in each axis, rad/s.
+        accelerometer_bias: the same, m/s2.
+
+    Raises:
+        InputError: a duration shorter than a sample, or a period that is not positive.
+    """
+    if not 0.0 < period <= duration:
+        raise InputError("period", period, f"a positive time, at most the duration ({duration:g} s)")
+    n = round(duration / period)
+    rates, poses = _motion(period, n)
+    walk = np.repeat([noise.gyro_bias_walk, noise.accelerometer_bias_walk], 3) * np.sqrt(period)
+    steps = walk * rng.normal(size=(n, 6))
+    first = np.repeat([gyro_bias, accelerometer_bias], 3) * rng.normal(size=6)
+    biases = first + np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
+    white = np.repeat([noise.gyro, noise.accelerometer], 3) / np.sqrt(period) * rng.normal(size=(n, 6))
+    samples = rates + biases[:-1] + white
+    touching = _standing(period, n)
+    points = _contact_points(poses, touching, slip * np.sqrt(period) * rng.normal(size=(n + 1, 4, 3)))
+    relative = points - poses[:, None, :3, 4]
+    measured = np.einsum("nji,nfj->nfi", poses[:, :3, :3], relative) + foot_noise * rng.normal(size=relative.shape)
+    return Rehearsal(period, poses, biases, points, touching, samples[:, :3], samples[:, 3:], measured, foot_noise)
+
+
+@functools.lru_cache(maxsize=4)
+def _motion(period: float, n: int) -> tuple[Array, Array]:
+    """Return (n, 6) constant body rates and the (n + 1, 5, 5) poses that they lead through."""
+    rates = _body_rates(period, n)
+    poses = np.empty((n + 1, 5, 5))
+    poses[0] = _pose(0.0)
+    for k in range(n):
+        step = exponential_increment(rates[k, :3], rates[k, 3:], period)
+        poses[k + 1] = propagate(poses[k], step.pose, GRAVITY, period)
+    rates.flags.writeable = poses.flags.writeable = False
+    return rates, poses
+
+
+def _pose(t: float) -> Array:
+    """Return where the robot means to be at time t, s."""
+    pose, h = np.eye(5), 1e-4
+    swing = 2.0 * np.pi * t
+    angles = [0.12 * np.sin(0.9 * swing + 0.5), 0.1 * np.sin(1.3 * swing), 0.4 * np.sin(0.8 * t)]
+    roll, pitch, yaw = (so3.exp(angle * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
+    pose[:3, :3] = yaw @ pitch @ roll
+    pose[:3, 3] = (_position(t + h) - _position(t - h)) / (2.0 * h)
+    pose[:3, 4] = _position(t)
+    return pose
+
+
+def _position(t: float) -> Array:
+    swing = 2.0 * np.pi * t
+    return np.array(
+        [0.3 * t + 0.02 * np.sin(1.7 * swing), 0.03 * np.sin(1.1 * swing), 0.24 + 0.015 * np.sin(2.0 * swing)]
+    )
+
+
+def _body_rates(period: float, n: int) -> Array:
+    """Return (n, 6) the constant body rates that lead from each intended pose to the next."""
+    intended = np.array([_pose(period * k) for k in range(n + 1)])
+    turns = so3.log(np.swapaxes(intended[:-1, :3, :3], -1, -2) @ intended[1:, :3, :3])
+    gained = np.diff(intended[:, :3, 3], axis=0) - period * GRAVITY
+    in_body = np.einsum("nji,nj->ni", intended[:-1, :3, :3], gained)
+    force = np.einsum("nij,nj->ni", so3.left_jacobian_inverse(turns), in_body)
+    rates: Array = np.concatenate([turns, force], axis=1) / period
+    return rates
+
+
+def _standing(period: float, n: int) -> BoolArray:
+    times = period * np.arange(n + 1)
+    standing: BoolArray = (times[:, None] / _PERIOD + _PHASES) % 1.0 < _DUTY
+    return standing
+
+
+def _contact_points(poses: Array, touching: BoolArray, slips: Array) -> Array:
+    """Return where the feet are: on the floor below their hips when they touch down, then there but for slip."""
+    points: Array = poses[:, None, :3, 4] + np.einsum("nij,fj->nfi", poses[:, :3, :3], _FEET)
+    points[:, :, 2] = 0.0
+    for k in range(1, len(points)):
+        stays = touching[k] & touching[k - 1]
+        points[k, stays] = points[k - 1, stays] + slips[k, stays]
+    return points

@@ -1,0 +1,131 @@
+"""Monte Carlo over trots with known truth: consistency and convergence, the invariant filters beside the quaternion's.
+
+NEES: the normalised squared error of a consistent filter is chi-square distributed with as many degrees of freedom as
+there are states, so its mean over independent runs has known bounds (Bar-Shalom, Li and Kirubarajan 2001, 5.4.2).
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from lgmpc.errors import InputError
+from lgmpc.estimation.inertial import ImuNoise
+from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
+from lgmpc.estimation.rehearsal import rehearse
+from lgmpc.lie import so3
+
+NOISE = ImuNoise(gyro=2e-3, accelerometer=2e-2, gyro_bias_walk=1e-3, accelerometer_bias_walk=1e-2)
+SLIP, RUNS = 0.005, 30
+DEVIATIONS = np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3)
+
+
+@functools.cache
+def monte_carlo(form: str, far: bool) -> dict[str, np.ndarray]:
+    """Tilt error (deg) and speed error in the body (m/s) at all instants of all runs; NEES over its freedom, sparsely.
+
+    ``far``: 45 degrees about a random horizontal axis and 1 m/s in a random direction, believed with those deviations;
+    otherwise errors drawn from DEVIATIONS.
+    """
+    ekf = InvariantEkf(4, NOISE, slip=SLIP, form=FORMS[form])
+    deviations = DEVIATIONS.copy()
+    if far:
+        deviations[:6] = np.repeat([np.radians(45.0), 1.0], 3)
+    errors, ratios, freedoms = [], [], []
+    for seed in range(RUNS):
+        rng = np.random.default_rng(seed)
+        walk = rehearse(rng, NOISE, duration=1.0, slip=SLIP)
+        drawn = deviations[:9] * rng.normal(size=9)
+        if far:
+            drawn[2] = 0.0
+            drawn[:3] *= np.radians(45.0) / np.linalg.norm(drawn[:3])
+            drawn[3:6] /= np.linalg.norm(drawn[3:6])
+        start = walk.poses[0].copy()
+        start[:3, :3] = so3.exp(drawn[:3]) @ start[:3, :3]
+        start[:3, 3:] += drawn[3:].reshape(2, 3).T
+        ekf.reset(start, deviations)
+        history, squares = [], []
+        for k in walk.follow(ekf):
+            true = walk.poses[k]
+            sine = np.linalg.norm(np.cross(true[2, :3], ekf.rotation[2]))
+            tilt = np.degrees(np.arctan2(sine, true[2, :3] @ ekf.rotation[2]))
+            speed = np.linalg.norm(ekf.rotation.T @ ekf.velocity - true[:3, :3].T @ true[:3, 3])
+            history.append((tilt, speed))
+            if k % 20 == 0:
+                squares.append(walk.normalised_error(ekf, k))
+        errors.append(history)
+        ratios.append([square for square, _ in squares])
+        freedoms.append([freedom for _, freedom in squares])
+    return {"errors": np.array(errors), "nees": np.array(ratios), "freedom": np.array(freedoms)}
+
+
+def mean_bounds(freedom: np.ndarray, probability: float = 1e-4) -> tuple[float, float]:
+    total = int(freedom.sum())
+    low, high = chi2.ppf([probability, 1.0 - probability], total) / total
+    return float(low), float(high)
+
+
+@pytest.mark.slow
+def test_the_right_invariant_filter_is_consistent() -> None:
+    found = monte_carlo("right", far=False)
+    for k in range(found["nees"].shape[1]):
+        low, high = mean_bounds(found["freedom"][:, k])
+        assert low < found["nees"][:, k].sum() / found["freedom"][:, k].sum() < high, k
+
+
+@pytest.mark.slow
+def test_the_right_invariant_filter_is_not_overconfident_even_from_45_degrees_and_1_metre_per_second() -> None:
+    found = monte_carlo("right", far=True)
+    for k in range(found["nees"].shape[1]):
+        assert found["nees"][:, k].sum() / found["freedom"][:, k].sum() < mean_bounds(found["freedom"][:, k])[1], k
+
+
+@pytest.mark.slow
+def test_the_quaternion_filter_is_not_consistent_from_there() -> None:
+    found = monte_carlo("multiplicative", far=True)
+    for k in range(found["nees"].shape[1]):
+        assert found["nees"][:, k].sum() / found["freedom"][:, k].sum() > 10.0, k  # measured 30 and more
+
+
+@pytest.mark.slow
+def test_convergence_from_45_degrees_and_1_metre_per_second() -> None:
+    """Worst run of the right-invariant filter against the median one of the quaternion filter, 0.5 s on."""
+    invariant, quaternion = (monte_carlo(form, far=True)["errors"][:, 100] for form in ("right", "multiplicative"))
+    assert invariant[:, 0].max() < 2.0  # deg; measured 1.3, where the quaternion filter's median has 10
+    assert invariant[:, 1].max() < 0.1  # m/s; 0.05 and 0.18
+    assert np.median(quaternion[:, 0]) > 3.0 * invariant[:, 0].max()
+    assert np.median(quaternion[:, 1]) > 2.0 * invariant[:, 1].max()
+
+
+@pytest.mark.slow
+def test_the_left_invariant_filter_converges_too() -> None:
+    errors = monte_carlo("left", far=True)["errors"][:, 100]
+    assert errors[:, 0].max() < 2.0 and errors[:, 1].max() < 0.1
+
+
+def test_a_short_trot_is_followed() -> None:
+    """In a second: from 0.1 rad and 0.2 m/s to a fraction of that, through changes of the feet."""
+    rng = np.random.default_rng(3)
+    walk = rehearse(rng, NOISE, duration=0.6, slip=SLIP)
+    assert 2 <= walk.touching.sum(axis=1).min() < walk.touching.sum(axis=1).max() == 4
+    start = walk.poses[0].copy()
+    start[:3, :3] = so3.exp(np.array([0.1, -0.1, 0.0])) @ start[:3, :3]
+    start[:3, 3] += 0.2
+    ekf = InvariantEkf(4, NOISE, slip=SLIP)
+    ekf.reset(start, DEVIATIONS)
+    for _ in walk.follow(ekf):
+        pass
+    assert ekf.touching.tolist() == walk.touching[-1].tolist()
+    assert np.linalg.norm(ekf.velocity - walk.poses[-1][:3, 3]) < 0.06
+    assert np.degrees(np.linalg.norm(so3.log(ekf.rotation @ walk.poses[-1][:3, :3].T)[:2])) < 1.5
+
+
+def test_bad_input_is_refused() -> None:
+    with pytest.raises(InputError, match="^period: got 2"):
+        rehearse(np.random.default_rng(0), NOISE, duration=1.0, period=2.0)
+    walk = rehearse(np.random.default_rng(0), NOISE, duration=0.01)
+    with pytest.raises(InputError, match="^ekf: got a filter for 3 feet"):
+        next(walk.follow(InvariantEkf(3)))

@@ -9,7 +9,7 @@ from lgmpc.errors import InputError
 
 __all__ = ["NAMES", "load_demo"]
 
-NAMES: tuple[str, ...] = ("integrators", "elroy", "cat", "snake", "solo12-momentum")
+NAMES: tuple[str, ...] = ("integrators", "elroy", "cat", "snake", "rov", "solo12-momentum")
 """In the order in which a newcomer would watch them."""
 
 

@@ -17,7 +17,8 @@ from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_bod
 from lgmpc.mechanics.poinsot import Poinsot
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry
-from lgmpc.mechanics.torque_free import EulerTop, montgomery_phase, symmetric_top_precession
+from lgmpc.mechanics.torque_free import EulerTop, symmetric_top_precession
+from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
 from lgmpc.mechanics.variational import GroupSystem, Trajectory, compare_integrators, drift_table
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
     "Symbols",
     "ThreeLink",
     "Trajectory",
+    "UnderwaterVehicle",
     "body_momentum",
     "check_inertia",
     "compare_integrators",
@@ -61,10 +63,12 @@ __all__ = [
     "extended_poses_dual",
     "free_body",
     "heavy_top",
-    "montgomery_phase",
     "rigid_body_phase",
     "spatial_momentum",
+    "speed_under_force",
+    "spheroid_added_mass",
     "symmetric_top_precession",
+    "terminal_speed",
     "torque_free_body",
     "translations",
 ]

@@ -1,0 +1,180 @@
+"""Under water: a robot that rights itself and rises, and a torpedo that will not fly straight (chapter 4.12.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ellipk
+
+from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.lie import se3, so3
+from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
+from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
+from lgmpc.mechanics.variational import Trajectory, discrete_euler_poincare, lie_runge_kutta, simulate
+from lgmpc.typing import Array
+
+__all__ = ["DEMO"]
+
+FRAME = 0.05
+"""s between two pictures."""
+
+# A robot of the size of a BlueROV2: its added mass and damping as commonly identified for it.
+ADDED = np.array([5.5, 12.7, 14.6, 0.12, 0.12, 0.12])
+LINEAR = np.array([4.0, 6.2, 5.2, 0.07, 0.07, 0.07])
+QUADRATIC = np.array([18.2, 21.7, 37.0, 1.55, 1.55, 1.55])
+MASS, ROLL_INERTIA = 11.5, 0.16
+TURNING = np.diag([ROLL_INERTIA, 0.16, 0.2])
+
+LENGTH, DIAMETER, SPEED = 1.6, 0.2, 1.5
+"""Of the torpedo, m; m/s."""
+TILT = 1e-3
+"""Of its path at the start, rad."""
+
+
+def _run() -> Outcome:
+    rows: list[Row] = []
+    rise = _rise(rows)
+    swing = _swing(rows)
+    torpedo, growth, straight = _torpedo(rows)
+    slip = np.abs(torpedo.velocities[:, 1])
+    momentum = torpedo.spatial_momentum()[:, :3]
+    norms = np.linalg.norm(torpedo.momenta[:, :3], axis=1)
+    helicity = np.einsum("ni,ni->n", torpedo.momenta[:, :3], torpedo.momenta[:, 3:])
+    rows += [
+        Row("torpedo: Casimir |p|, relative drift", 0.0, float(np.abs(norms / norms[0] - 1.0).max()), 1e-12),
+        Row("torpedo: Casimir p.l, drift", 0.0, float(np.abs(helicity - helicity[0]).max()), 1e-10, "N2.s2.m"),
+        Row("torpedo: spatial momentum, drift", 0.0, float(np.abs(momentum - momentum[0]).max()), 1e-10, "N.s"),
+    ]
+    every = round(FRAME / torpedo.step)
+    times = torpedo.times[::every]
+    return Outcome(
+        tuple(rows),
+        panels=(
+            _rise_panel(rise),
+            Panel(
+                "Righting moment: roll of the robot, undamped",
+                "time, s",
+                "roll, deg",
+                (Curve("", swing.times, np.degrees(_roll(swing.elements))),),
+            ),
+            Panel(
+                "Munk instability of the torpedo",
+                "time, s",
+                "sideways speed, m/s",
+                (
+                    Curve("simulated", torpedo.times[1:], slip[1:]),
+                    Curve("linearised", straight.times, slip[0] * np.exp(growth * straight.times), dashed=True),
+                ),
+                log_y=True,
+            ),
+            Panel(
+                "Path of the torpedo",
+                "x, m",
+                "y, m",
+                (Curve("", torpedo.elements[:, 0, 3], torpedo.elements[:, 1, 3]),),
+                equal=True,
+            ),
+        ),
+        times=times,
+        bodies=_scene(rise, torpedo, times),
+        paths=(Path("torpedo's path", torpedo.elements[::every, :3, 3], 0xE45756),),
+        remarks=(
+            "Long bodies in ideal fluid turn broadside on: the water that moves along is heavier across than along.",
+            "The torpedo, without fins or damping, tumbles; its impulse and Kirchhoff's Casimirs stay.",
+        ),
+    )
+
+
+def _rise(rows: list[Row]) -> Trajectory:
+    """The robot, 2 N light, let go at rest."""
+    force = 2.0
+    body = SpatialInertia(MASS, np.zeros(3), TURNING)
+    robot = UnderwaterVehicle(body, ADDED, LINEAR, QUADRATIC, MASS * GRAVITY + force, np.array([0.0, 0.0, 0.02]))
+    system = robot.system()
+    motion = simulate(lie_runge_kutta(system), system, system.start(np.eye(4), np.zeros(6)), 5e-3, 20.0)
+    speeds = motion.velocities[:, 2]
+    closed = speed_under_force(motion.times, MASS + ADDED[2], force, LINEAR[2], QUADRATIC[2])
+    final = terminal_speed(force, LINEAR[2], QUADRATIC[2])
+    rows.append(Row("robot: terminal speed upwards, 2 N light", final, float(speeds[-1]), 1e-6, "m/s"))
+    rows.append(
+        Row("robot: speed on the way, off the closed form", 0.0, float(np.abs(speeds - closed).max()), 1e-9, "m/s")
+    )
+    return motion
+
+
+def _swing(rows: list[Row]) -> Trajectory:
+    """The robot, neutral and undamped, let go at a roll of 60 degrees."""
+    weight, height, start = MASS * GRAVITY, 0.02, np.radians(60.0)
+    body = SpatialInertia(MASS, np.zeros(3), TURNING)
+    robot = UnderwaterVehicle(body, ADDED, buoyancy=weight, center_of_buoyancy=np.array([0.0, 0.0, height]))
+    omega = np.sqrt(weight * height / (ROLL_INERTIA + ADDED[3]))
+    period = float(4.0 * ellipk(np.sin(start / 2.0) ** 2) / omega)
+    system = robot.system()
+    pose = se3.from_parts(so3.exp(np.array([start, 0.0, 0.0])), np.zeros(3))
+    motion = simulate(lie_runge_kutta(system), system, system.start(pose, np.zeros(6)), period / 2000.0, 2.0 * period)
+    back = float(np.degrees(_roll(motion.elements)[2000]))
+    rows.append(Row(f"robot: roll after the pendulum's period, {period:.3f} s", 60.0, back, 1e-6, "deg"))
+    return motion
+
+
+def _torpedo(rows: list[Row]) -> tuple[Trajectory, float, Trajectory]:
+    """A neutral spheroid in ideal fluid, a little off its long axis: the motion, its growth rate and its beginning."""
+    a, b = LENGTH / 2.0, DIAMETER / 2.0
+    mass = 4.0 / 3.0 * np.pi * 1000.0 * a * b**2
+    inertia = mass / 5.0 * np.diag([2.0 * b**2, a**2 + b**2, a**2 + b**2])
+    added = spheroid_added_mass(LENGTH, DIAMETER)
+    vehicle = UnderwaterVehicle(SpatialInertia(mass, np.zeros(3), inertia), added, buoyancy=mass * GRAVITY)
+    m1, m2, turning = mass + added[0], mass + added[1], float(inertia[2, 2]) + added[5]
+    growth = float(SPEED * np.sqrt(m1 * (m2 - m1) / (m2 * turning)))
+    mode = np.linalg.eigvals(vehicle.linearization(SPEED * np.eye(6)[0])).real.max()
+    rows.append(Row("torpedo: growth rate, closed form and eigenvalue", growth, float(mode), 1e-9, "1/s"))
+
+    system = vehicle.system()
+    # On the growing mode, and turning a little about the long axis.
+    slip = TILT * SPEED
+    start = system.start(np.eye(4), [SPEED, slip, 0.0, 1e-3, 0.0, -growth * m2 * slip / (m1 * SPEED)])
+    motion = simulate(discrete_euler_poincare(system), system, start, 5e-3, 20.0)
+    early = simulate(lie_runge_kutta(system), system, start, 5e-3, 3.0 / growth)
+    grown = np.log(early.velocities[-1, 1] / slip) / early.times[-1]
+    rows.append(Row("torpedo: growth rate of the slip, simulated", growth, float(grown), 1e-3 * growth, "1/s"))
+    return motion, growth, early
+
+
+def _roll(placements: Array) -> Array:
+    angles: Array = np.arctan2(placements[:, 2, 1], placements[:, 1, 1])
+    return angles
+
+
+def _rise_panel(motion: Trajectory) -> Panel:
+    final = terminal_speed(2.0, LINEAR[2], QUADRATIC[2])
+    ends = motion.times[[0, -1]]
+    curves = (
+        Curve("simulated", motion.times, motion.velocities[:, 2]),
+        Curve("terminal speed", ends, np.array([final, final]), dashed=True),
+    )
+    return Panel("The robot, 2 N light, let go", "time, s", "speed upwards, m/s", curves)
+
+
+def _scene(rise: Trajectory, torpedo: Trajectory, times: Array) -> tuple[Body, ...]:
+    index = np.minimum(np.round(times / rise.step).astype(int), len(rise.states) - 1)
+    robot = (
+        Shape("box", (0.46, 0.34, 0.12), (0.0, 0.0, 0.08), 0x4C78A8),
+        Shape("box", (0.4, 0.3, 0.1), (0.0, 0.0, -0.05), 0x333333),
+        Shape("sphere", (0.06, 0.06, 0.06), (0.22, 0.0, -0.02), 0x9ECAE9, 0.8),
+    )
+    hull = (
+        Shape("ellipsoid", (LENGTH / 2.0, DIAMETER / 2.0, DIAMETER / 2.0), color=0xF2B701),
+        Shape("sphere", (0.05, 0.05, 0.05), (LENGTH / 2.0 - 0.05, 0.0, 0.0), 0x333333),
+    )
+    aside = np.array([0.0, 2.0, 0.0])
+    return (
+        Body("robot", robot, rise.elements[index, :3, 3] + aside, rise.elements[index, :3, :3]),
+        Body(
+            "torpedo",
+            hull,
+            torpedo.elements[:: round(FRAME / torpedo.step), :3, 3],
+            torpedo.elements[:: round(FRAME / torpedo.step), :3, :3],
+        ),
+    )
+
+
+DEMO = Demo("rov", "Under water: terminal speed, righting, Munk instability, Kirchhoff's Casimirs", _run)

@@ -1,0 +1,267 @@
+r"""A rigid body under water, on SE(3) (chapter 4.12.4).
+
+    M nu' + C(nu) nu + D(nu) nu + g(eta) = tau,        M = M_RB + M_A
+
+Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control" (2011), 6 and 8; Lamb, "Hydrodynamics" (1932), 114
+to 126, for Kirchhoff's equations, which these are without damping; Leonard, "Stability of a bottom-heavy underwater
+vehicle", Automatica 33 (1997), for their reduction.
+
+nu is the body twist, linear first (Fossen's order), eta the pose, tau a wrench on the body about its frame's origin, in
+body axes; SI units. The world's z points up (Fossen's, down).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, se3, so3
+from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia, check_positive
+from lgmpc.mechanics.variational import GroupSystem, Wrench
+from lgmpc.typing import Array
+
+__all__ = ["UnderwaterVehicle", "speed_under_force", "spheroid_added_mass", "terminal_speed"]
+
+
+def _zeros(*shape: int) -> Callable[[], Array]:
+    return lambda: np.zeros(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class UnderwaterVehicle:
+    """Mass, added mass, damping and buoyancy of a vehicle.
+
+    Attributes:
+        body: its own mass distribution.
+        added_mass: (6, 6) M_A of the fluid that moves along, about the frame's origin, kg, kg.m, kg.m2; symmetric,
+            positive semidefinite (a vehicle in ideal fluid); a vector (6,) is its diagonal.
+        linear_damping: (6, 6) D_l, N per m/s and so on; a vector (6,) is its diagonal.
+        quadratic_damping: (6,) of ``D_q = diag(d |nu|)``, entry by entry.
+        buoyancy: weight of the displaced water, N.
+        center_of_buoyancy: (3,) where it acts, body axes, m.
+        gravity: m/s2.
+
+    Raises:
+        InputError: arrays of other shapes or not finite, an added mass that is not symmetric or has a negative
+            eigenvalue, damping that would drive, negative buoyancy or gravity.
+    """
+
+    body: SpatialInertia
+    added_mass: Array = field(default_factory=_zeros(6, 6))
+    linear_damping: Array = field(default_factory=_zeros(6, 6))
+    quadratic_damping: Array = field(default_factory=_zeros(6))
+    buoyancy: float = 0.0
+    center_of_buoyancy: Array = field(default_factory=_zeros(3))
+    gravity: float = GRAVITY
+
+    def __post_init__(self) -> None:
+        added, linear = (_square(name, getattr(self, name)) for name in ("added_mass", "linear_damping"))
+        asymmetry = float(np.abs(added - added.T).max())
+        if asymmetry > 1e-9 * float(np.abs(added).max()):
+            raise InputError("added_mass", f"a matrix A with |A - A^T| = {asymmetry:.3g}", "a symmetric matrix")
+        for name, matrix in (("added_mass", added), ("linear_damping", linear + linear.T)):
+            least = float(np.linalg.eigvalsh(matrix)[0])
+            if least < -1e-9 * float(np.abs(matrix).max()):
+                raise InputError(name, f"smallest eigenvalue {least:.3g}", "no negative eigenvalue")
+        quadratic = _vector("quadratic_damping", self.quadratic_damping, 6)
+        if quadratic.min() < 0.0:
+            raise InputError("quadratic_damping", quadratic, "no negative entry")
+        for name in ("buoyancy", "gravity"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(name, getattr(self, name), "a number that is not negative")
+        center = _vector("center_of_buoyancy", self.center_of_buoyancy, 3)
+        for name, value in (
+            ("added_mass", added),
+            ("linear_damping", linear),
+            ("quadratic_damping", quadratic),
+            ("center_of_buoyancy", center),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def mass_matrix(self) -> Array:
+        """(6, 6) M, the body's and the added mass."""
+        return self.body.matrix + self.added_mass
+
+    @property
+    def weight(self) -> float:
+        """Of the body in air, N."""
+        return self.body.mass * self.gravity
+
+    def coriolis(self, velocity: ArrayLike) -> Array:
+        """Return (6, 6) C(nu), skew, from M (Fossen 2011, theorem 3.2): ``C(nu) nu = -coadjoint(nu) M nu``.
+
+        Args:
+            velocity: (6,) nu.
+
+        Raises:
+            InputError: another shape, or not finite.
+        """
+        linear, angular = np.split(self.mass_matrix @ _vector("velocity", velocity, 6), 2)
+        return np.block([[np.zeros((3, 3)), -so3.hat(linear)], [-so3.hat(linear), -so3.hat(angular)]])
+
+    def damping(self, velocity: ArrayLike) -> Array:
+        """Return (6, 6) ``D(nu) = D_l + diag(d |nu|)``.
+
+        Raises:
+            InputError: a velocity of another shape, or not finite.
+        """
+        return self.linear_damping + np.diag(self.quadratic_damping * np.abs(_vector("velocity", velocity, 6)))
+
+    def restoring(self, rotation: ArrayLike) -> Array:
+        """Return (6,) g(eta): the wrench that holds the vehicle against weight and buoyancy.
+
+        Args:
+            rotation: (3, 3) world from body.
+
+        Raises:
+            InputError: no rotation.
+        """
+        up = checks.rotation("rotation", rotation)[2]
+        lever = self.weight * self.body.center - self.buoyancy * self.center_of_buoyancy
+        return np.concatenate(((self.weight - self.buoyancy) * up, np.cross(lever, up)))
+
+    def acceleration(self, rotation: ArrayLike, velocity: ArrayLike, wrench: ArrayLike) -> Array:
+        """Return (6,) nu' under a wrench tau (6,), N and N.m.
+
+        Raises:
+            InputError: no rotation, or vectors of another shape.
+        """
+        nu, tau = _vector("velocity", velocity, 6), _vector("wrench", wrench, 6)
+        force = tau - self.coriolis(nu) @ nu - self.damping(nu) @ nu - self.restoring(rotation)
+        return np.linalg.solve(self.mass_matrix, force).astype(np.float64)
+
+    def munk_moment(self, velocity: ArrayLike) -> Array:
+        """Return (3,) the moment of ideal fluid on a body that moves without turning, ``(M_A nu)_linear x nu``, N.m.
+
+        It turns long bodies broadside on. Munk, "The aerodynamic forces on airship hulls", NACA report 184 (1924).
+
+        Args:
+            velocity: (3,) linear velocity, body axes, m/s.
+
+        Raises:
+            InputError: another shape, or not finite.
+        """
+        linear = _vector("velocity", velocity, 3)
+        return np.cross(self.added_mass[:3, :3] @ linear, linear)
+
+    def linearization(self, velocity: ArrayLike) -> Array:
+        """Return (6, 6) the Jacobian of nu' in nu, weight and buoyancy left aside: stability of a steady motion.
+
+        Args:
+            velocity: (6,) nu.
+
+        Raises:
+            InputError: another shape, or not finite.
+        """
+        nu, mass = _vector("velocity", velocity, 6), self.mass_matrix
+        momentum = mass @ nu
+        turning = np.column_stack([se3.coadjoint(unit) @ momentum for unit in np.eye(6)])
+        damping = self.linear_damping + 2.0 * np.diag(self.quadratic_damping * np.abs(nu))
+        return np.linalg.solve(mass, se3.coadjoint(nu) @ mass + turning - damping).astype(np.float64)
+
+    def system(self, wrench: Wrench | None = None) -> GroupSystem:
+        """Return the vehicle for the integrators of :mod:`lgmpc.mechanics.variational`.
+
+        Args:
+            wrench: tau (6,) as an expression of pose (4, 4) and nu (6,); none unless given.
+        """
+        lever = ca.DM(self.weight * self.body.center - self.buoyancy * self.center_of_buoyancy)
+        net = self.weight - self.buoyancy
+        linear, quadratic = ca.DM(self.linear_damping), ca.DM(self.quadratic_damping)
+
+        def height(g: Any) -> Any:
+            return net * g[2, 3] + g[2, :3] @ lever
+
+        def push(g: Any, nu: Any) -> Any:
+            drag = -linear @ nu - quadratic * ca.fabs(nu) * nu
+            return drag if wrench is None else drag + wrench(g, nu)
+
+        return GroupSystem(self.mass_matrix, height, push)
+
+
+def terminal_speed(force: float, linear: float, quadratic: float) -> float:
+    """Return the speed (m/s) at which damping ``linear v + quadratic v^2`` balances a force (N).
+
+    Raises:
+        InputError: a force that is not positive, or damping that is negative or nothing.
+    """
+    return 2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic))
+
+
+def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float, quadratic: float) -> Array:
+    """Return the speeds (m/s) from rest on, ``mass v' = force - linear v - quadratic v^2``, in closed form.
+
+    Args:
+        times: s, any shape.
+        mass: with the added mass, kg.
+        force: N.
+        linear: N per m/s.
+        quadratic: N per (m/s)^2.
+
+    Raises:
+        InputError: a mass or force that is not positive, or damping that is negative or nothing.
+    """
+    final, root = terminal_speed(force, linear, quadratic), _root(force, linear, quadratic)
+    decay = np.exp(-root / check_positive("mass", mass, "kg") * checks.finite("times", times))
+    speeds: Array = final * (1.0 - decay) / (1.0 + (root - linear) / (root + linear) * decay)
+    return speeds
+
+
+def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0) -> Array:
+    """Return (6,) the added mass of a prolate spheroid about its centre, its long axis x, kg and kg.m2.
+
+    Lamb (1932), 114 and 115; Fossen (2011), 8.2.
+
+    Args:
+        length: of the long axis, m.
+        diameter: of the round section, m; shorter.
+        density: of the fluid, kg/m3.
+
+    Raises:
+        InputError: lengths or a density that are not positive, or a diameter that is not below the length.
+    """
+    a, b = check_positive("length", length, "m") / 2.0, check_positive("diameter", diameter, "m") / 2.0
+    if b >= a:
+        raise InputError("diameter", diameter, f"less than the length, {length} m")
+    e = math.sqrt(1.0 - (b / a) ** 2)
+    log = math.log((1.0 + e) / (1.0 - e))
+    alpha = 2.0 * (1.0 - e**2) / e**3 * (0.5 * log - e)
+    beta = 1.0 / e**2 - (1.0 - e**2) / (2.0 * e**3) * log
+    displaced = 4.0 / 3.0 * math.pi * check_positive("density", density, "kg/m3") * a * b**2
+    across = displaced * beta / (2.0 - beta)
+    flat = a**2 - b**2
+    turning = displaced / 5.0 * flat**2 * (beta - alpha) / (2.0 * flat - (a**2 + b**2) * (beta - alpha))
+    return np.array([displaced * alpha / (2.0 - alpha), across, across, 0.0, turning, turning])
+
+
+def _root(force: float, linear: float, quadratic: float) -> float:
+    for name, value in (("linear", linear), ("quadratic", quadratic)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(name, value, "a number that is not negative")
+    if linear == quadratic == 0.0:
+        raise InputError("linear, quadratic", "0, 0", "damping: without it no speed is the last")
+    return math.sqrt(linear**2 + 4.0 * quadratic * force)
+
+
+def _vector(name: str, value: ArrayLike, size: int) -> Array:
+    array = checks.finite(name, value)
+    if array.shape != (size,):
+        raise InputError(name, f"shape {array.shape}", f"shape ({size},)")
+    return array
+
+
+def _square(name: str, value: ArrayLike) -> Array:
+    array = checks.finite(name, value)
+    if array.shape == (6,):
+        return np.diag(array)
+    if array.shape != (6, 6):
+        raise InputError(name, f"shape {array.shape}", "shape (6, 6), or (6,) for a diagonal")
+    return array

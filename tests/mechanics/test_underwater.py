@@ -1,0 +1,247 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import quad
+from scipy.special import ellipk
+
+from lgmpc.actions import FreeForwardDynamics, MultibodyAction, RungeKutta4, Unknowns
+from lgmpc.errors import InputError
+from lgmpc.lie import se3, so3
+from lgmpc.mechanics.rigid_body import SpatialInertia
+from lgmpc.mechanics.underwater import (
+    UnderwaterVehicle,
+    speed_under_force,
+    spheroid_added_mass,
+    terminal_speed,
+)
+from lgmpc.mechanics.variational import discrete_euler_poincare, lie_runge_kutta, simulate
+
+BODY = SpatialInertia(11.5, np.array([0.02, -0.01, -0.05]), np.diag([0.16, 0.2, 0.25]))
+FULL = np.diag([5.5, 12.7, 14.6, 0.12, 0.13, 0.14]) + 0.05 * np.ones((6, 6))
+VEHICLE = UnderwaterVehicle(
+    BODY, FULL, [4.0, 6.2, 5.2, 0.07, 0.08, 0.09], [18.2, 21.7, 37.0, 1.5, 1.6, 1.7], 115.0, [0.0, 0.01, 0.03]
+)
+DIAGONAL = UnderwaterVehicle(
+    BODY,
+    [5.5, 12.7, 14.6, 0.12, 0.13, 0.14],
+    [4.0, 6.2, 5.2, 0.07, 0.08, 0.09],
+    [18.2, 21.7, 37.0, 1.5, 1.6, 1.7],
+    115.0,
+    [0.0, 0.01, 0.03],
+)
+
+
+def torpedo(**more: Any) -> UnderwaterVehicle:
+    """A neutral spheroid, 1.6 m by 0.2 m, its mass spread as the water's it displaces."""
+    a, b = 0.8, 0.1
+    mass = 4 / 3 * np.pi * 1000.0 * a * b**2
+    inertia = mass / 5 * np.diag([2 * b**2, a**2 + b**2, a**2 + b**2])
+    body = SpatialInertia(mass, np.zeros(3), inertia)
+    return UnderwaterVehicle(body, spheroid_added_mass(1.6, 0.2), buoyancy=mass * 9.81, **more)
+
+
+def fluid_action() -> tuple[MultibodyAction, np.ndarray]:
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    model.appendBodyToJoint(root, pin.Inertia(BODY.mass, BODY.center, BODY.rotational), pin.SE3.Identity())
+    model.gravity = pin.Motion(np.r_[0, 0, -9.81, 0, 0, 0])
+    action = MultibodyAction("vehicle", FreeForwardDynamics(model, np.eye(6), submerged=True), integrator=RungeKutta4())
+    p = action.parameters.default.copy()
+    for name, value in (
+        ("drag_linear", np.diag(DIAGONAL.linear_damping)),
+        ("drag_quadratic", DIAGONAL.quadratic_damping),
+        ("added_mass", np.diag(DIAGONAL.added_mass)),
+        ("buoyancy", [0.0, 0.0, DIAGONAL.buoyancy]),
+        ("buoyancy_center", DIAGONAL.center_of_buoyancy),
+    ):
+        p[action.parameters[name]] = value
+    return action, p
+
+
+def test_accelerations_are_those_of_the_free_forward_dynamics() -> None:
+    action, p = fluid_action()
+    q, v, u, symbols = (ca.SX.sym(name, n) for name, n in (("q", 7), ("v", 6), ("u", 6), ("p", len(p))))
+    motion = action.dynamics.motion(q, v, u, action.parameters.split(symbols), Unknowns())
+    acceleration = ca.Function("a", [q, v, u, symbols], [motion.a])
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        pose, nu, tau = se3.exp(rng.normal(size=6)), rng.normal(size=6), 10 * rng.normal(size=6)
+        expected = acceleration(pin.SE3ToXYZQUAT(pin.SE3(pose)), nu, tau, p).full().ravel()
+        np.testing.assert_allclose(DIAGONAL.acceleration(pose[:3, :3], nu, tau), expected, rtol=0, atol=1e-12)
+
+
+def test_a_second_of_motion_is_that_of_the_action() -> None:
+    action, p = fluid_action()
+    pose, nu, tau = se3.exp([0.1, 0.2, -0.3, 0.5, -0.4, 0.3]), np.array([1.0, 0.3, -0.2, 0.4, -0.5, 0.6]), np.ones(6)
+    system = DIAGONAL.system(lambda g, velocity: ca.DM(tau))
+    motion = simulate(lie_runge_kutta(system), system, system.start(pose, nu), 1e-3, 1.0)
+    x = np.r_[pin.SE3ToXYZQUAT(pin.SE3(pose)), nu]
+    p[action.parameters["duration"]] = 1e-3
+    for _ in range(1000):
+        x = action.value_function(x, tau, p)[0].full().ravel()
+    np.testing.assert_allclose(pin.XYZQUATToSE3(x[:7]).homogeneous, motion.elements[-1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(x[7:], motion.velocities[-1], rtol=0, atol=1e-9)
+
+
+def test_coriolis_is_skew_and_the_coadjoint_of_the_momentum() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        nu = rng.normal(size=6)
+        matrix = VEHICLE.coriolis(nu)
+        np.testing.assert_array_equal(matrix, -matrix.T)
+        expected = se3.force_cross(nu) @ VEHICLE.mass_matrix @ nu
+        np.testing.assert_allclose(matrix @ nu, expected, rtol=0, atol=1e-13)
+
+
+def test_the_system_has_the_vehicles_accelerations() -> None:
+    system, rng = VEHICLE.system(), np.random.default_rng(2)
+    x = ca.SX.sym("x", system.nx)
+    rate = ca.Function("rate", [x], [system.rate(*system.split(x))[1]])
+    for _ in range(5):
+        pose, nu = se3.exp(rng.normal(size=6)), rng.normal(size=6)
+        found = np.linalg.solve(VEHICLE.mass_matrix, rate(system.start(pose, nu)).full().ravel())
+        np.testing.assert_allclose(found, VEHICLE.acceleration(pose[:3, :3], nu, np.zeros(6)), rtol=0, atol=1e-12)
+
+
+def test_casimirs_of_kirchhoffs_equations_are_kept_without_damping() -> None:
+    mass = BODY.mass
+    body = SpatialInertia(mass, np.zeros(3), BODY.rotational)
+    vehicle = UnderwaterVehicle(body, FULL, buoyancy=mass * 9.81)  # neutral, centres together
+    system = vehicle.system()
+    start = system.start(np.eye(4), [0.8, 0.1, -0.2, 0.3, 0.5, -0.4])
+    motion = simulate(discrete_euler_poincare(system), system, start, 0.02, 200.0)
+    p, angular = motion.momenta[:, :3], motion.momenta[:, 3:]
+    norm, helicity = np.linalg.norm(p, axis=1), np.einsum("ni,ni->n", p, angular)
+    np.testing.assert_allclose(norm, norm[0], rtol=1e-12)
+    np.testing.assert_allclose(helicity, helicity[0], rtol=0, atol=1e-11)
+    assert np.abs(p - p[0]).max() > 1.0  # each component for itself is not
+    energy = motion.energy()
+    assert np.abs(energy / energy[0] - 1).max() < 2e-3
+    damped = UnderwaterVehicle(body, FULL, 4.0 * np.ones(6), buoyancy=mass * 9.81).system()
+    slowed = simulate(discrete_euler_poincare(damped), damped, start, 0.02, 5.0).momenta
+    assert np.linalg.norm(slowed[-1, :3]) < 0.9 * norm[0]
+
+
+def test_damping_leaves_the_order_of_the_variational_integrator_at_two() -> None:
+    system = VEHICLE.system(lambda g, nu: ca.DM([30.0, 5.0, 0.0, 1.0, 0.5, 2.0]))
+    start = system.start(se3.exp([0, 0, 0, 0.4, -0.3, 0.2]), [0.8, 0.1, 0.2, 0.3, 0.5, 0.4])
+    truth = simulate(lie_runge_kutta(system), system, start, 1e-4, 0.2)
+    step = discrete_euler_poincare(system)
+    errors = [simulate(step, system, start, h, 0.2).difference(truth) for h in (0.01, 0.005)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_munk_instability_grows_at_the_linearised_rate() -> None:
+    vehicle, speed = torpedo(), 1.5
+    m1, m2, inertia = vehicle.mass_matrix[0, 0], vehicle.mass_matrix[1, 1], vehicle.mass_matrix[5, 5]
+    growth = speed * np.sqrt(m1 * (m2 - m1) / (m2 * inertia))
+    eigenvalues = np.linalg.eigvals(vehicle.linearization([speed, 0, 0, 0, 0, 0]))
+    assert eigenvalues.real.max() == pytest.approx(growth, rel=1e-12)
+
+    system = vehicle.system()
+    # Along the growing mode: m2 v' = -m1 U r.
+    tiny = 1e-7
+    start = system.start(np.eye(4), [speed, tiny, 0, 0, 0, -growth * m2 * tiny / (m1 * speed)])
+    motion = simulate(lie_runge_kutta(system), system, start, 1e-3, 6.0 / growth)
+    drift = np.log(motion.velocities[:, 1] / tiny)
+    assert drift[-1] / motion.times[-1] == pytest.approx(growth, rel=1e-4)
+    # And the moment itself, of a body moving at an angle: (m1 - m2) u v about z.
+    moment = vehicle.munk_moment([1.0, 0.2, 0.0])
+    added = np.diag(vehicle.added_mass)
+    np.testing.assert_allclose(moment, [0.0, 0.0, (added[0] - added[1]) * 0.2], atol=1e-12)
+
+
+def test_translation_broadside_on_is_stable() -> None:
+    eigenvalues = np.linalg.eigvals(torpedo().linearization([0, 1.5, 0, 0, 0, 0]))
+    assert eigenvalues.real.max() < 1e-7
+
+
+@pytest.mark.parametrize(("linear", "quadratic"), [(4.0, 20.0), (0.0, 20.0), (4.0, 0.0)])
+def test_a_sinking_vehicle_follows_the_closed_form(linear: float, quadratic: float) -> None:
+    body = SpatialInertia(12.0, np.array([0.0, 0.0, -0.04]), BODY.rotational)
+    vehicle = UnderwaterVehicle(
+        body, [5, 6, 14.0, 0.1, 0.1, 0.1], linear * np.ones(6), quadratic * np.ones(6), 100.0, [0.0, 0.0, 0.02]
+    )
+    system = vehicle.system()
+    motion = simulate(lie_runge_kutta(system), system, system.start(np.eye(4), np.zeros(6)), 1e-3, 10.0)
+    force = 12.0 * 9.81 - 100.0
+    expected = speed_under_force(motion.times, 26.0, force, linear, quadratic)
+    np.testing.assert_allclose(-motion.velocities[:, 2], expected, rtol=0, atol=1e-9)
+    final = terminal_speed(force, linear, quadratic)
+    assert linear * final + quadratic * final**2 == pytest.approx(force, rel=1e-14)
+
+
+def test_a_righting_vehicle_swings_as_a_pendulum() -> None:
+    body = SpatialInertia(12.0, np.zeros(3), BODY.rotational)
+    weight, height, swing = 12.0 * 9.81, 0.05, 1.2
+    vehicle = UnderwaterVehicle(body, [5, 6, 14.0, 0.1, 0.1, 0.1], buoyancy=weight, center_of_buoyancy=[0, 0, height])
+    system = vehicle.system()
+    omega = np.sqrt(weight * height / (BODY.rotational[0, 0] + 0.1))
+    period = 4 * ellipk(np.sin(swing / 2) ** 2) / omega
+    start = system.start(se3.from_parts(so3.exp([swing, 0, 0]), np.zeros(3)), np.zeros(6))
+    motion = simulate(lie_runge_kutta(system), system, start, period / 4000, period)
+    np.testing.assert_allclose(motion.states[-1], start, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("slenderness", "along", "across", "turning"),
+    [(1.5, 0.305, 0.621, 0.094), (2.0, 0.209, 0.702, 0.240), (6.01, 0.045, 0.918, 0.764), (9.97, 0.021, 0.960, 0.883)],
+)
+def test_added_mass_of_spheroids_is_lambs_table(
+    slenderness: float, along: float, across: float, turning: float
+) -> None:
+    """Lamb (1932), art. 115: inertia coefficients k1, k2, k', reckoned by hand: two digits of his three hold."""
+    a, b = slenderness, 1.0
+    displaced = 4 / 3 * np.pi * a * b**2
+    added = spheroid_added_mass(2 * a, 2 * b, density=1.0)
+    found = np.array([added[0], added[1], added[5] / ((a**2 + b**2) / 5)]) / displaced
+    np.testing.assert_allclose(found, [along, across, turning], rtol=0, atol=2.5e-3)
+
+
+def test_added_mass_of_spheroids_is_that_of_the_potential_integrals() -> None:
+    """Lamb's alpha and beta as he defines them, by quadrature."""
+    a, b = 1.7, 0.6
+
+    def integral(c: float) -> float:
+        return a * b**2 * quad(lambda t: 1 / ((c**2 + t) * np.sqrt(a**2 + t) * (b**2 + t)), 0, np.inf, epsabs=1e-13)[0]
+
+    alpha, beta, displaced = integral(a), integral(b), 4 / 3 * np.pi * a * b**2 * 1025.0
+    expected = displaced * np.array([alpha / (2 - alpha), beta / (2 - beta)])
+    np.testing.assert_allclose(spheroid_added_mass(2 * a, 2 * b, 1025.0)[:2], expected, rtol=1e-10)
+
+
+def test_a_nearly_round_spheroid_drags_half_the_water_it_displaces() -> None:
+    added = spheroid_added_mass(2.002, 2.0, density=1.0) / (4 / 3 * np.pi)
+    np.testing.assert_allclose(added[:3], 0.5, atol=2e-3)
+    assert abs(added[5]) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: UnderwaterVehicle(BODY, np.eye(5)), "added_mass"),
+        (lambda: UnderwaterVehicle(BODY, -np.ones(6)), "added_mass"),
+        (lambda: UnderwaterVehicle(BODY, np.triu(np.ones((6, 6)))), "added_mass"),
+        (lambda: UnderwaterVehicle(BODY, linear_damping=-np.ones(6)), "linear_damping"),
+        (lambda: UnderwaterVehicle(BODY, quadratic_damping=[-1.0, 0, 0, 0, 0, 0]), "quadratic_damping"),
+        (lambda: UnderwaterVehicle(BODY, buoyancy=-1.0), "buoyancy"),
+        (lambda: UnderwaterVehicle(BODY, center_of_buoyancy=[0.0, np.nan, 0.0]), "center_of_buoyancy"),
+        (lambda: VEHICLE.acceleration(2 * np.eye(3), np.zeros(6), np.zeros(6)), "rotation"),
+        (lambda: VEHICLE.acceleration(np.eye(3), np.zeros(3), np.zeros(6)), "velocity"),
+        (lambda: VEHICLE.coriolis(np.full(6, np.inf)), "velocity"),
+        (lambda: terminal_speed(-1.0, 1.0, 1.0), "force"),
+        (lambda: terminal_speed(1.0, 0.0, 0.0), "linear, quadratic"),
+        (lambda: speed_under_force(1.0, 0.0, 1.0, 1.0, 1.0), "mass"),
+        (lambda: spheroid_added_mass(1.0, 1.0), "diameter"),
+    ],
+)
+def test_bad_input_is_named(call: Callable[[], object], argument: str) -> None:
+    with pytest.raises(InputError) as caught:
+        call()
+    assert caught.value.argument == argument

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "ellipsoid", "lathe", "mesh_of", "shade", "sphere"]
+__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "ellipsoid", "lathe", "mesh_of", "shade", "sphere", "tube"]
 
 CREASE_DEG = 35.0
 """Faces that meet at a larger angle share an edge that is drawn sharp."""
@@ -147,6 +147,40 @@ def box(half: Array) -> Mesh:
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
     return shade(signs * half, triangles)
+
+
+def tube(points: Array, radius: float, segments: int = 8) -> Mesh:
+    """Return an open tube along a line through points (n, 3), consecutive ones apart.
+
+    Its rings are carried along without twisting (double reflection: Wang, Juettler, Zheng and Liu, ACM TOG 27, 2008).
+    """
+    ahead = np.diff(points, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    tangents = np.vstack([ahead[:1], ahead[1:] + ahead[:-1], ahead[-1:]])
+    size = np.linalg.norm(tangents, axis=1)[:, None]
+    # Where the line turns back on itself the directions cancel: the one before is as good as any.
+    tangents = np.where(size > 1e-6, tangents / np.maximum(size, 1e-6), np.vstack([ahead[:1], ahead]))
+    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
+    angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
+    rings = []
+    for k, (point, tangent) in enumerate(zip(points, tangents, strict=True)):
+        if k > 0:
+            across = point - points[k - 1]
+            reflect = across / (across @ across)
+            side, before = side - 2.0 * (reflect @ side) * across, tangents[k - 1]
+            turn = tangent - (before - 2.0 * (reflect @ before) * across)
+            side = side - 2.0 * (turn @ side) / max(turn @ turn, 1e-30) * turn
+        side = side - (side @ tangent) * tangent
+        side /= np.linalg.norm(side)
+        rings.append(
+            point + radius * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), np.cross(tangent, side)))
+        )
+    index = np.arange(len(points) * segments).reshape(len(points), segments)
+    lower, upper = index[:-1], index[1:]
+    lower_next, upper_next = np.roll(lower, -1, axis=1), np.roll(upper, -1, axis=1)
+    corners = ((lower, lower_next, upper_next), (lower, upper_next, upper))
+    triangles = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in corners])
+    return shade(np.concatenate(rings), triangles)
 
 
 def mesh_of(geometry: Any) -> Mesh | None:

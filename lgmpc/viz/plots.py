@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgmpc.errors import InputError, RunFolderError
-from lgmpc.runs import Run, RunLog, atomic_write, push_intervals
-from lgmpc.runs.atomic import reason_of
+from lgmpc.errors import InputError
+from lgmpc.runs import Run, RunLog, push_intervals
 from lgmpc.runs.metrics import tilt_deg
-from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, figure_maker
+from lgmpc.viz.figure_files import figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, X, Y, Z
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,30 +38,12 @@ def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
     """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run with something to draw")
-    folder = Path(out_dir) if out_dir is not None else run.path / "figures"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(f"cannot make {folder}: {reason_of(error)}") from error
-    written = []
-    with figure_maker("lgmpc plot") as make:
-        for name, draw in FIGURES.items():
-            figure = make()
-            if not draw(figure, run.log):
-                continue
-            figure.suptitle(_title(run), x=0.01, ha="left", fontsize=9, color=SOFT)
-            path = folder / f"{name}.png"
-            with atomic_write(path) as file:
-                figure.savefig(file, format="png")
-            written.append(path)
-    return tuple(written)
 
+    def drawing(draw: Callable[[Figure, RunLog], bool]) -> Callable[[Figure], bool]:
+        return lambda figure: draw(figure, run.log)
 
-def _title(run: Run) -> str:
-    result = run.result
-    return (
-        f"{result.name} · {result.verdict.outcome.value} · {result.created.replace('T', ' ').replace('+00:00', ' UTC')}"
-    )
+    drawings = {name: drawing(draw) for name, draw in FIGURES.items()}
+    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
 
 
 def _base(figure: Figure, log: RunLog) -> bool:
@@ -78,7 +60,7 @@ def _base(figure: Figure, log: RunLog) -> bool:
     _finish(log, position, height, span=2.0)
     _finish(log, tilt)
     _label_pushes(log, position)
-    _legend(position)
+    legend_above(position)
     return True
 
 
@@ -96,7 +78,7 @@ def _com(figure: Figure, log: RunLog) -> bool:
     assert first is not None
     _label_pushes(log, first)
     first.set_title("Centre of mass and its target")
-    _legend(first)
+    legend_above(first)
     figure.axes[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
     above.plot(1e3 * log.com_reference[:, 0], 1e3 * log.com_reference[:, 1], color=INK, lw=1.0, ls="--", marker=".")
@@ -128,7 +110,7 @@ def _forces(figure: Figure, log: RunLog) -> bool:
     for axes in rows[-1]:
         axes.set_xlabel("time, s")
     _label_pushes(log, *rows[0])
-    _legend(*rows[0])
+    legend_above(*rows[0])
     return True
 
 
@@ -137,11 +119,9 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     names: list[str] = log.joint_names.tolist()
     if not names:
         return False
-    kinds: dict[str, list[int]] = {}
-    for joint, name in enumerate(names):
-        kinds.setdefault(name.partition("_")[2], []).append(joint)
-    alike = len(kinds) <= 4 and all(2 <= len(joints) <= 4 for joints in kinds.values())
-    rows: dict[str, list[int]] = kinds if alike else {"": list(range(len(names)))}
+    kinds = joint_kinds(names)
+    alike = bool(kinds)
+    rows: dict[str, list[int]] = kinds or {"": list(range(len(names)))}
     figure.set_size_inches(8.0, 1.2 + (1.7 if alike else 3.0) * len(rows))
     all_axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
@@ -172,7 +152,7 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     all_axes[-1].set_xlabel("time, s")
     _label_pushes(log, all_axes[0])
     if len(names) <= 12:
-        _legend(all_axes[0])
+        legend_above(all_axes[0])
     return True
 
 
@@ -244,8 +224,3 @@ def _label_pushes(log: RunLog, *all_axes: Axes) -> None:
             axes.annotate(
                 text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
             )
-
-
-def _legend(*all_axes: Axes) -> None:
-    for axes in all_axes:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)

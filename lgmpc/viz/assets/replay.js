@@ -164,6 +164,21 @@ class Player {
     this.drawTimeline();
   }
 
+  // A bar for each foot while it is on the ground, and a mark at each time at which something is to be reached.
+  drawContacts(g, x, bottom) {
+    const { phases = [], marks = [] } = this.content;
+    const row = bottom / Math.max(phases.length, 1);
+    phases.forEach((foot, k) => {
+      g.fillStyle = "rgba(0, 158, 115, .17)";
+      for (const [start, end] of foot.spans) g.fillRect(x(start), k * row + 1, Math.max(x(end) - x(start) - 1, 1), row - 2);
+      g.fillStyle = "rgba(0, 100, 72, .8)";
+      g.textAlign = "left";
+      if (row >= 10) g.fillText(foot.name, 4, (k + 0.5) * row + 3.5);
+    });
+    g.fillStyle = "#c98600";
+    for (const time of marks) g.fillRect(x(time) - 1, 0, 2, bottom);
+  }
+
   drawTimeline() {
     const { series, pushes, duration } = this.content;
     const ratio = window.devicePixelRatio || 1;
@@ -185,6 +200,7 @@ class Player {
       g.fillText(push.impulse, room ? x(push.end) + 4 : x(push.start) - 4, 11);
     }
     const bottom = height - 13;
+    this.drawContacts(g, x, bottom);
     const curve = (values, top, color) => {
       g.beginPath();
       values.forEach((value, k) => g.lineTo(x(series.time[k]), bottom - 2 - (value / top) * (bottom - 16)));

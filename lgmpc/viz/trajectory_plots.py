@@ -1,0 +1,233 @@
+"""Figures of a solved trajectory, as PNG files."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot
+from lgmpc.runs import SolvedRun, TrajectoryLog
+from lgmpc.runs.metrics import tilt_deg
+from lgmpc.typing import Array
+from lgmpc.viz.figure_files import figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_trajectory"]
+
+_AXES = ((X, "x"), (Y, "y"), (Z, "z"))
+_COLORS = tuple(color for color in PALETTE if color != LIMIT)
+_NEAR = 0.3
+"""Velocities that all stay below this share of their limits are shown without them."""
+
+
+def plot_trajectory(robot: Robot, run: SolvedRun, out_dir: Path | str | None = None) -> tuple[Path, ...]:
+    """Draw the figures of a solved trajectory: base, joints, controls, contact forces, convergence.
+
+    Args:
+        robot: the robot of the run.
+        run: the run folder, read.
+        out_dir: where the PNG files go; the run folder's ``figures/`` if not given.
+
+    Returns:
+        Paths of the files, one for each figure that there are data for.
+
+    Raises:
+        InputError: if the trajectory holds NaN or infinity.
+        RunFolderError: if the folder cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    log = run.trajectory
+    if not log.finite:
+        raise InputError("run", f"{run.path}, whose trajectory holds NaN or infinity", "a trajectory to draw")
+    drawings = {
+        "base": partial(_base, log=log),
+        "joints": partial(_joints, log=log, robot=robot),
+        "controls": partial(_controls, log=log),
+        "forces": partial(_forces, log=log),
+        "convergence": partial(_convergence, log=log),
+    }
+    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
+
+
+def _base(figure: Figure, log: TrajectoryLog) -> bool:
+    if not log.floating_base:
+        return False
+    figure.set_size_inches(8.0, 7.8)
+    position, tilt, linear, angular = figure.subplots(4, 1, sharex=True)
+    v = log.xs[:, log.nq :]
+    for axis, (color, name) in enumerate(_AXES):
+        position.plot(log.times, log.xs[:, axis], color=color, label=name)
+        linear.plot(log.times, v[:, axis], color=color, label=name)
+        angular.plot(log.times, v[:, 3 + axis], color=color, label=name)
+    tilt.plot(log.times, tilt_deg(log.xs[:, 3:7], np.array([0.0, 0.0, 0.0, 1.0])), color=INK)
+    position.set(title="Base position, world", ylabel="m")
+    tilt.set(title="Base tilt from upright", ylabel="deg", ylim=(0.0, None))
+    linear.set(title="Linear velocity, base axes", ylabel="m/s")
+    angular.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
+    _finish(log, position, tilt, linear, angular)
+    legend_above(position)
+    return True
+
+
+def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
+    """Positions of the joints within their limits, and their velocities."""
+    if robot.nu == 0:
+        return False
+    figure.set_size_inches(8.0, 6.4)
+    position, velocity = figure.subplots(2, 1, sharex=True)
+    lower, upper = robot.joint_lower, robot.joint_upper
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    scalar = robot.nq - robot.joint_q.start == robot.nu
+    q = log.xs[:, robot.joint_q] if scalar else np.zeros((len(log.times), 0))
+    v = log.xs[:, robot.nq :][:, robot.joint_v]
+    for i, name in enumerate(robot.joint_names):
+        color, dashes = _line(i)
+        if scalar and bounded[i]:
+            share = 2.0 * (q[:, i] - lower[i]) / (upper[i] - lower[i]) - 1.0
+            position.plot(log.times, share, color=color, ls=dashes, lw=1.1)
+        velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], color=color, ls=dashes, lw=1.1, label=name)
+    _limits(position, -1.0, 1.0, "limit")
+    if np.abs(v / robot.velocity_limit).max() > _NEAR:
+        _limits(velocity, -1.0, 1.0, "limit")
+    position.set(title="Joint positions in their ranges", ylabel="share of the limit")
+    velocity.set(title="Joint velocities", ylabel="share of the limit", xlabel="time, s")
+    _finish(log, position, velocity)
+    if robot.nu <= 18:
+        figure.legend(loc="outside right center", fontsize=8)
+    return True
+
+
+def _controls(figure: Figure, log: TrajectoryLog) -> bool:
+    """Controls and their limits: a row for each kind of joint that the legs share, else shares of the limit."""
+    names: list[str] = log.control_names.tolist()
+    if not names:
+        return False
+    kinds = joint_kinds(names)
+    known = bool(np.isfinite(log.control_lower).all() and np.isfinite(log.control_upper).all())
+    if kinds:
+        figure.set_size_inches(8.0, 1.2 + 1.7 * len(kinds))
+        all_axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (kind, chosen) in zip(all_axes, kinds.items(), strict=True):
+            for count, i in enumerate(chosen):
+                _steps(axes, log, log.us[:, i], _line(count)[0], names[i].partition("_")[0])
+            if known:
+                low, high = float(log.control_lower[chosen].min()), float(log.control_upper[chosen].max())
+                _limits(axes, low, high, f"limit {high:g} {log.control_unit}")
+            axes.set(title=f"Control, {kind}", ylabel=log.control_unit)
+        legend_above(all_axes[0])
+    else:
+        figure.set_size_inches(8.0, 4.2)
+        all_axes = np.array([figure.subplots()])
+        axes = all_axes[0]
+        scale = np.maximum(np.abs(log.control_lower), np.abs(log.control_upper)) if known else np.ones(len(names))
+        for i, name in enumerate(names):
+            color, dashes = _line(i)
+            axes.stairs(log.us[:, i] / scale[i], log.times, baseline=None, color=color, ls=dashes, label=name, lw=1.2)
+        if known:
+            _limits(axes, float((log.control_lower / scale).min()), 1.0, "limit")
+        axes.set(title="Controls", ylabel="share of the limit" if known else log.control_unit)
+        if len(names) <= 18:
+            figure.legend(loc="outside right center", fontsize=8)
+    all_axes[-1].set_xlabel("time, s")
+    _finish(log, *all_axes)
+    return True
+
+
+def _forces(figure: Figure, log: TrajectoryLog) -> bool:
+    """Each contact's normal force, and its tangential one as a share of what friction holds."""
+    if not log.contact_flags.any():
+        return False
+    contacts = len(log.contact_frames)
+    figure.set_size_inches(9.6, 1.0 + 1.7 * contacts)
+    rows = figure.subplots(contacts, 2, sharex=True, sharey="col", squeeze=False)
+    for k, name in enumerate(log.contact_frames.tolist()):
+        normal, tangential = log.contact_forces[:, k, 2], np.linalg.norm(log.contact_forces[:, k, :2], axis=1)
+        left, right = rows[k]
+        _steps(left, log, normal, X, "normal force")
+        left.set_ylabel(f"{name}, N")
+        if np.isfinite(log.friction):
+            _steps(right, log, log.friction * np.maximum(normal, 0.0), Z, "µ × normal force", fill=True)
+        _steps(right, log, tangential, LIMIT, "tangential force")
+        _finish(log, left, right)
+    rows[0, 0].set_title("Normal force")
+    rows[0, 1].set_title(f"Friction, µ = {log.friction:g}" if np.isfinite(log.friction) else "Friction")
+    for axes in rows[-1]:
+        axes.set_xlabel("time, s")
+    legend_above(rows[0, 1])
+    return True
+
+
+def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
+    """Cost, gaps, what the solver compared with its tolerance, and steps, over the iterations."""
+    count = len(log.iteration_cost)
+    if count == 0:
+        return False
+    figure.set_size_inches(8.0, 6.6)
+    cost, residual, step = figure.subplots(3, 1, sharex=True)
+    iterations = np.arange(1, count + 1)
+    marker = "." if count <= 60 else ""
+    cost.plot(iterations, log.iteration_cost, color=X, marker=marker)
+    if (log.iteration_cost > 0.0).all() and log.iteration_cost.max() > 10.0 * log.iteration_cost.min():
+        cost.set_yscale("log")
+    for values, color, name in (
+        (log.iteration_criterion, X, "compared with the tolerance"),
+        (log.iteration_gap, EXTRA, "largest gap of the dynamics"),
+    ):
+        shown = np.where(values > 1e-14, values, np.nan)
+        if np.isfinite(shown).any():
+            residual.plot(iterations, shown, color=color, marker=marker, label=name)
+            residual.set_yscale("log")
+    if np.isfinite(log.iteration_step).any():
+        step.stem(iterations, log.iteration_step, linefmt=SOFT, markerfmt=".", basefmt=" ")
+    cost.set(title="Cost", ylabel="")
+    residual.set_title("Residuals")
+    step.set(title="Step length (0: refused)", xlabel="iteration", ylim=(0.0, 1.08))
+    cost.set_xlim(0.5, count + 0.5)
+    if residual.lines:
+        legend_above(residual)
+    return True
+
+
+def _steps(axes: Axes, log: TrajectoryLog, values: Array, color: str, label: str, *, fill: bool = False) -> None:
+    """Draw what is constant over each interval."""
+    axes.stairs(values, log.times, baseline=None, color=color, label=label, lw=1.2)
+    if fill:
+        axes.stairs(values, log.times, fill=True, color=color, alpha=0.18, lw=0.0)
+
+
+def _line(i: int) -> tuple[str, str]:
+    """Colour and dashes of the i-th of many lines."""
+    return _COLORS[i % len(_COLORS)], ("-", "--", ":")[i // len(_COLORS) % 3]
+
+
+def _limits(axes: Axes, low: float, high: float, text: str) -> None:
+    for value in (low, high):
+        axes.axhline(value, color=LIMIT, ls="--", lw=1.1)
+    where, offset = (0.995, high), (0, -3)
+    axes.annotate(
+        text,
+        where,
+        offset,
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        color=LIMIT,
+        ha="right",
+        va="top",
+        fontsize=8.5,
+    )
+
+
+def _finish(log: TrajectoryLog, *all_axes: Axes) -> None:
+    """Fit the time axis, and mark when something is to be reached."""
+    for axes in all_axes:
+        axes.set_xlim(float(log.times[0]), float(log.times[-1]))
+        for time in np.unique(log.waypoint_times):
+            axes.axvline(float(time), color=Y, lw=0.9, alpha=0.7, zorder=0)

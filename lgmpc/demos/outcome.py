@@ -32,7 +32,7 @@ class Row:
     @property
     def agrees(self) -> bool:
         """Whether prediction and measurement agree; a NaN agrees with nothing."""
-        return math.isfinite(self.measured) and abs(self.measured - self.predicted) <= self.tolerance
+        return bool(math.isfinite(self.measured) and abs(self.measured - self.predicted) <= self.tolerance)
 
 
 @dataclass(frozen=True)

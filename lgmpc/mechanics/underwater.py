@@ -193,7 +193,7 @@ def terminal_speed(force: float, linear: float, quadratic: float) -> float:
     Raises:
         InputError: a force that is not positive, or damping that is negative or nothing.
     """
-    return 2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic))
+    return float(2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic)))
 
 
 def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float, quadratic: float) -> Array:

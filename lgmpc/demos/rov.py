@@ -71,7 +71,6 @@ def _run() -> Outcome:
                 "x, m",
                 "y, m",
                 (Curve("", torpedo.elements[:, 0, 3], torpedo.elements[:, 1, 3]),),
-                equal=True,
             ),
         ),
         times=times,
@@ -79,7 +78,7 @@ def _run() -> Outcome:
         paths=(Path("torpedo's path", torpedo.elements[::every, :3, 3], 0xE45756),),
         remarks=(
             "Long bodies in ideal fluid turn broadside on: the water that moves along is heavier across than along.",
-            "The torpedo, without fins or damping, tumbles; its impulse and Kirchhoff's Casimirs stay.",
+            "The torpedo, without fins or damping, swaps its ends again and again; Kirchhoff's Casimirs stay.",
         ),
     )
 

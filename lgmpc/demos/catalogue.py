@@ -9,7 +9,18 @@ from lgmpc.errors import InputError
 
 __all__ = ["NAMES", "load_demo"]
 
-NAMES: tuple[str, ...] = ("integrators", "elroy", "cat", "snake", "rov", "solo12-momentum")
+NAMES: tuple[str, ...] = (
+    "dzhanibekov",
+    "poinsot",
+    "heavy-top",
+    "symmetry",
+    "integrators",
+    "elroy",
+    "cat",
+    "snake",
+    "rov",
+    "solo12-momentum",
+)
 """In the order in which a newcomer would watch them."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ class HeavyTopBenchmark:
     velocity: Array
     duration: float
 
-    @property
+    @functools.cached_property
     def system(self) -> LeftEulerPoincare:
         """Its equations of motion."""
         return heavy_top(self.inertia, self.moment, self.gravity)

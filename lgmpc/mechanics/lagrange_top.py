@@ -15,6 +15,7 @@ Lagrange, "Mecanique analytique" (1788); Goldstein, "Classical mechanics" (1980)
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -94,7 +95,7 @@ class LagrangeTop:
         """(3, 3) about the point that is held, kg.m^2."""
         return np.diag([self.transverse, self.transverse, self.axial])
 
-    @property
+    @functools.cached_property
     def system(self) -> LeftEulerPoincare:
         """The equations of motion, to be started with ``rotation.T @ UP`` as the advected direction."""
         return heavy_top(self.inertia, np.array([0.0, 0.0, self.weight]), 1.0)

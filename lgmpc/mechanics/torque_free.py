@@ -33,7 +33,7 @@ from lgmpc.mechanics.groups import SO3
 from lgmpc.mechanics.rigid_body import check_inertia, check_positive
 from lgmpc.typing import Array
 
-__all__ = ["EulerTop", "montgomery_phase", "symmetric_top_precession"]
+__all__ = ["EulerTop", "symmetric_top_precession"]
 
 _STEADY = 1e-15
 """A torque this small beside |w| |pi| is rounding: the body turns about one of its axes for ever."""
@@ -182,30 +182,6 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
     phase = modulus.first_kind(math.atan2(sign * w[1] / b, w[0] / a))
     n, factor = ic * (ib - ia) / (ia * (ic - ib)), (ic - ia) / (ia * ic * rate)
     return _Solution(axes[:, order], moments, (a, sign * b, sign * c), rate, phase, modulus, n, factor)
-
-
-def montgomery_phase(top: EulerTop, samples: int = 4096) -> float:
-    """Angle by which the body has turned about its momentum after one period, rad, between -pi and pi.
-
-    ``2 E T / |pi| - solid angle`` modulo a turn, the second term being the geometric phase: what the body momentum's
-    loop encloses on its sphere, here by the trapezoidal rule, which converges exponentially on a period.
-    Montgomery, "How much does the rigid body rotate?", American Journal of Physics 59 (1991).
-
-    Args:
-        top: the motion.
-        samples: points on the loop.
-
-    Raises:
-        InputError: the rotation is steady.
-    """
-    times = np.linspace(0.0, top.period, samples, endpoint=False)
-    velocity = top.velocities(times)
-    gamma = velocity @ top.inertia / top.momentum
-    axis = top._solution.axes[:, 2]
-    along = gamma @ axis
-    turning = np.cross(gamma, np.cross(gamma, velocity)) @ axis / (1.0 - along**2)
-    solid_angle = top.period * float(np.mean((1.0 - along) * turning))
-    return math.remainder(2.0 * top.energy * top.period / top.momentum - solid_angle, 2.0 * math.pi)
 
 
 def symmetric_top_precession(transverse: float, axial: float, velocity: Array) -> tuple[float, float]:

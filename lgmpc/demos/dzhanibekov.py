@@ -1,0 +1,162 @@
+"""A T-handle set spinning about its middle axis turns over and back, for ever: Dzhanibekov's effect.
+
+Chapter 4.12.1: rotation about the axis of the middle moment of inertia is unstable. When it turns over is known in
+closed form, by Jacobi's elliptic functions; here the equations of motion are integrated and the two compared.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.lie import so3
+from lgmpc.mechanics import EulerTop, Motion, torque_free_body
+from lgmpc.typing import Array
+
+__all__ = ["DEMO"]
+
+# A bar along y and a stem along x, steel cylinders: masses (kg), radii and lengths (m).
+_BAR = (0.23, 0.007, 0.19)
+_STEM = (0.11, 0.008, 0.07)
+_SPIN = 6.0  # rad/s, about the stem
+_TILT = 0.02  # of the first angular velocity from the stem
+_STEP = 1e-3  # s
+
+
+def _run() -> Outcome:
+    inertia, stem = _handle()
+    top = EulerTop(inertia, _SPIN * np.array([math.cos(_TILT), 0.6 * math.sin(_TILT), 0.8 * math.sin(_TILT)]))
+    motion = _simulate(top, 3.2 * top.flip_interval)
+    system = torque_free_body(inertia)
+    end = float(motion.times[-1])
+    found, predicted = _crossings(inertia, motion), top.flips(end)
+    energies, momenta = system.energies(motion), system.noether_momenta(motion)
+    drift = np.abs(momenta - momenta[0]).max() / top.momentum
+    exact, turned = top.velocities(motion.times), top.rotations(motion.times[-1:])[0]
+    rows = (
+        Row("flips", float(len(predicted)), float(len(found)), 0.0),
+        *(Row(f"flip {k + 1} at", float(t), float(found[k]), 1e-9, "s") for k, t in enumerate(predicted[: len(found)])),
+        Row("time between flips", top.flip_interval, float(np.mean(np.diff(found))), 1e-9, "s"),
+        Row("rate at which a small tilt grows", _growth(inertia), _measured_growth(inertia), 1e-5, "1/s"),
+        *(_stable_row(inertia, axis, name) for axis, name in ((1, "long"), (2, "short"))),
+        Row("angular velocity off the closed form", 0.0, float(np.abs(motion.velocities - exact).max()), 1e-8, "rad/s"),
+        Row("attitude at the end off the closed form", 0.0, _angle(motion.poses[-1], turned), 1e-8, "rad"),
+        Row("relative change of energy", 0.0, float(np.ptp(energies) / energies[0]), 1e-10),
+        Row("relative change of angular momentum", 0.0, float(drift), 1e-9),
+    )
+    panels = (
+        Panel(
+            "Angular velocity in the body (dashed: elliptic functions)",
+            "time, s",
+            "rad/s",
+            (
+                *(Curve(axis, motion.times[::20], motion.velocities[::20, i]) for i, axis in enumerate("xyz")),
+                *(Curve("", motion.times[::20], exact[::20, i], dashed=True) for i in range(3)),
+            ),
+        ),
+        Panel(
+            "Where the stem points",
+            "time, s",
+            "cosine of the angle to the angular momentum",
+            (Curve("stem", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
+        ),
+    )
+    shown = slice(None, None, 25)
+    return Outcome(
+        rows,
+        panels,
+        motion.times[shown],
+        (_body(stem, motion.poses[shown]),),
+        (Path("tip of the stem", motion.poses[shown] @ stem, 0xE69F00),),
+        (
+            "Energy and angular momentum, and nothing else, decide when the handle turns over.",
+            "About its other two axes it spins without turning over: try it with a book.",
+        ),
+    )
+
+
+def _handle() -> tuple[Array, Array]:
+    """Inertia (3, 3) about the handle's centre of mass, and the tip of its stem (3,) from there."""
+    (bar, bar_radius, bar_length), (stem, stem_radius, stem_length) = _BAR, _STEM
+    center = stem / (bar + stem) * stem_length / 2.0
+    along_y, along_x = _cylinder(bar, bar_radius, bar_length), _cylinder(stem, stem_radius, stem_length)
+    inertia = np.diag(along_y[[1, 0, 1]]) + np.diag(along_x)
+    for mass, x in ((bar, -center), (stem, stem_length / 2.0 - center)):
+        inertia += mass * x**2 * np.diag([0.0, 1.0, 1.0])
+    return inertia, np.array([stem_length - center, 0.0, 0.0])
+
+
+def _cylinder(mass: float, radius: float, length: float) -> Array:
+    """Principal moments of a cylinder, its axis first."""
+    across = mass * (3.0 * radius**2 + length**2) / 12.0
+    return np.array([mass * radius**2 / 2.0, across, across])
+
+
+def _simulate(top: EulerTop, end: float) -> Motion:
+    return torque_free_body(top.inertia).simulate(top.rotation, top.velocity, step=_STEP, steps=round(end / _STEP))
+
+
+def _crossings(inertia: Array, motion: Motion) -> Array:
+    """Times at which the angular velocity about the stem changes sign, between the stored ones by cubics."""
+    w = motion.velocities
+    rates = np.linalg.solve(inertia, np.cross(w @ inertia, w).T).T
+    times: Array = CubicHermiteSpline(motion.times, w[:, 0], rates[:, 0]).roots(extrapolate=False)
+    return times
+
+
+def _growth(inertia: Array) -> float:
+    """Of the equations linearised about the middle axis: ``sqrt((I2 - I1) (I3 - I2) / (I1 I3)) Omega``."""
+    middle, low, high = np.diag(inertia)
+    return float(math.sqrt((middle - low) * (high - middle) / (low * high)) * _SPIN)
+
+
+def _measured_growth(inertia: Array) -> float:
+    top = EulerTop(inertia, np.array([_SPIN, 1e-9, 1e-9]))
+    motion = _simulate(top, 12.0 / _growth(inertia))  # of the shrinking part, exp(-12) is left after half the time
+    late = len(motion.times) // 2
+    tilts = np.linalg.norm(motion.velocities[late:, 1:], axis=1)
+    return float(np.polyfit(motion.times[late:], np.log(tilts), 1)[0])
+
+
+def _stable_row(inertia: Array, axis: int, name: str) -> Row:
+    """About another axis: the smallest angular velocity about it, as a part of the greatest."""
+    velocity = np.full(3, _SPIN * math.sin(_TILT) / math.sqrt(2.0))
+    velocity[axis] = _SPIN * math.cos(_TILT)
+    top = EulerTop(inertia, velocity)
+    about = _simulate(top, top.period).velocities[:, axis]
+    crossing = top.flips(top.period)[:1]  # dn is extreme where sn is 0 and where cn is
+    extremes = top.velocities(np.append(crossing, crossing + top.period / 4.0))[:, axis]
+    ratio = float(extremes.min() / extremes.max())
+    return Row(f"about the {name} axis: least part of the spin", ratio, float(about.min() / about.max()), 1e-8)
+
+
+def _angle(first: Array, second: Array) -> float:
+    return float(np.linalg.norm(so3.log(so3.project(first.T @ second))))
+
+
+def _body(tip: Array, rotations: Array) -> Body:
+    (_, bar_radius, bar_length), (_, stem_radius, stem_length) = _BAR, _STEM
+    root = float(tip[0]) - stem_length
+    shapes = (
+        Shape(
+            "cylinder",
+            (bar_radius, bar_radius, bar_length),
+            (root, 0.0, 0.0),
+            0x4C78A8,
+            rotation=so3.exp(np.array([math.pi / 2.0, 0.0, 0.0])),
+        ),
+        Shape(
+            "cylinder",
+            (stem_radius, stem_radius, stem_length),
+            (root + stem_length / 2.0, 0.0, 0.0),
+            0xE69F00,
+            rotation=so3.exp(np.array([0.0, math.pi / 2.0, 0.0])),
+        ),
+    )
+    return Body("handle", shapes, np.zeros((len(rotations), 3)), rotations)
+
+
+DEMO = Demo("dzhanibekov", "A spinning T-handle turns over and back: when, by elliptic functions", _run)

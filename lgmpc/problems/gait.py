@@ -1,0 +1,291 @@
+"""Gaits: phases with feet in the air, one after the other, and the node grid that lands on their switches.
+
+A gait is a sequence of phases. The usual ones of quadrupeds have names (:meth:`Gait.walk`, :meth:`Gait.trot`, ...),
+any other is a list of :class:`GaitPhase`; gaits are joined by ``+`` and repeated by ``*``:
+
+    Gait.stand(feet, 0.2) + 2 * Gait.trot(feet, swing=0.25, stance=0.05, height=0.06) + Gait.stand(feet, 0.3)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import InputError
+from lgmpc.robot import ContactPhase, ContactSchedule, Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["FootSwing", "Gait", "GaitGrid", "GaitPhase", "QuadrupedFeet"]
+
+
+@dataclass(frozen=True)
+class QuadrupedFeet:
+    """Which contact frame is which foot.
+
+    Attributes:
+        front_left: name of its contact frame.
+        front_right: name of its contact frame.
+        hind_left: name of its contact frame.
+        hind_right: name of its contact frame.
+    """
+
+    front_left: str
+    front_right: str
+    hind_left: str
+    hind_right: str
+
+    @classmethod
+    def of(cls, robot: Robot) -> QuadrupedFeet:
+        """Tell a robot's feet apart by where they are about their middle in the reference posture (x ahead, y left).
+
+        Raises:
+            InputError: not four contact frames, or not one in each quadrant.
+        """
+        model, data = robot.model, robot.create_data()
+        pin.framesForwardKinematics(model, data, robot.q_reference)
+        base = pin.XYZQUATToSE3(robot.q_reference[:7]) if robot.floating_base else pin.SE3.Identity()
+        points = np.array([base.actInv(data.oMf[i].translation) for i in robot.contact_ids]).reshape(-1, 3)
+        places = [(bool(x > 0), bool(y > 0)) for x, y, _ in points - points.mean(axis=0)] if robot.nc else []
+        quadrants = [(True, True), (True, False), (False, True), (False, False)]
+        if sorted(places) != sorted(quadrants):
+            expected = "four feet: front left, front right, hind left, hind right"
+            raise InputError("contact_frames", ", ".join(robot.contact_frames) or "none", expected)
+        return cls(*(robot.contact_frames[places.index(quadrant)] for quadrant in quadrants))
+
+
+@dataclass(frozen=True)
+class GaitPhase:
+    """A stretch of time with the same feet in the air.
+
+    Attributes:
+        duration: s, finite.
+        air: contact frames in the air.
+        height: apex of their swings above the straight line from lift-off to touchdown, m.
+
+    Raises:
+        InputError: a duration or a height that cannot be.
+    """
+
+    duration: float
+    air: frozenset[str]
+    height: float
+
+    def __init__(self, duration: float, air: Iterable[str] = (), height: float = 0.0) -> None:
+        object.__setattr__(self, "duration", float(duration))
+        object.__setattr__(self, "air", frozenset([air] if isinstance(air, str) else air))
+        object.__setattr__(self, "height", float(height))
+        if not (self.duration > 0 and math.isfinite(self.duration)):
+            raise InputError("duration", duration, "a finite time above 0 s")
+        if not (self.height >= 0 and math.isfinite(self.height)):
+            raise InputError("height", height, "a finite height, at least 0 m")
+
+
+@dataclass(frozen=True)
+class FootSwing:
+    """One foot's way through the air.
+
+    Attributes:
+        foot: its contact frame.
+        liftoff: when it leaves the ground, s; -inf if the gait begins with the foot in the air.
+        touchdown: when it is back, s; inf if the gait ends before.
+        height: of the apex above the straight line, m.
+    """
+
+    foot: str
+    liftoff: float
+    touchdown: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Phases one after the other, from time 0.
+
+    Attributes:
+        feet: (nc,) all contact frames, in the order of the flags' columns.
+        phases: in order of time.
+
+    Raises:
+        InputError: no phases, or a frame in the air that is no contact frame (the nearest are named).
+    """
+
+    feet: tuple[str, ...]
+    phases: tuple[GaitPhase, ...]
+
+    def __post_init__(self) -> None:
+        if not self.phases:
+            raise InputError("phases", "none", "at least one phase")
+        for i, phase in enumerate(self.phases):
+            for name in sorted(phase.air - set(self.feet)):
+                raise InputError(f"phases[{i}].air", name, "one of the contact frames", self.feet)
+
+    @classmethod
+    def stand(cls, feet: Sequence[str], duration: float) -> Gait:
+        """All feet on the ground for ``duration``, s."""
+        return cls(tuple(feet), (GaitPhase(duration),))
+
+    @classmethod
+    def alternate(
+        cls, feet: Sequence[str], groups: Iterable[Iterable[str]], swing: float, stance: float, height: float
+    ) -> Gait:
+        """One cycle in which groups of feet swing in turn.
+
+        Args:
+            feet: all contact frames.
+            groups: the feet that swing together, in the order in which the groups do.
+            swing: how long each group is in the air, s.
+            stance: how long all feet are on the ground after each swing, s; may be 0.
+            height: of the swings, m.
+        """
+        pause = (GaitPhase(stance),) if stance != 0 else ()
+        phases = [phase for group in groups for phase in (GaitPhase(swing, group, height), *pause)]
+        return cls(tuple(feet), tuple(phases))
+
+    @classmethod
+    def walk(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+        """One cycle of the walk in lateral sequence: hind left, front left, hind right, front right, one at a time.
+
+        The order of tortoises, dogs and horses at a walk (Hildebrand, "Symmetrical gaits of horses", Science 150,
+        1965). Arguments as in :meth:`alternate`.
+        """
+        order = (legs.hind_left, legs.front_left, legs.hind_right, legs.front_right)
+        return cls.alternate(feet, ([foot] for foot in order), swing, stance, height)
+
+    @classmethod
+    def trot(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+        """One cycle of the trot: the diagonal pairs in turn. Arguments as in :meth:`alternate`."""
+        pairs = (legs.front_left, legs.hind_right), (legs.front_right, legs.hind_left)
+        return cls.alternate(feet, pairs, swing, stance, height)
+
+    @classmethod
+    def pace(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+        """One cycle of the pace: left and right pair in turn. Arguments as in :meth:`alternate`."""
+        pairs = (legs.front_left, legs.hind_left), (legs.front_right, legs.hind_right)
+        return cls.alternate(feet, pairs, swing, stance, height)
+
+    @classmethod
+    def bound(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+        """One cycle of the bound: front and hind pair in turn. Arguments as in :meth:`alternate`."""
+        pairs = (legs.front_left, legs.front_right), (legs.hind_left, legs.hind_right)
+        return cls.alternate(feet, pairs, swing, stance, height)
+
+    @classmethod
+    def jump(cls, feet: Sequence[str], takeoff: float, flight: float, landing: float, height: float) -> Gait:
+        """All feet stand for ``takeoff``, fly for ``flight`` (rising by ``height``, m), stand for ``landing``, s."""
+        return cls(tuple(feet), (GaitPhase(takeoff), GaitPhase(flight, feet, height), GaitPhase(landing)))
+
+    def __add__(self, other: Gait) -> Gait:
+        """This gait, then the other one.
+
+        Raises:
+            InputError: other feet.
+        """
+        if other.feet != self.feet:
+            raise InputError("feet", ", ".join(other.feet), f"the same feet ({', '.join(self.feet)})")
+        return Gait(self.feet, self.phases + other.phases)
+
+    def __mul__(self, cycles: int) -> Gait:
+        """This gait, so many times in a row.
+
+        Raises:
+            InputError: less than once.
+        """
+        if cycles < 1:
+            raise InputError("cycles", cycles, "at least 1")
+        return Gait(self.feet, self.phases * cycles)
+
+    __rmul__ = __mul__
+
+    @cached_property
+    def switches(self) -> Array:
+        """(phases + 1,) when the phases begin, and when the last one ends, s."""
+        return np.concatenate([[0.0], np.cumsum([phase.duration for phase in self.phases])])
+
+    @property
+    def duration(self) -> float:
+        """From the first phase's beginning to the last one's end, s."""
+        return float(self.switches[-1])
+
+    def schedule(self) -> ContactSchedule:
+        """Return which feet are on the ground when."""
+        every = frozenset(self.feet)
+        return ContactSchedule(self.feet, tuple(ContactPhase(p.duration, every - p.air) for p in self.phases))
+
+    def swings(self, foot: str) -> tuple[FootSwing, ...]:
+        """Return the swings of a foot in order of time; one that spans several phases is as high as the highest.
+
+        Raises:
+            InputError: no such foot.
+        """
+        if foot not in self.feet:
+            raise InputError("foot", foot, "one of the contact frames", self.feet)
+        found: list[FootSwing] = []
+        for i, phase in enumerate(self.phases):
+            if foot not in phase.air:
+                continue
+            liftoff = -math.inf if i == 0 else float(self.switches[i])
+            touchdown = math.inf if i == len(self.phases) - 1 else float(self.switches[i + 1])
+            height = phase.height
+            if i > 0 and foot in self.phases[i - 1].air:
+                before = found.pop()
+                liftoff, height = before.liftoff, max(height, before.height)
+            found.append(FootSwing(foot, liftoff, touchdown, height))
+        return tuple(found)
+
+    def grid(self, step: float) -> GaitGrid:
+        """Return intervals of about ``step``, s, that end at every switch, with an impact wherever feet touch down.
+
+        Raises:
+            InputError: a step that is not above 0.
+        """
+        if not (step > 0 and math.isfinite(step)):
+            raise InputError("step", step, "a finite time above 0 s")
+        durations, phases, landing = [], [], []
+        for i, phase in enumerate(self.phases):
+            touching = self.phases[i - 1].air - phase.air if i else frozenset()
+            if touching:
+                durations.append(0.0)
+                phases.append(i)
+                landing.append(touching)
+            count = max(1, round(phase.duration / step))
+            durations += [phase.duration / count] * count
+            phases += [i] * count
+            landing += [frozenset()] * count
+        down = np.array([[foot not in self.phases[i].air for foot in self.feet] for i in phases], dtype=np.bool_)
+        touches = np.array([[foot in feet for foot in self.feet] for feet in landing], dtype=np.bool_)
+        return GaitGrid(np.array(durations), down, touches)
+
+
+@dataclass(frozen=True, eq=False)
+class GaitGrid:
+    """The intervals of a gait.
+
+    Attributes:
+        durations: (N,) s; 0 for an impact, which stands between a swing's last interval and the stance's first.
+        flags: (N, nc) which feet are on the ground; at an impact, which are after it.
+        touchdowns: (N, nc) which feet come down in the impact.
+    """
+
+    durations: Array
+    flags: BoolArray
+    touchdowns: BoolArray
+
+    @property
+    def times(self) -> Array:
+        """(N+1,) of the nodes, s, from 0; an impact's two nodes have the same."""
+        return np.concatenate([[0.0], np.cumsum(self.durations)])
+
+    @property
+    def flight(self) -> BoolArray:
+        """(N,) which intervals have no foot on the ground."""
+        return np.asarray(~self.flags.any(axis=1), dtype=np.bool_)
+
+    @property
+    def impacts(self) -> BoolArray:
+        """(N,) which intervals are impacts."""
+        return np.asarray(self.touchdowns.any(axis=1), dtype=np.bool_)

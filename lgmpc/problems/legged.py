@@ -1,0 +1,115 @@
+"""Walking, trotting and jumping robots: full-body problems that follow from a gait and a motion of the base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import Trajectory
+from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
+from lgmpc.problems.gait import Gait
+from lgmpc.problems.kinematics import contact_positions
+from lgmpc.problems.legged_figures import LeggedFigures
+from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
+from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings
+from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["build_gait", "build_jump", "build_legged"]
+
+
+def build_gait(robot: Robot, settings: GaitSettings | None = None) -> Scenario:
+    """Return the problem of a robot that goes at a commanded velocity. Figures: :class:`LeggedFigures`.
+
+    Raises:
+        InputError: as :func:`build_legged`, or a ramp longer than half of the time in which feet swing.
+    """
+    s = GaitSettings() if settings is None else settings
+    _check_feet(robot)
+    gait = s.gait(robot)
+    stop = gait.duration - s.settle
+    path = BasePath.walking(s.velocity, s.yaw_rate, s.settle, stop, s.ramp)
+    return build_legged(s.pattern if isinstance(s.pattern, str) else "gait", robot, gait, path, s.common)
+
+
+def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
+    """Return the problem of a robot that jumps. Figures: :class:`LeggedFigures`.
+
+    Raises:
+        InputError: as :func:`build_legged`.
+    """
+    s = JumpSettings() if settings is None else settings
+    _check_feet(robot)
+    leap = BaseLeap(np.array(s.displacement), s.yaw, s.takeoff, s.takeoff + s.flight, LeggedScale.of(robot).gravity)
+    return build_legged("jump", robot, s.gait(robot), leap, s.common)
+
+
+def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
+    """Return the problem of any gait along any motion of the base.
+
+    The guess is the reference itself: the posture carried along, and the torques that hold it at rest.
+
+    Args:
+        name: a C identifier.
+        robot: stands in its reference posture at first.
+        gait: of all its contact frames, with every foot on the ground at beginning and end.
+        motion: of its base.
+        settings: see there.
+
+    Raises:
+        InputError: a robot without free base or feet, or a gait that does not fit.
+    """
+    _check_feet(robot)
+    if gait.feet != robot.contact_frames:
+        raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
+    grid = gait.grid(settings.step)
+    start = contact_positions(robot, robot.x_reference[None])[0]
+    steps = Footsteps.plan(gait, motion, start, robot.q_reference[:3])
+    reference = _reference(robot, motion, grid.times)
+    problem = legged_problem(robot, grid, reference, steps.positions(grid.times), settings)
+    figures = LeggedFigures(robot, grid, steps, motion, settings.friction)
+
+    def measure(trajectory: Trajectory) -> Mapping[str, float]:
+        return figures.measure(trajectory)
+
+    return Scenario(
+        name=name,
+        robot=robot,
+        problem=problem,
+        guess=Trajectory(reference, carrying_efforts(robot, grid)),
+        durations=grid.durations,
+        figures=measure,
+        contact_flags=grid.flags,
+        contact_forces=figures.forces,
+        waypoints=_waypoints(gait, steps),
+        friction=settings.friction,
+    )
+
+
+def _check_feet(robot: Robot) -> None:
+    if not (robot.floating_base and robot.nc):
+        raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
+
+
+def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
+    """Return (N+1, nx) the reference posture carried along."""
+    states = np.tile(robot.x_reference, (len(times), 1))
+    position, turn = robot.q_reference[:3], np.asarray(pin.Quaternion(robot.q_reference[3:7]).matrix())
+    for x, moved, velocity in zip(states, motion.placements(times), motion.velocities(times), strict=True):
+        x[:3] = position + moved[:3, 3]
+        x[3:7] = pin.Quaternion(moved[:3, :3] @ turn).coeffs()
+        x[robot.nq : robot.nq + 6] = np.concatenate([velocity[:3] @ turn, velocity[3:] @ turn])
+    return states
+
+
+def _waypoints(gait: Gait, steps: Footsteps) -> tuple[Waypoint, ...]:
+    marks = [
+        Waypoint(f"{foot}, step {i + 1}", swing.touchdown, swing.end)
+        for foot, swings in zip(gait.feet, steps.swings, strict=True)
+        for i, swing in enumerate(swings)
+    ]
+    return tuple(sorted(marks, key=lambda mark: mark.time))

@@ -1,0 +1,208 @@
+"""What a legged motion is judged by: Pinocchio recomputes it from states and torques."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.ocp import Trajectory
+from lgmpc.problems.footsteps import BaseMotion, Footsteps
+from lgmpc.problems.gait import GaitGrid
+from lgmpc.problems.kinematics import com_positions, contact_positions
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["LeggedFigures"]
+
+
+@dataclass(frozen=True, eq=False)
+class LeggedFigures:
+    """Measures a robot's motion in a gait.
+
+    Attributes:
+        robot: whose motion.
+        grid: its intervals.
+        steps: where its feet are meant to be.
+        motion: of its base, as commanded.
+        friction: coefficient of the ground.
+    """
+
+    robot: Robot
+    grid: GaitGrid
+    steps: Footsteps
+    motion: BaseMotion
+    friction: float
+
+    def measure(self, trajectory: Trajectory) -> dict[str, float]:
+        """Return all figures by name; the unit is the end of the name.
+
+        forward_distance_m, goal_error_m, goal_rotation_deg: of the base at the end, from its start and its goal.
+        final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. com_rise_m:
+        highest centre of mass above its first. swing_height_m: apex of the lowest swing above its line.
+        foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: of feet
+        that come down. slip_m: largest way of a foot on the ground from where it came down. friction_ratio: largest
+        tangential force over what friction allows; normal_force_n: the smallest; peak_force_n: the largest.
+        impact_cone_violation_ns: of impulses beyond friction, or that pull. effort_ratio, joint_speed_ratio: largest,
+        over the limits. joint_range_violation_rad: beyond the limits. dynamics_misfit_ratio: what the forces leave of
+        the equations of motion, over the weight. flight_com_error_m, flight_spin_ratio: see :meth:`flight`.
+        """
+        robot, grid, xs = self.robot, self.grid, trajectory.xs
+        feet, planned = contact_positions(robot, xs), self.steps.positions(grid.times)
+        forces, misfit = self.reactions(trajectory)
+        moving = ~grid.impacts
+        q, rates = xs[:, robot.joint_q], np.abs(xs[:, robot.nq :][:, robot.joint_v])
+        outside = np.maximum(robot.joint_lower - q, q - robot.joint_upper)
+        pressed = forces[grid.flags & moving[:, None]]
+        struck = forces[grid.flags & grid.impacts[:, None]]
+        raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
+        rotations = np.array([pin.Quaternion(x[3:7]).matrix() for x in xs])
+        goal, travelled = self.motion.placements(self.motion.stop), xs[-1, :3] - robot.q_reference[:3]
+        turned = goal[:3, :3].T @ rotations[-1] @ pin.Quaternion(robot.q_reference[3:7]).matrix().T
+        com = com_positions(robot, xs)[:, 2]
+        com_error, spin = self.flight(xs)
+        return {
+            "forward_distance_m": float(travelled[0]),
+            "goal_error_m": float(np.linalg.norm(travelled - goal[:3, 3])),
+            "goal_rotation_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
+            "final_speed_m_s": float(np.linalg.norm(self._com_velocity(xs[-1]))),
+            "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0)).max())),
+            "com_rise_m": float(com.max() - com[0]),
+            "swing_height_m": self._swing_height(feet),
+            "foot_height_error_m": float(raised.max(initial=0.0)),
+            "foothold_error_m": self._foothold_error(feet),
+            "touchdown_speed_m_s": self._touchdown_speed(xs),
+            "slip_m": self._slip(feet),
+            "friction_ratio": float(_friction_use(pressed, self.friction).max(initial=0.0)),
+            "normal_force_n": float(pressed[:, 2].min(initial=np.inf)),
+            "peak_force_n": float(pressed[:, 2].max(initial=0.0)),
+            "impact_cone_violation_ns": float(_outside_cone(struck, self.friction).max(initial=0.0)),
+            "effort_ratio": float((np.abs(trajectory.us[moving]) / robot.effort_limit).max()),
+            "joint_speed_ratio": float((rates / robot.velocity_limit).max()),
+            "joint_range_violation_rad": float(max(outside.max(), 0.0)),
+            "dynamics_misfit_ratio": misfit,
+            "flight_com_error_m": com_error,
+            "flight_spin_ratio": spin,
+        }
+
+    def forces(self, trajectory: Trajectory) -> Array:
+        """Return (N, nc, 3) the forces on the feet, world axes, N; zero over an impact, which has impulses."""
+        forces, _ = self.reactions(trajectory)
+        forces[self.grid.impacts] = 0.0
+        return forces
+
+    def reactions(self, trajectory: Trajectory) -> tuple[Array, float]:
+        """Return forces, at impacts impulses, (N, nc, 3), and what they leave of the equations of motion.
+
+        They follow from the change of velocity, ``J^T f = rnea(q, v, dv / h) - [0; u]`` or at an impact
+        ``J^T f = M dv``: more equations than forces, so that what is left says whether the motion is one. It is given
+        over the weight; at impacts over the momentum that weight gives within a second.
+        """
+        robot, grid = self.robot, self.grid
+        model, data, nq = robot.model, robot.create_data(), robot.nq
+        found, misfit = np.zeros((len(grid.durations), robot.nc, 3)), 0.0
+        for k, (h, x, after) in enumerate(zip(grid.durations, trajectory.xs, trajectory.xs[1:], strict=False)):
+            q, v, dv = x[:nq], x[nq:], after[nq:] - x[nq:]
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacements(model, data)
+            if grid.impacts[k]:
+                needed = pin.rnea(model, data, q, np.zeros_like(v), dv) - pin.rnea(model, data, q, 0.0 * v, 0.0 * v)
+            else:
+                needed = pin.rnea(model, data, q, v, dv / h)
+                needed[robot.joint_v] -= trajectory.us[k]
+            jacobians = [
+                pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+                for frame, down in zip(robot.contact_ids, grid.flags[k], strict=True)
+                if down
+            ]
+            if jacobians:
+                rows = np.vstack(jacobians)
+                solved = np.linalg.lstsq(rows.T, needed, rcond=None)[0]
+                found[k, grid.flags[k]] = solved.reshape(-1, 3)
+                needed = needed - rows.T @ solved
+            misfit = max(misfit, float(np.abs(needed).max()))
+        return found, misfit / (robot.mass * float(np.linalg.norm(robot.gravity)))
+
+    def flight(self, xs: Array) -> tuple[float, float]:
+        """Return how far a flight without any contact is from what mechanics allows; zeros if there is none.
+
+        The centre of mass's distance from the parabola through take-off and landing, m, and the change of the angular
+        momentum about it, over that of a turn in the flight's time. Both are errors of the integrator, of first order
+        in the intervals' length.
+        """
+        robot, times = self.robot, self.grid.times
+        model, data = robot.model, robot.create_data()
+        com, spin = com_positions(robot, xs), np.empty((len(xs), 3))
+        for row, x in zip(spin, xs, strict=True):
+            row[:] = pin.computeCentroidalMomentum(model, data, x[: robot.nq], x[robot.nq :]).angular
+        pin.ccrba(model, data, robot.q_reference, np.zeros(robot.nv))
+        inertia = float(np.linalg.eigvalsh(data.Ig.inertia).max())
+        worst = [0.0, 0.0]
+        for first, last in _runs(self.grid.flight):
+            nodes = np.arange(first, last + 1)
+            t, whole = times[nodes] - times[first], times[last] - times[first]
+            chord = com[first] + (t / whole)[:, None] * (com[last] - com[first])
+            parabola = chord - (t * (whole - t) / 2)[:, None] * robot.gravity
+            away = np.linalg.norm(com[nodes] - parabola, axis=1).max()
+            change = np.linalg.norm(spin[nodes] - spin[first], axis=1).max()
+            worst = [max(worst[0], float(away)), max(worst[1], float(change) * whole / (2 * math.pi * inertia))]
+        return worst[0], worst[1]
+
+    def _swing_height(self, feet: Array) -> float:
+        """Return the apex of the lowest swing above the straight line between its ends."""
+        apexes = []
+        for i, down in enumerate(self.grid.flags.T):
+            for first, last in _runs(~down):
+                fraction = (self.grid.times[first : last + 1] - self.grid.times[first])[:, None]
+                line = feet[first, i] + fraction / fraction[-1] * (feet[last, i] - feet[first, i])
+                apexes.append(float((feet[first : last + 1, i] - line)[:, 2].max()))
+        return min(apexes, default=0.0)
+
+    def _foothold_error(self, feet: Array) -> float:
+        planned = self.steps.positions(self.grid.times)[:-1]
+        return float(np.linalg.norm((feet[:-1] - planned)[self.grid.touchdowns], axis=1).max(initial=0.0))
+
+    def _touchdown_speed(self, xs: Array) -> float:
+        robot, fastest = self.robot, 0.0
+        model, data = robot.model, robot.create_data()
+        for k in np.flatnonzero(self.grid.impacts):
+            pin.forwardKinematics(model, data, xs[k, : robot.nq], xs[k, robot.nq :])
+            for i in np.flatnonzero(self.grid.touchdowns[k]):
+                velocity = pin.getFrameVelocity(model, data, robot.contact_ids[i], pin.LOCAL)
+                fastest = max(fastest, float(np.linalg.norm(velocity.linear)))
+        return fastest
+
+    def _slip(self, feet: Array) -> float:
+        """Return how far any foot gets, while it is on the ground, from where it came down."""
+        slip = 0.0
+        for i, down in enumerate(self.grid.flags.T):
+            for first, last in _runs(down):
+                slip = max(slip, float(np.linalg.norm(feet[first : last + 1, i] - feet[first, i], axis=1).max()))
+        return slip
+
+    def _com_velocity(self, x: Array) -> Array:
+        robot, data = self.robot, self.robot.create_data()
+        pin.centerOfMass(robot.model, data, x[: robot.nq], x[robot.nq :])
+        return np.array(data.vcom[0])
+
+
+def _runs(flags: BoolArray) -> list[tuple[int, int]]:
+    """Return the first and the last node of each run of intervals whose flag is set."""
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def _friction_use(forces: Array, friction: float) -> Array:
+    """Return (n,) tangential forces over what friction allows; infinite where the ground would have to pull."""
+    tangential, allowed = np.linalg.norm(forces[:, :2], axis=1), friction * forces[:, 2]
+    use: Array = np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)
+    return use
+
+
+def _outside_cone(forces: Array, friction: float) -> Array:
+    """Return (n,) by how much forces leave the friction cone, or pull."""
+    beyond = np.linalg.norm(forces[:, :2], axis=1) - friction * forces[:, 2]
+    outside: Array = np.maximum(np.maximum(beyond, -forces[:, 2]), 0.0)
+    return outside

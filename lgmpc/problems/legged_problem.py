@@ -1,0 +1,212 @@
+"""The optimal control problem of a gait: two actions, contact dynamics and impact, and what they have at each node.
+
+Every interval has the same action, contact forward dynamics whose flags are parameters, and every touchdown is an
+impact after which no foot on the ground moves. The impact's costs draw feet to their footholds and their speed to zero;
+so little is left of the impact, yet what is left obeys mechanics instead of being lost.
+
+On the ground, contacts have the damping 1 / h and a stiffness of a quarter of 1 / h^2, h being the interval's length.
+With the damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and
+creep by a sum of these; the stiffness halves what is left of it with each interval. (With 1 / h^2 the place at the end,
+``p + h (v + h a)``, would be the one that is held, exactly, but forces jump from interval to interval to hold it.)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
+from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
+from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
+from lgmpc.ocp import ShootingProblem
+from lgmpc.problems.gait import GaitGrid
+from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["LeggedScale", "carrying_efforts", "legged_problem"]
+
+_FACETS = 8
+
+
+@dataclass(frozen=True)
+class LeggedScale:
+    """A robot's mass, leg length and gravity, and the units that follow from them.
+
+    Robots of different size that move alike have equal Froude numbers, and equal motions in these units (Alexander,
+    "The gaits of bipedal and quadrupedal animals", Int. J. Robot. Res. 3, 1984).
+
+    Attributes:
+        mass: kg.
+        length: height of the base above the feet in the reference posture, m.
+        gravity: m/s2.
+    """
+
+    mass: float
+    length: float
+    gravity: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> LeggedScale:
+        """Measure a robot."""
+        model, data = robot.model, robot.create_data()
+        pin.framesForwardKinematics(model, data, robot.q_reference)
+        feet = np.mean([data.oMf[i].translation[2] for i in robot.contact_ids])
+        return cls(robot.mass, float(robot.q_reference[2] - feet), float(np.linalg.norm(robot.gravity)))
+
+    @property
+    def force(self) -> float:
+        """The weight, N."""
+        return self.mass * self.gravity
+
+    @property
+    def torque(self) -> float:
+        """N.m."""
+        return self.force * self.length
+
+    @property
+    def time(self) -> float:
+        """In which a pendulum as long as the legs swings by a radian, s."""
+        return math.sqrt(self.length / self.gravity)
+
+    @property
+    def speed(self) -> float:
+        """m/s."""
+        return self.length / self.time
+
+    @property
+    def impulse(self) -> float:
+        """N.s."""
+        return self.mass * self.speed
+
+
+def legged_problem(
+    robot: Robot, grid: GaitGrid, reference: Array, places: Array, settings: LeggedSettings
+) -> ShootingProblem:
+    """Return the problem.
+
+    Args:
+        robot: with free base and feet; stands in its reference posture at first.
+        grid: the intervals (N).
+        reference: (N+1, nx) states to stay near.
+        places: (N+1, nc, 3) where the feet are meant to be, world, m.
+        settings: see there.
+    """
+    scale, w = LeggedScale.of(robot), settings.weights
+    dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
+    deviation = StateError(dynamics.state, robot.x_reference)
+    rate, state = 1.0 / scale.time, _state_weights(robot, scale, w)
+    friction = settings.friction * (1.0 - settings.friction_margin)
+    move = MultibodyAction(
+        "legged_move",
+        dynamics,
+        [
+            CostItem("posture", deviation, rate * state),
+            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), QuadraticBarrier(*_room(robot))),
+            CostItem("effort", Control(robot.nu), rate * w.effort / scale.torque**2),
+            *_cones(robot, friction, rate * w.friction / scale.force**2),
+            *_feet(robot, rate * w.swing / scale.length**2),
+        ],
+        [ConstraintItem("torque", Control(robot.nu), -robot.effort_limit, robot.effort_limit)],
+    )
+    stop = np.repeat([w.touchdown / scale.speed**2, 0.0], 3)
+    impact = ImpulseAction(
+        "legged_impact",
+        robot.model,
+        robot.contact_frames,
+        [
+            *_cones(robot, friction, w.friction / scale.impulse**2),
+            *_feet(robot, w.foothold / scale.length**2),
+            *(
+                CostItem(f"speed_{i}", FrameVelocity(foot, pin.LOCAL_WORLD_ALIGNED), stop)
+                for i, foot in enumerate(robot.contact_frames)
+            ),
+        ],
+    )
+    problem = ShootingProblem([impact if hit else move for hit in grid.impacts], terminal=move)
+    problem.set_initial_state(robot.x_reference)
+    moving, last = np.flatnonzero(~grid.impacts).tolist(), problem.nodes
+
+    h = grid.durations[moving]
+    problem.set("duration", h[:, None], moving)
+    problem.set("contact_gains", np.column_stack([0.25 / h**2, 1.0 / h]), moving)
+    problem.set("contact_flags", grid.flags.astype(np.float64), range(last))
+    problem.set("contact_points", places[moving].reshape(len(moving), -1), moving)
+    problem.set("posture_reference", reference[[*moving, last]], [*moving, last])
+    problem.set("posture_weight", w.terminal * state, [last])
+    problem.set("effort_reference", carrying_efforts(robot, grid)[moving], moving)
+    pressed = np.zeros(_FACETS + 1)
+    pressed[-1] = settings.least_force * scale.force
+    for i in range(robot.nc):
+        problem.set(f"foot_{i}_reference", places[:, i])
+        problem.set(f"cone_{i}_lower", np.outer(grid.flags[moving, i], pressed), moving)
+        problem.set(f"foot_{i}_weight", 0.0, [*np.flatnonzero(grid.flags[:, i] & ~grid.impacts).tolist(), last])
+        others = np.flatnonzero(grid.impacts & ~grid.touchdowns[:, i]).tolist()
+        for item in ("foot", "speed"):
+            problem.set(f"{item}_{i}_weight", 0.0, others)
+    return problem
+
+
+def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
+    """Return (N, nu) the torques that hold the reference posture on the feet on the ground, as nearly as they can.
+
+    None in flight and at impacts.
+    """
+    known: dict[bytes, Array] = {}
+    for flags in grid.flags:
+        if flags.tobytes() not in known:
+            known[flags.tobytes()] = _carrying_effort(robot, flags)
+    efforts = np.array([known[flags.tobytes()] for flags in grid.flags])
+    efforts[grid.impacts] = 0.0
+    return efforts
+
+
+def _carrying_effort(robot: Robot, flags: BoolArray) -> Array:
+    """The contact forces are those of least squares that balance gravity on the base."""
+    if not flags.any():
+        return np.zeros(robot.nu)
+    model, data = robot.model, robot.create_data()
+    gravity = pin.computeGeneralizedGravity(model, data, robot.q_reference)
+    pin.computeJointJacobians(model, data, robot.q_reference)
+    pin.updateFramePlacements(model, data)
+    down = [frame for frame, on in zip(robot.contact_ids, flags, strict=True) if on]
+    rows = np.vstack([pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in down])
+    forces = np.linalg.lstsq(rows[:, :6].T, gravity[:6], rcond=None)[0]
+    effort: Array = (gravity - rows.T @ forces)[robot.joint_v]
+    return effort
+
+
+def _cones(robot: Robot, friction: float, weight: float) -> list[CostItem]:
+    inside = QuadraticBarrier(0.0, np.inf)
+    return [
+        CostItem(f"cone_{i}", FrictionCone(foot, _FACETS, friction), weight, inside)
+        for i, foot in enumerate(robot.contact_frames)
+    ]
+
+
+def _feet(robot: Robot, weight: float) -> list[CostItem]:
+    return [CostItem(f"foot_{i}", FrameTranslation(foot), weight) for i, foot in enumerate(robot.contact_frames)]
+
+
+def _state_weights(robot: Robot, scale: LeggedScale, w: LeggedWeights) -> Array:
+    """Return (ndx,) weights of base position, rotation, joints, and of their velocities."""
+    length, speed, turn = scale.length**-2, scale.speed**-2, scale.time**2
+    weights = (w.position * length, w.height * length, w.rotation, w.joints)
+    rates = (w.velocity * speed, w.velocity * turn, w.joint_velocity * turn)
+    return np.repeat([*weights, *rates], [2, 1, 3, robot.nu, 3, 3, robot.nu])
+
+
+def _beyond(robot: Robot, scale: LeggedScale) -> Array:
+    """Return (ndx,) units of joint positions and speeds beyond their limits, squared, inverse; the base has none."""
+    return np.repeat([0.0, 1.0, 0.0, scale.time**2], [6, robot.nu, 6, robot.nu])
+
+
+def _room(robot: Robot) -> tuple[Array, Array]:
+    """Return (ndx,) the least and the largest deviation from the reference posture at rest."""
+    free, speed, middle = np.full(6, np.inf), robot.velocity_limit, robot.q_reference[robot.joint_q]
+    lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])
+    upper = np.concatenate([free, robot.joint_upper - middle, free, speed])
+    return lower, upper

@@ -1,0 +1,140 @@
+"""Gaits: durations, orders of feet, swings that span phases, grids that end on switches."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lgmpc.errors import InputError
+from lgmpc.problems.gait import FootSwing, Gait, GaitPhase, QuadrupedFeet
+from lgmpc.robot import Robot, RobotSpec, load_robot
+
+FEET = ("FL", "FR", "HL", "HR")
+LEGS = QuadrupedFeet(*FEET)
+CYCLES = {"walk": Gait.walk, "trot": Gait.trot, "pace": Gait.pace, "bound": Gait.bound}
+
+
+def solo12() -> Robot:
+    return load_robot(
+        RobotSpec(
+            "solo12",
+            contact_frames=("HR_FOOT", "FL_FOOT", "HL_FOOT", "FR_FOOT"),
+            effort_limit=1.8,
+            velocity_limit=30.0,
+            position_limit=(-3.0, 3.0),
+        )
+    )
+
+
+@st.composite
+def gaits(draw: st.DrawFn) -> Gait:
+    """Gaits that begin and end with all feet on the ground."""
+    phase = st.builds(GaitPhase, st.floats(0.01, 0.5), st.sets(st.sampled_from(FEET)), st.floats(0.0, 0.2))
+    ends = [GaitPhase(draw(st.floats(0.01, 0.5))) for _ in range(2)]
+    return Gait(FEET, (ends[0], *draw(st.lists(phase, min_size=1, max_size=8)), ends[1]))
+
+
+@pytest.mark.parametrize("name", CYCLES)
+def test_every_foot_swings_once_a_cycle(name: str) -> None:
+    cycle = CYCLES[name](FEET, LEGS, swing=0.3, stance=0.1, height=0.05)
+    assert Counter(foot for phase in cycle.phases for foot in phase.air) == dict.fromkeys(FEET, 1)
+    assert {phase.height for phase in cycle.phases if phase.air} == {0.05}
+    groups = 4 if name == "walk" else 2
+    assert cycle.duration == pytest.approx(groups * 0.4, abs=1e-14)
+    assert (2 * cycle).duration == pytest.approx(groups * 0.8, abs=1e-14)
+
+
+def test_which_feet_move_together() -> None:
+    def order(cycle: Gait) -> list[set[str]]:
+        return [set(phase.air) for phase in cycle.phases]
+
+    given = (FEET, LEGS, 0.2, 0.0, 0.05)  # no pause between
+    assert order(Gait.walk(*given)) == [{"HL"}, {"FL"}, {"HR"}, {"FR"}]
+    assert order(Gait.trot(*given)) == [{"FL", "HR"}, {"FR", "HL"}]
+    assert order(Gait.pace(*given)) == [{"FL", "HL"}, {"FR", "HR"}]
+    assert order(Gait.bound(*given)) == [{"FL", "FR"}, {"HL", "HR"}]
+    assert order(Gait.jump(FEET, 0.3, 0.2, 0.4, 0.1)) == [set(), set(FEET), set()]
+
+
+def test_a_quadruped_s_feet_are_told_apart_by_their_places() -> None:
+    assert QuadrupedFeet.of(solo12()) == QuadrupedFeet("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+    talos = load_robot(RobotSpec("talos", contact_frames=("left_sole_link", "right_sole_link")))
+    with pytest.raises(InputError, match="four feet"):
+        QuadrupedFeet.of(talos)
+
+
+def test_a_swing_that_spans_phases() -> None:
+    gait = Gait(
+        FEET, (GaitPhase(0.1), GaitPhase(0.2, ["FL"], 0.03), GaitPhase(0.3, ["FL", "HR"], 0.05), GaitPhase(0.1))
+    )
+    (swing,) = gait.swings("FL")
+    assert swing == FootSwing("FL", pytest.approx(0.1), pytest.approx(0.6), 0.05)
+    assert gait.swings("HR")[0].liftoff == pytest.approx(0.3)
+    assert gait.swings("FR") == ()
+
+
+def test_swings_without_beginning_or_end() -> None:
+    (first,) = Gait(FEET, (GaitPhase(0.2, "FL"), GaitPhase(0.1))).swings("FL")
+    (last,) = Gait(FEET, (GaitPhase(0.1), GaitPhase(0.2, "FL"))).swings("FL")
+    assert (first.liftoff, first.touchdown) == (-math.inf, pytest.approx(0.2))
+    assert (last.liftoff, last.touchdown) == (pytest.approx(0.1), math.inf)
+
+
+@given(gaits(), st.floats(0.004, 0.06))
+def test_the_grid_ends_on_every_switch_and_agrees_with_the_schedule(gait: Gait, step: float) -> None:
+    grid, schedule = gait.grid(step), gait.schedule()
+    assert grid.durations.sum() == pytest.approx(gait.duration, abs=1e-12)
+    for switch in gait.switches:
+        assert np.abs(grid.times - switch).min() < 1e-12
+    moving = ~grid.impacts
+    middles = (grid.times[:-1] + grid.times[1:])[moving] / 2
+    np.testing.assert_array_equal(grid.flags[moving], schedule.flags(middles))
+    assert (grid.durations[moving] > 0).all() and (grid.durations[~moving] == 0).all()
+    assert grid.durations.max() <= max(1.5 * step, 1e-9)  # rounding to the nearest number of intervals
+
+
+@given(gaits())
+def test_an_impact_for_every_touchdown(gait: Gait) -> None:
+    grid = gait.grid(0.02)
+    for i, foot in enumerate(FEET):
+        hits = grid.times[:-1][grid.touchdowns[:, i]]
+        np.testing.assert_allclose(hits, [swing.touchdown for swing in gait.swings(foot)], atol=1e-12)
+    assert (grid.flags | ~grid.touchdowns).all()  # who comes down is on the ground
+    before = np.vstack([np.ones((1, 4), dtype=bool), grid.flags[:-1]])
+    assert not (before & grid.touchdowns).any()
+
+
+@given(gaits())
+def test_swings_are_those_of_the_schedule(gait: Gait) -> None:
+    schedule = gait.schedule()
+    for foot in FEET:
+        for swing in gait.swings(foot):
+            found = schedule.swing(foot, (swing.liftoff + swing.touchdown) / 2)
+            assert found is not None
+            assert (found.liftoff, found.touchdown) == pytest.approx((swing.liftoff, swing.touchdown), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: GaitPhase(0.0), "duration"),
+        (lambda: GaitPhase(math.inf), "duration"),
+        (lambda: GaitPhase(0.1, "FL", -0.1), "height"),
+        (lambda: GaitPhase(0.1, "FL", math.nan), "height"),
+        (lambda: Gait(FEET, ()), "phases"),
+        (lambda: Gait(FEET, (GaitPhase(0.1, "FX"),)), "FL"),
+        (lambda: Gait.stand(FEET, 0.1) * 0, "cycles"),
+        (lambda: Gait.stand(FEET, 0.1) + Gait.stand(("A", "B"), 0.1), "feet"),
+        (lambda: Gait.stand(FEET, 0.1).swings("FX"), "foot"),
+        (lambda: Gait.stand(FEET, 0.1).grid(0.0), "step"),
+        (lambda: Gait.trot(FEET, LEGS, 0.2, -0.1, 0.05), "duration"),
+    ],
+)
+def test_refusals(make, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()

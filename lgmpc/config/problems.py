@@ -145,6 +145,12 @@ def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, sour
     section = _section(root, outer, data)
     known = list(section.model_fields) if section else []
     near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
+    own = _tags_with(root, path, data)
+    if own is not None:
+        chooser, tags, chosen = own
+        got = f"a key that only {chooser} = {' or '.join(tags)} has (value {show_value(got)})"
+        key, where = ".".join(path), f"a key of {'.'.join(outer)} for {chooser} = {chosen}"
+        return ConfigError(source.where(key), key, got, where)
     elsewhere = [each for each in _all_keys(root) if each.rpartition(".")[2] == word]
     if elsewhere and not difflib.get_close_matches(word, known, cutoff=0.75):
         choices = elsewhere
@@ -153,6 +159,24 @@ def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, sour
     key = ".".join(path)
     where = f"a key of {'.'.join(outer)}" if outer else "a key of a config"
     return ConfigError(source.where(key), key, f"an unknown key (value {show_value(got)})", where, choices, word=key)
+
+
+def _tags_with(root: type[Section], path: list[str], data: Any) -> tuple[str, list[str], str] | None:
+    """Where other branches of a union have a key: what chooses the branch, their tags, and the one that was chosen."""
+    for depth in range(1, len(path)):
+        parent = _section(root, path[: depth - 1], data)
+        if parent is None or path[depth - 1] not in parent.model_fields:
+            return None
+        branches = list(_sections_of(parent.model_fields[path[depth - 1]].annotation))
+        rest = ".".join(path[depth:])
+        tags = [tag for each in branches if rest in _all_keys(each) for tag in _kinds(each)]
+        if len(branches) > 1 and tags:
+            here = data
+            for part in path[:depth]:
+                here = here[int(part) if isinstance(here, (list, tuple)) else part]
+            chosen = _kinds(_branch(branches, here))[0]
+            return f"{'.'.join(path[:depth])}.{_tag_key(branches[0])}", tags, chosen
+    return None
 
 
 def _all_keys(section: type[Section], prefix: str = "") -> Iterator[str]:

@@ -156,13 +156,12 @@ class WholeBodyMpc(RecedingHorizon):
             InputError: an array of the wrong shape (values are never refused).
         """
         start = time.perf_counter()
+        nq, nv = self.robot.nq, self.robot.nv
+        if np.shape(q) != (nq,) or np.shape(v) != (nv,):
+            raise InputError("measured state", f"shapes {np.shape(q)} and {np.shape(v)}", f"q ({nq},) and v ({nv},)")
         self._load(contact_flags, x_reference, q_reference, external_wrench)
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                self._measure(q, v)
-        except ValueError as error:
-            expected = f"q of shape ({self.robot.nq},), v of shape ({self.robot.nv},)"
-            raise InputError("measured state", str(error), expected) from error
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._measure(q, v)
         return self._advance(t, start)
 
     @property

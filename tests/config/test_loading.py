@@ -54,6 +54,12 @@ BAD_VALUES = [
         "plant.base_com_offset_m=[0, 1]",
         "plant.base_com_offset_m: got the list [0, 1]; expected a list of three numbers",
     ),
+    ("mpc.model=fullbody", "mpc.model: got the text 'fullbody'; expected one of centroidal, kinodynamic, full_body"),
+    ("mpc.model=", "mpc.model: got nothing (null); expected one of centroidal, kinodynamic, full_body"),
+    (
+        "mpc={model: full_body, weights: {effort: 0}}",
+        "mpc.weights.effort: got 0; expected a number greater than 0 (Joint torques",
+    ),
     ("mpc.enabled=yes", "mpc.enabled: got the text 'yes'; expected true or false"),
     ("mpc.enabled=1", "mpc.enabled: got 1; expected true or false"),
     ("mpc.nodes=2.5", "mpc.nodes: got 2.5; expected a whole number"),
@@ -103,9 +109,38 @@ UNKNOWN_KEYS = [
     ("wbc.enabled=true", "Did you mean mpc.enabled?"),
     ("friction=1", "plant.friction"),
     ("pushes.0.bodi=x", "Did you mean pushes.0.body?"),
+    ("mpc={model: full_body, weights: {efort: 1}}", "Did you mean mpc.weights.effort"),
     ("reference={kind: com_circle, radius: 1}", "Did you mean reference.radius_m"),
     ("log.zzz=1", "Did you mean log.rate_hz?"),
 ]
+
+
+KEYS_OF_OTHERS = [
+    (
+        "mpc.weights.effort=1",
+        "mpc.weights.effort: got a key that only mpc.model = full_body has (value 1); "
+        "expected a key of mpc.weights for mpc.model = centroidal",
+    ),
+    (
+        "mpc.weights={posture: 1}",
+        "mpc.weights.posture: got a key that only mpc.model = kinodynamic or full_body has (value 1); "
+        "expected a key of mpc.weights for mpc.model = centroidal",
+    ),
+    (
+        "mpc={model: full_body, uprighting_rate_hz: 1}",
+        "mpc.uprighting_rate_hz: got a key that only mpc.model = centroidal has (value 1); "
+        "expected a key of mpc for mpc.model = full_body",
+    ),
+    (
+        "reference={kind: stand, radius_m: 1}",
+        "reference.radius_m: got a key that only reference.kind = com_circle has (value 1)",
+    ),
+]
+
+
+@pytest.mark.parametrize(("override", "expected"), KEYS_OF_OTHERS, ids=[each[0] for each in KEYS_OF_OTHERS])
+def test_keys_that_another_choice_has_say_which(small: str, override: str, expected: str) -> None:
+    assert expected in message(small, override)
 
 
 @pytest.mark.parametrize(("override", "expected"), UNKNOWN_KEYS, ids=[each[0] for each in UNKNOWN_KEYS])

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lgmpc.mpc import CentroidalMpc, CentroidalPlan
+from lgmpc.lie import quaternion, so3
+from lgmpc.mpc import CentroidalMpc, CentroidalPlan, PosturePlan
 from lgmpc.mpc.centroidal import CentroidalMpc as Mpc
 
 MASS = 2.5
@@ -56,3 +57,17 @@ def test_outside_the_horizon_its_ends_hold(planned: tuple[Mpc, CentroidalPlan]) 
     np.testing.assert_array_equal(plan.sample(0.0).forces, plan.first_forces)
     np.testing.assert_allclose(plan.sample(9.0).com, plan.xs[-1, :3], atol=1e-12)
     np.testing.assert_array_equal(plan.sample(9.0).forces, plan.forces[-1])
+
+
+def test_posture_moves_along_geodesics_between_nodes() -> None:
+    turn, joints = np.array([0.3, -0.2, 0.5]), np.array([0.1, -0.4])
+    qs = np.array([np.r_[0, 0, 0.2, quaternion.exp(k * turn), k * joints] for k in range(3)])
+    vs = np.array([np.r_[np.zeros(3), k * turn, k * joints] for k in range(3)])
+    plan = PosturePlan(1.0, 0.1, qs, vs)
+    times = np.array([0.5, 1.0, 1.025, 1.1, 1.17, 1.2, 9.0])
+    share = np.clip((times - 1.0) / 0.1, 0.0, 2.0)
+    sample = plan.sample_at(times)
+    np.testing.assert_allclose(sample.base_rotation, so3.exp(share[:, None] * turn), atol=1e-12)
+    np.testing.assert_allclose(sample.base_angular_velocity, share[:, None] * turn, atol=1e-12)
+    np.testing.assert_allclose(sample.joint_position, share[:, None] * joints, atol=1e-12)
+    np.testing.assert_allclose(sample.joint_velocity, share[:, None] * joints, atol=1e-12)

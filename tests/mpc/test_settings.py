@@ -5,7 +5,7 @@ import math
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.mpc import CentroidalMpcSettings, CentroidalWeights
+from lgmpc.mpc import CentroidalMpcSettings, CentroidalWeights, FullBodyWeights, KinodynamicWeights
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,16 @@ def test_settings_refuse_what_cannot_be_used(change: dict[str, object], message:
 def test_weights_refuse_what_makes_no_sense(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         CentroidalWeights(**change)
+
+
+def test_every_model_s_controls_need_a_weight() -> None:
+    with pytest.raises(InputError, match="weights.effort: got 0.0; expected positive numbers"):
+        FullBodyWeights(effort=0.0)
+    with pytest.raises(InputError, match="weights.joint_velocity: got 0; expected positive numbers"):
+        KinodynamicWeights(joint_velocity=0)
+    assert FullBodyWeights(force=0.0, joint_velocity=0.0).state() == FullBodyWeights().state()
+    with pytest.raises(InputError, match="weights.posture: got -1; expected a finite non-negative"):
+        FullBodyWeights(posture=-1)
 
 
 def test_weights_are_for_all_axes_or_one_each() -> None:

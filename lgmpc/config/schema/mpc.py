@@ -71,6 +71,9 @@ class _MpcSection(Section):
     node_s: Annotated[Positive, Field(le=1.0)] = Field(
         default=0.02, description="Length of each interval, s, at most 1."
     )
+    qp_solver: Literal["riccati", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
+        default="riccati", description="Solver of each quadratic programme."
+    )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )
@@ -94,9 +97,6 @@ class CentroidalMpcSection(_MpcSection):
     """Model-predictive control of the momenta by contact forces over a receding horizon."""
 
     model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
-    qp_solver: Literal["riccati", "osqp", "piqp", "proxqp"] = Field(
-        default="riccati", description="Solver of each quadratic programme."
-    )
     uprighting_rate_hz: NonNegative = Field(
         default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
@@ -107,9 +107,6 @@ class _WholeBodyMpcSection(_MpcSection):
     """What models that know base and joints have."""
 
     rate_hz: Positive = Field(default=50.0, description="Updates per second, Hz.")
-    qp_solver: Literal["piqp_multistage", "piqp"] = Field(
-        default="piqp_multistage", description="Solver of each quadratic programme."
-    )
 
 
 class KinodynamicMpcSection(_WholeBodyMpcSection):

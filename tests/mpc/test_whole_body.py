@@ -1,0 +1,266 @@
+"""Full-body and kinodynamic MPC: what both promise, on Solo12 standing."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.errors import InputError
+from lgmpc.mpc import (
+    CentroidalPlan,
+    FullBodyMpc,
+    FullBodyMpcSettings,
+    KinodynamicMpc,
+    KinodynamicMpcSettings,
+    MpcStatus,
+    WholeBodyMpc,
+)
+from lgmpc.mpc.full_body import holding_efforts
+from lgmpc.mpc.whole_body import contact_point_model
+from lgmpc.robot import Robot, RobotSpec, load_robot
+
+FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+MODELS = ("full_body", "kinodynamic")
+STANCE = np.ones(4)
+
+
+@lru_cache
+def solo() -> Robot:
+    spec = RobotSpec(
+        model="solo12", contact_frames=FEET, contact_radius=0.016, effort_limit=1.8, velocity_limit=30.0,
+        position_limit=(-2.8, 2.8), armature=3.6e-4, posture="standing",
+    )  # fmt: skip
+    return load_robot(spec)
+
+
+@lru_cache
+def made(model: str) -> WholeBodyMpc:
+    if model == "full_body":
+        return FullBodyMpc(solo(), FullBodyMpcSettings(facets=12))
+    return KinodynamicMpc(solo(), KinodynamicMpcSettings(facets=12))
+
+
+@pytest.fixture(params=MODELS)
+def mpc(request: pytest.FixtureRequest) -> WholeBodyMpc:
+    """One of the models, as new."""
+    found = made(request.param)
+    found.reset()
+    found.friction = 0.6
+    return found
+
+
+def standing() -> np.ndarray:
+    com = pin.centerOfMass(solo().model, solo().create_data(), solo().q_reference)
+    return np.concatenate([com, np.zeros(6)])
+
+
+def update(mpc: WholeBodyMpc, t: float = 0.0, v: np.ndarray | None = None, **change: object) -> CentroidalPlan:
+    inputs = {
+        "q": solo().q_reference,
+        "v": np.zeros(18) if v is None else v,
+        "contact_flags": STANCE,
+        "x_reference": standing(),
+        "q_reference": solo().q_reference,
+        "external_wrench": None,
+    }
+    return mpc.update(t, **{**inputs, **change})
+
+
+def pushed(speed: float) -> np.ndarray:
+    """The base moves along x and y, the joints so that the feet stay."""
+    model, names = contact_point_model(solo())
+    data = model.createData()
+    pin.computeJointJacobians(model, data, solo().q_reference)
+    pin.updateFramePlacements(model, data)
+    feet = [pin.getFrameJacobian(model, data, model.getFrameId(n), pin.LOCAL_WORLD_ALIGNED)[:3] for n in names]
+    jacobian, base = np.vstack(feet), np.array([speed, speed, 0.0, 0.0, 0.0, 0.0])
+    return np.concatenate([base, -np.linalg.solve(jacobian[:, 6:], jacobian[:, :6] @ base)])
+
+
+def test_standing_still_needs_the_weight_and_no_motion(mpc: WholeBodyMpc) -> None:
+    plan = update(mpc)
+    assert plan.status is MpcStatus.SOLVED
+    np.testing.assert_allclose(plan.forces.sum(axis=1), np.tile([0.0, 0.0, solo().mass * 9.81], (20, 1)), atol=1e-4)
+    np.testing.assert_allclose(plan.xs, np.tile(standing(), (21, 1)), atol=1e-5)
+    assert plan.posture is not None
+    np.testing.assert_allclose(plan.posture.qs, np.tile(solo().q_reference, (21, 1)), atol=1e-4)
+
+
+def test_the_plan_begins_with_the_measured_momentum_and_obeys_newton(mpc: WholeBodyMpc) -> None:
+    rng = np.random.default_rng(0)
+    q = pin.integrate(solo().model, solo().q_reference, rng.uniform(-0.03, 0.03, 18))
+    v = 0.2 * rng.standard_normal(18)
+    wrench = np.array([4.0, -2.0, 1.0, 0.1, 0.0, 0.05])
+    for i in range(4):  # iterations at the same time and state
+        plan = update(mpc, 0.0, v, q=q, external_wrench=wrench)
+        assert plan.status is MpcStatus.SOLVED, i
+    data = solo().create_data()
+    momentum = pin.computeCentroidalMomentum(solo().model, data, q, v).vector
+    np.testing.assert_allclose(plan.xs[0], np.r_[data.com[0], momentum], atol=1e-9)
+    gained = np.diff(plan.xs[:, 3:6], axis=0) / plan.node_duration
+    expected = plan.forces.sum(axis=1) + solo().mass * solo().gravity + wrench[:3]
+    # Kinodynamics integrate the momentum exactly; full-body dynamics integrate velocities, to first order.
+    np.testing.assert_allclose(gained, expected, atol=1e-6 if isinstance(mpc, KinodynamicMpc) else 1.0)
+
+
+def test_known_wrench_is_met_at_once(mpc: WholeBodyMpc) -> None:
+    plan = update(mpc, external_wrench=np.array([0.0, 8.0, 0.0, 0.0, 0.0, 0.0]))
+    assert plan.first_forces[:, 1].sum() == pytest.approx(-8.0, rel=0.05)
+    assert np.abs(plan.xs[:, 1] - standing()[1]).max() < 1e-3
+
+
+def test_forces_do_not_slip_when_pushed(mpc: WholeBodyMpc) -> None:
+    mpc.friction = 0.45
+    for i in range(5):
+        plan = update(mpc, 0.0, pushed(0.3))
+        assert plan.status is MpcStatus.SOLVED, i
+    slip = np.linalg.norm(plan.forces[..., :2], axis=-1) - 0.45 * plan.forces[..., 2]
+    assert -0.2 < slip.max() < 0.01  # friction is used to its limit
+    assert plan.forces[..., 2].min() == pytest.approx(0.5, abs=0.01)  # and a foot unloaded to its
+
+
+def test_torques_keep_their_limits_when_pushed_hard() -> None:
+    mpc = made("full_body")
+    mpc.reset()
+    mpc.friction = 0.6
+    for i in range(4):
+        plan = update(mpc, 0.0, pushed(0.5))
+        assert plan.status is MpcStatus.SOLVED, i
+    assert np.abs(mpc.solver.us).max() == pytest.approx(1.8, abs=1e-5)  # they are needed
+
+
+def test_foot_in_the_air_has_exactly_no_force(mpc: WholeBodyMpc) -> None:
+    flags = np.ones((20, 4))
+    flags[5:12, 2] = 0.0
+    for _ in range(3):
+        plan = update(mpc, contact_flags=flags)
+        assert plan.status is MpcStatus.SOLVED
+    assert (plan.forces[5:12, 2] == 0.0).all()
+    assert (np.delete(plan.forces, 2, axis=1)[5:12, :, 2] > 0.4).all()
+    assert plan.forces[:5, 2, 2].min() > 0.4 and plan.forces[12:, 2, 2].min() > 0.4
+
+
+def test_references_are_followed(mpc: WholeBodyMpc) -> None:
+    reference = np.tile(standing(), (21, 1))
+    reference[:, 1] += np.linspace(0.0, 0.03, 21)
+    reference[1:, 4] = solo().mass * 0.03 / 0.4
+    for _ in range(3):
+        plan = update(mpc, x_reference=reference)
+    np.testing.assert_allclose(plan.xs[5:, 1], reference[5:, 1], atol=2e-3)
+
+
+def test_same_inputs_give_the_same_bits(mpc: WholeBodyMpc) -> None:
+    def trace() -> np.ndarray:
+        mpc.reset()
+        return np.array([update(mpc, 0.02 * i, pushed(0.3 / (i + 1))).forces for i in range(4)])
+
+    np.testing.assert_array_equal(trace(), trace())
+
+
+@pytest.mark.parametrize("broken", ["q", "v", "external_wrench", "x_reference", "contact_flags", "time"])
+def test_not_finite_input_keeps_the_last_plan(mpc: WholeBodyMpc, broken: str, caplog: pytest.LogCaptureFixture) -> None:
+    good = update(mpc, 0.0, pushed(0.1))
+    whole = {"q": solo().q_reference, "v": np.zeros(18), "external_wrench": np.zeros(6), "x_reference": standing()}
+    t, change = 0.02, {}
+    if broken == "time":
+        t = math.nan
+    else:
+        value = np.array({**whole, "contact_flags": STANCE}[broken])
+        value.flat[1] = math.nan
+        change = {broken: value}
+    with caplog.at_level(logging.WARNING):
+        plans = [update(mpc, t, **{"v": np.zeros(18), **change}) for _ in range(7)]
+    assert [plan.status for plan in plans] == [MpcStatus.NOT_FINITE] * 5 + [MpcStatus.STALE] * 2
+    for plan in plans:
+        assert plan.time == good.time
+        np.testing.assert_array_equal(plan.forces, good.forces)
+        assert plan.posture is good.posture
+    assert mpc.failures == 7 and len(caplog.records) == 1
+    recovered = update(mpc, 0.2)
+    assert recovered.status is MpcStatus.SOLVED and recovered.time == 0.2 and mpc.failures_in_a_row == 0
+
+
+def test_before_any_success_it_stands(mpc: WholeBodyMpc) -> None:
+    plan = update(mpc, 0.3, np.full(18, np.nan), contact_flags=[1.0, 0.0, 1.0, 1.0])
+    assert plan.status is MpcStatus.NOT_FINITE
+    np.testing.assert_allclose(plan.first_forces[:, 2], solo().mass * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
+    assert plan.posture is not None
+    sample = plan.posture.sample_at(np.array([0.3, 0.5]))
+    np.testing.assert_allclose(sample.base_rotation, np.tile(np.eye(3), (2, 1, 1)), atol=1e-12)
+    with pytest.raises(ValueError, match="read-only"):
+        plan.posture.qs[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("speed", [1e2, 1e200])
+def test_absurd_states_end_in_a_status(mpc: WholeBodyMpc, speed: float) -> None:
+    update(mpc)
+    for i in range(3):
+        plan = update(mpc, 0.02 * (i + 1), speed * np.ones(18))
+        assert np.isfinite(plan.xs).all() and np.isfinite(plan.forces).all()
+    back = [update(mpc, 0.1 + 0.02 * i) for i in range(8)]
+    assert back[-1].status.fresh
+    assert back[-1].first_forces[:, 2].sum() == pytest.approx(solo().mass * 9.81, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"contact_flags": np.ones(3)},
+        {"contact_flags": np.ones((19, 4))},
+        {"x_reference": np.zeros(6)},
+        {"x_reference": np.zeros((20, 9))},
+        {"q_reference": np.zeros(18)},
+        {"external_wrench": np.zeros(3)},
+    ],
+)
+def test_wrong_shapes_are_named(mpc: WholeBodyMpc, change: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected contact_flags \(4,\)"):
+        update(mpc, **change)
+
+
+def test_wrong_measured_state_is_named(mpc: WholeBodyMpc) -> None:
+    with pytest.raises(InputError, match=r"measured state: got shapes \(18,\) and \(18,\); expected q \(19,\)"):
+        update(mpc, q=np.zeros(18))
+    with pytest.raises(InputError, match=r"measured state: .* and v \(18,\)"):
+        update(mpc, v=np.zeros(19))
+
+
+def test_update_fits_its_period(mpc: WholeBodyMpc) -> None:
+    if not mpc.solver.compiled:
+        pytest.skip("interpreted")
+    v, times = pushed(1e-3), []
+    for i in range(30):
+        start = time.process_time()  # others may be using the machine
+        update(mpc, 0.02 * i, v)
+        times.append(time.process_time() - start)
+    assert np.median(times) < 0.02  # 3 ms on an idle machine
+
+
+def test_contact_points_are_where_the_soles_are() -> None:
+    model, names = contact_point_model(solo())
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, solo().q_reference)
+    for name, frame in zip(names, solo().contact_ids, strict=True):
+        point, foot = (data.oMf[i].translation for i in (model.getFrameId(name), frame))
+        np.testing.assert_allclose(foot - point, [0.0, 0.0, 0.016], atol=1e-12)
+        assert point[2] == pytest.approx(0.0, abs=1e-9)
+    assert len(solo().model.frames) == len(model.frames) - 4  # the robot's own model is left alone
+
+
+def test_holding_efforts_hold() -> None:
+    model, names = contact_point_model(solo())
+    data, q = model.createData(), solo().q_reference
+    efforts = holding_efforts(model, names, q)
+    pin.computeAllTerms(model, data, q, np.zeros(18))
+    pin.updateFramePlacements(model, data)
+    jacobian = np.vstack(
+        [pin.getFrameJacobian(model, data, model.getFrameId(n), pin.LOCAL_WORLD_ALIGNED)[:3] for n in names]
+    )
+    a = pin.forwardDynamics(model, data, q, np.zeros(18), np.r_[np.zeros(6), efforts], jacobian, np.zeros(12), 1e-12)
+    np.testing.assert_allclose(a, 0.0, atol=1e-6)

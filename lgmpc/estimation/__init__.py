@@ -1,14 +1,20 @@
-"""Estimation of what is not measured: the floating base's motion, pushes, friction."""
+"""Estimation of what is not measured: the floating base's motion, contacts, pushes, friction."""
 
 from lgmpc.estimation.friction import FrictionMonitor
 from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf
+from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
+from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.estimation.wrench import WrenchObserver
 
 __all__ = [
+    "ContactDetector",
     "FrictionMonitor",
     "ImuNoise",
     "InvariantEkf",
+    "LegSensing",
+    "LeggedEstimator",
+    "LeggedEstimatorSettings",
     "Preintegration",
     "WrenchObserver",
     "exponential_increment",

@@ -16,9 +16,10 @@ from lgmpc.errors import InputError
 from lgmpc.simulation.control import Command
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.plant import Plant, PlantSample
+from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 
-__all__ = ["Controller", "Disturbance", "Rates", "Tick", "simulate"]
+__all__ = ["Controller", "Disturbance", "Estimator", "Rates", "Sensing", "Tick", "simulate"]
 
 
 class Controller(Protocol):
@@ -26,6 +27,33 @@ class Controller(Protocol):
 
     def update(self, time: float, q: Array, v: Array) -> Command:
         """Return the command to apply until the next control tick."""
+
+
+class Estimator(Protocol):
+    """Anything that turns what sensors tell into a state; it never raises for what they tell."""
+
+    def update(
+        self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array
+    ) -> tuple[Array, Array]:
+        """Return (nq,) configuration and (nv,) velocity; arguments as in :class:`.sensors.SensorReading`."""
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How a controller learns the state where the plant does not tell it.
+
+    Attributes:
+        sensors: of the simulated robot; read once a control tick.
+        estimator: what makes a state of it.
+    """
+
+    sensors: Sensors
+    estimator: Estimator
+
+    def estimate(self, sample: PlantSample) -> tuple[Array, Array]:
+        """Return configuration and velocity as estimated at the plant's present state."""
+        told = self.sensors.read(sample)
+        return self.estimator.update(told.gyro, told.accelerometer, told.joints, told.speeds, told.torques)
 
 
 @dataclass(frozen=True)
@@ -81,7 +109,9 @@ class Tick:
 
     Attributes:
         index: number of the tick.
-        sample: state at which the controller decided, with the torques and forces of the step before.
+        sample: true state at which the controller decided, with the torques and forces of the step before.
+        q: (nq,) configuration that the controller was told: the true one, or its estimate.
+        v: (nv,) velocity that it was told.
         command: what it decided.
         torque: (nu,) torque asked of the joints at this state, before clipping, N.m.
         disturbance: what pushed the robot during this tick.
@@ -89,6 +119,8 @@ class Tick:
 
     index: int
     sample: PlantSample
+    q: Array
+    v: Array
     command: Command
     torque: Array
     disturbance: Disturbance
@@ -100,6 +132,7 @@ def simulate(
     pushes: PushSchedule,
     rates: Rates,
     on_tick: Callable[[Tick], bool],
+    sensing: Sensing | None = None,
 ) -> int:
     """Run the closed loop from the plant's present state.
 
@@ -109,6 +142,7 @@ def simulate(
         pushes: disturbances.
         rates: see :meth:`Rates.of`.
         on_tick: called after every decision, before the plant moves; returns whether to go on.
+        sensing: how the controller learns the state; without it, it is told the plant's own.
 
     Returns:
         Number of ticks that were simulated.
@@ -116,11 +150,12 @@ def simulate(
     disturber = _Disturber(plant, pushes)
     for index in range(rates.ticks):
         sample = plant.sense()
-        command = controller.update(sample.time, sample.q, sample.v)
+        q, v = (sample.q, sample.v) if sensing is None else sensing.estimate(sample)
+        command = controller.update(sample.time, q, v)
         disturbance = disturber.apply(sample.time)
         nu = command.tau.size
         torque = command.torque(sample.q[-nu:], sample.v[-nu:])
-        if not on_tick(Tick(index, sample, command, torque, disturbance)):
+        if not on_tick(Tick(index, sample, q, v, command, torque, disturbance)):
             return index + 1
         plant.step(torque)
         for _ in range(rates.substeps - 1):

@@ -6,12 +6,13 @@ from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
+from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
+from lgmpc.actions.variational import Variational
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [

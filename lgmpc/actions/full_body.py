@@ -16,6 +16,7 @@ from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.loads import Load
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
+from lgmpc.lie.symbolic import se3
 
 __all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynamics"]
 
@@ -114,11 +115,8 @@ class FreeForwardDynamics(Dynamics):
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return the accelerations."""
         robot = self.robot
-        effort = self.forces(q, v, u, values)
-        mass = robot.crba(q)
-        if self.submerged:
-            mass[:6, :6] += ca.diag(values["added_mass"])
-        factor = type(robot.mass_factor(q))(mass)
+        effort = self.forces(q, v, u, values) + self._kirchhoff(v, values)
+        factor = type(robot.mass_factor(q))(self.mass_matrix(q, values))
         added = self._added(values)
 
         def residual(a: Any) -> Any:
@@ -128,21 +126,28 @@ class FreeForwardDynamics(Dynamics):
         joints = actuated(self.model)
         return Motion(a, (self.actuation @ u)[joints])
 
+    def mass_matrix(self, q: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv, nv) the mass matrix, with the added mass."""
+        mass = self.robot.crba(q)
+        if self.submerged:
+            mass[:6, :6] += ca.diag(values["added_mass"])
+        return mass
+
     def forces(self, q: Any, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv,) the generalised forces other than inertia and gravity."""
+        """Return (nv,) the generalised forces other than gravity and those of inertia, the fluid's included."""
         effort = self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
         if not self.submerged:
             return effort
-        linear, angular = v[:3], v[3:6]
-        momentum = values["added_mass"] * v[:6]
         lift = self.robot.joint_placement(q, 1).rotation.T @ values["buoyancy"]
-        base = ca.vertcat(
-            lift - ca.cross(angular, momentum[:3]),
-            ca.cross(values["buoyancy_center"], lift)
-            - ca.cross(angular, momentum[3:])
-            - ca.cross(linear, momentum[:3]),
-        )
+        base = ca.vertcat(lift, ca.cross(values["buoyancy_center"], lift))
         return effort + ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
+
+    def _kirchhoff(self, v: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv,) what the moving frame does to the momentum of the fluid that moves along, ``-v x* (m_a v)``."""
+        if not self.submerged:
+            return ca.SX(self.robot.nv, 1)
+        base = se3.coadjoint(v[:6]) @ (values["added_mass"] * v[:6])
+        return ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
 
     def _added(self, values: Mapping[str, Any]) -> Any:
         nv = self.robot.nv

@@ -10,8 +10,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from lgmpc.actions.full_body import FreeForwardDynamics
-from lgmpc.actions.integrators import Integrator, Variational
+from lgmpc.actions.integrators import Integrator
 from lgmpc.actions.multibody import MultibodyAction
+from lgmpc.actions.variational import Variational
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.errors import InputError
 from lgmpc.typing import Array

@@ -150,7 +150,7 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     places = [(0.0, s.start), *((p.time, p.position) for p in s.waypoints)]
     turns = [(0.0, (0.0, 0.0, 0.0)), *((p.time, p.rotation_deg) for p in s.waypoints if p.rotation_deg is not None)]
     guess = turning_guess(vehicle, durations, places, turns)
-    return Scenario("flight", robot, problem, guess, durations, figures, waypoints=marks)
+    return Scenario("flight", robot, problem, guess, durations, figures, waypoints=marks, controls=vehicle.controls)
 
 
 def _nodes(s: FlightSettings) -> tuple[int, ...]:

@@ -14,6 +14,7 @@ from lgmpc.actions import FreeForwardDynamics, thrusters
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import Trajectory
+from lgmpc.problems.scenario import Controls
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
@@ -49,6 +50,7 @@ class Multirotor:
         hover: (nu,) thrusts that hold it level against gravity, N.
         max_thrust: of each rotor, N.
         body: name of the frame of its body.
+        rotors: names of the rotors' frames.
     """
 
     robot: Robot
@@ -56,6 +58,7 @@ class Multirotor:
     hover: Array
     max_thrust: float
     body: str
+    rotors: tuple[str, ...]
 
     @classmethod
     def of(cls, robot: Robot, settings: MultirotorSettings) -> Multirotor:
@@ -84,7 +87,13 @@ class Multirotor:
             expected = f"above {hover.max():.3g} N" if held else "rotors about the centre of mass"
             raise InputError("max_thrust", settings.max_thrust, f"{expected}, to hold {robot.name} level")
         dynamics = FreeForwardDynamics(robot.model, actuation)
-        return cls(robot, dynamics, hover, settings.max_thrust, robot.body_names[0])
+        return cls(robot, dynamics, hover, settings.max_thrust, robot.body_names[0], tuple(settings.frames))
+
+    @property
+    def controls(self) -> Controls:
+        """What the controls are: thrusts, by the names of the rotors' frames."""
+        most = np.full(len(self.rotors), self.max_thrust)
+        return Controls(self.rotors, "N", np.zeros_like(most), most)
 
 
 def turning_guess(

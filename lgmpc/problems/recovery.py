@@ -131,7 +131,7 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
     turns = [(0.0, s.rotation_deg), (end / 2.0, s.goal_rotation_deg)]
     guess = turning_guess(vehicle, durations, [(0.0, s.position)], turns)
     mark = Waypoint("hover", end, np.array(s.position), goal)
-    return Scenario("recovery", robot, problem, guess, durations, figures, waypoints=(mark,))
+    return Scenario("recovery", robot, problem, guess, durations, figures, waypoints=(mark,), controls=vehicle.controls)
 
 
 def _wrapped(angle: Array) -> Array:

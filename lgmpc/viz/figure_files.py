@@ -62,7 +62,7 @@ def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
     kinds: dict[str, list[int]] = {}
     for joint, name in enumerate(names):
         kinds.setdefault(name.partition("_")[2], []).append(joint)
-    alike = len(kinds) <= 4 and all(2 <= len(joints) <= 4 for joints in kinds.values())
+    alike = len(kinds) <= 4 and "" not in kinds and all(2 <= len(joints) <= 4 for joints in kinds.values())
     return kinds if alike else {}
 
 

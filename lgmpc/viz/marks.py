@@ -26,6 +26,7 @@ COLORS = {
     "horizon": 0xCC79A7,
     "push": 0xD55E00,
     "path": 0xCC79A7,
+    "thrusts": 0x009E73,
 }
 
 

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
 from lgmpc.lie.symbolic import se3 as symbolic_se3
@@ -146,10 +147,12 @@ class Trajectory:
         kinetic: Array = np.einsum("ni,ni->n", self.momenta, self.velocities) / 2.0
         if self.system.potential is None:
             return kinetic
-        entries = ca.SX.sym("x", self.system.nx)
-        value = ca.Function("potential", [entries], [self.system.potential(self.system.split(entries)[0])])
-        potential: Array = value.map(len(self.states))(self.states.T).full().ravel()
-        return kinetic + potential
+        x = ca.SX.sym("x", self.system.nx)
+        height = ca.Function("potential", [x], [self.system.potential(self.system.split(x)[0])], ["x"], ["energy"])
+        potential = np.zeros((len(self.states), 1))
+        StageKernel(height).bind(len(self.states), x=self.states, energy=potential)()
+        total: Array = kinetic + potential[:, 0]
+        return total
 
     def spatial_momentum(self) -> Array:
         """(n, nv) ``Ad^{-T}_g mu``: what Noether's theorem keeps where nothing breaks the symmetry (chapter 4.13).

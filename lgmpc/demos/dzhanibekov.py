@@ -60,7 +60,7 @@ def _run() -> Outcome:
         Panel(
             "Where the stem points",
             "time, s",
-            "cosine of the angle to the angular momentum",
+            "cosine of its angle to the momentum",
             (Curve("stem", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
         ),
     )

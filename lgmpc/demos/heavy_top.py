@@ -70,7 +70,7 @@ def _run() -> Outcome:
         ),
         Panel("Path of the axis, from above", "x", "y", (Curve("", axis[:, 0], axis[:, 1]),), equal=True),
         Panel(
-            "Upright, hardly disturbed: how far it falls (dashed: predicted)",
+            "Falling from upright (dashed: predicted)",
             "spin / critical spin",
             "greatest tilt, deg",
             _bifurcation(),
@@ -103,7 +103,7 @@ def _tilts(motion: Motion) -> Array:
 
 def _precession(rate: float) -> float:
     """Mean rate at which the axis turns about the vertical when started so."""
-    motion = _simulate(*_TOP.start(_TILT, _SPIN, rate), 1.0, _STEP / 4.0)
+    motion = _simulate(*_TOP.start(_TILT, _SPIN, rate), 0.5)
     azimuth = np.unwrap(np.arctan2(motion.poses[:, 1, 2], motion.poses[:, 0, 2]))
     return float((azimuth[-1] - azimuth[0]) / motion.times[-1])
 
@@ -134,7 +134,7 @@ def _disturbance(spin: float, tilt: float = 1e-3) -> tuple[Array, Array]:
     return _TOP.start(tilt, spin, _TOP.axial * spin / (2.0 * _TOP.transverse))
 
 
-def _disturbed(spin: float, step: float = _STEP) -> float:
+def _disturbed(spin: float, step: float = 2.0 * _STEP) -> float:
     """Greatest tilt within one up and down of the axis."""
     start = _disturbance(spin)
     return float(_tilts(_simulate(*start, 1.05 * _TOP.nutation(*start).period, step)).max())
@@ -147,15 +147,15 @@ def _sleeping_tilt() -> float:
 def _growth() -> float:
     """Rate at which the logarithm of the tilt of a slow, upright top grows, once the shrinking part is gone."""
     spin = 0.8 * _TOP.critical_spin
-    motion = _simulate(*_disturbance(spin, 1e-9), 14.0 / _TOP.sleeping_growth(spin))
+    motion = _simulate(*_disturbance(spin, 1e-9), 14.0 / _TOP.sleeping_growth(spin), 2.0 * _STEP)
     late = motion.times > motion.times[-1] / 2.0
     return float(np.polyfit(motion.times[late], np.log(_tilts(motion)[late]), 1)[0])
 
 
 def _bifurcation() -> tuple[Curve, ...]:
-    ratios = np.linspace(0.05, 1.3, 26)
-    measured = np.degrees([_disturbed(float(ratio) * _TOP.critical_spin, 5.0 * _STEP) for ratio in ratios])
-    fine = np.linspace(0.05, 1.3, 400)
+    ratios = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995, 1.0, 1.05, 1.15, 1.3])
+    measured = np.degrees([_disturbed(float(ratio) * _TOP.critical_spin, 10.0 * _STEP) for ratio in ratios])
+    fine = np.linspace(0.1, 1.3, 400)
     predicted = np.degrees([_TOP.fall(float(ratio) * _TOP.critical_spin) for ratio in fine])
     return Curve("simulated", ratios, measured), Curve("", fine, predicted, dashed=True)
 

@@ -18,7 +18,7 @@ from lgmpc.typing import Array
 __all__ = ["DEMO"]
 
 _MOMENTS = np.array([4.0, 9.0, 12.0])  # kg.m^2
-_VELOCITY = np.array([1.1, 0.6, 1.6])  # rad/s
+_VELOCITY = np.array([1.6, 0.5, 1.3])  # rad/s
 _STEPS = 20000  # a period
 
 
@@ -48,8 +48,8 @@ def _run() -> Outcome:
         Row("highest point of contact from the centre", construction.distance, float(heights.max()), 1e-10),
         Row("contact off the ellipsoid", 0.0, float(np.abs(ellipsoid - 1.0).max()), 1e-10),
         Row("path on the plane, as long as the one on the body", on_body, on_plane, 1e-11),
-        Row("inner radius of the herpolhode", low, float(radii.min()), 1e-9),
-        Row("outer radius of the herpolhode", high, float(radii.max()), 1e-9),
+        Row("inner radius of the herpolhode", low, float(radii.min()), 1e-8),
+        Row("outer radius of the herpolhode", high, float(radii.max()), 1e-8),
         Row("polhode closes after a period", 0.0, float(np.linalg.norm(contact[-1] - contact[0])), 1e-9),
         Row("turn about the momentum in a period", predicted_turn, float(turned), 1e-8, "rad"),
         Row("radius of the momentum sphere", top.momentum, float(np.linalg.norm(momenta[-1])), 1e-9, "N.m.s"),
@@ -69,10 +69,10 @@ def _run() -> Outcome:
             equal=True,
         ),
         Panel(
-            "Angular momentum in the body: circles its axis of largest moment",
-            "x, N.m.s",
-            "y, N.m.s",
-            (Curve("polhode", momenta[shown, 0], momenta[shown, 1]),),
+            "Momentum sphere: its polhode, others",
+            "N.m.s",
+            "N.m.s",
+            (Curve("this motion", *_seen(momenta[shown])), *_other_polhodes(top.momentum)),
             equal=True,
         ),
     )
@@ -123,10 +123,36 @@ def _rolled(top: EulerTop, periods: int) -> Array:
     return times
 
 
+def _seen(points: Array) -> tuple[Array, Array]:
+    """Coordinates of points on the near side of a sphere, seen from the body's first octant; NaN for the others."""
+    toward = np.array([0.75, 0.35, 0.56])
+    toward /= np.linalg.norm(toward)
+    right = np.cross([0.0, 0.0, 1.0], toward)
+    right /= np.linalg.norm(right)
+    near = np.where(points @ toward > 0.0, 1.0, np.nan)
+    return near * (points @ right), near * (points @ np.cross(toward, right))
+
+
+def _other_polhodes(momentum: float) -> list[Curve]:
+    """Of motions with the same angular momentum: around the third axis, around the first, and the separatrix."""
+    low, middle, high = 1.0 / _MOMENTS[::-1]
+    # Momenta in the plane of the first and third axis at this angle from the third have |pi|^2 = 2 E I2.
+    between = math.atan(math.sqrt((middle - low) / (high - middle)))
+    parts = np.linspace(0.15, 0.9, 5)
+    curves = []
+    for angle in (*(parts * between), *(between + parts * (np.pi / 2.0 - between)), between):
+        top = EulerTop(np.diag(_MOMENTS), momentum * np.array([math.sin(angle), 0.0, math.cos(angle)]) / _MOMENTS)
+        half = min(top.period / 2.0, 15.0)
+        around = top.velocities(np.linspace(-half, half, 601)) * _MOMENTS
+        mirrors = ([1, 1, 1], [-1, -1, -1], [1, 1, -1], [-1, -1, 1]) if angle == between else ([1, 1, 1], [-1, -1, -1])
+        curves += [Curve("", *_seen(around * mirror), dashed=True) for mirror in mirrors]
+    return curves
+
+
 def _ellipsoid(construction: Poinsot, polhode: Array) -> tuple[Shape, ...]:
     (a, b, c), axes = construction.semi_axes
-    dots = tuple(Shape("sphere", (0.006, 0.006, 0.006), (x, y, z), 0xE69F00) for x, y, z in polhode.tolist())
-    return (Shape("ellipsoid", (float(a), float(b), float(c)), color=0x4C78A8, opacity=0.8, rotation=axes), *dots)
+    dots = tuple(Shape("sphere", (0.008, 0.008, 0.008), (x, y, z), 0xE69F00) for x, y, z in polhode.tolist())
+    return (Shape("ellipsoid", (float(a), float(b), float(c)), color=0x4C78A8, opacity=0.7, rotation=axes), *dots)
 
 
 def _plane(construction: Poinsot, count: int) -> Body:

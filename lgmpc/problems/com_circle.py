@@ -20,7 +20,6 @@ from lgmpc.problems.contact_forces import contact_forces_of
 from lgmpc.problems.kinematics import com_positions, contact_positions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
-from lgmpc.typing import Array
 
 __all__ = ["ComCircleSettings", "ComCircleWeights", "ComVelocity", "build_com_circle"]
 
@@ -83,7 +82,8 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
     """Return the problem for a robot that stands in its reference posture, at rest.
 
     Figures: ``com_error_m`` and ``com_rms_error_m``, distance of the centre of mass from its place on the circle;
-    ``foot_displacement_m``, of the feet from where they stood; ``friction_ratio``, tangential over normal force.
+    ``foot_displacement_m``, of the feet from where they stood; ``friction_margin_n``, least distance of a contact force
+    from its cone: ``friction`` times its normal part minus its tangential one.
 
     Raises:
         InputError: a robot without free base or contact frames.
@@ -127,7 +127,7 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
             "com_error_m": float(error.max()),
             "com_rms_error_m": float(np.sqrt(np.mean(error**2))),
             "foot_displacement_m": float(moved.max()),
-            "friction_ratio": _friction_ratio(forces),
+            "friction_margin_n": float(np.min(s.friction * forces[..., 2] - np.linalg.norm(forces[..., :2], axis=-1))),
         }
 
     quarter = 0.25 / (s.frequency * s.node_duration)
@@ -144,9 +144,3 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         waypoints=tuple(Waypoint("centre of mass", k * s.node_duration, circle[k]) for k in marks),
         friction=s.friction,
     )
-
-
-def _friction_ratio(forces: Array) -> float:
-    """Largest ratio of tangential to normal force on level ground; infinite where the ground would have to pull."""
-    normal, tangential = forces[..., 2], np.linalg.norm(forces[..., :2], axis=-1)
-    return float(np.max(np.where(normal > 0.0, tangential / np.maximum(normal, 1e-12), np.inf)))

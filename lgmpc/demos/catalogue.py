@@ -19,6 +19,7 @@ NAMES: tuple[str, ...] = (
     "cat",
     "snake",
     "rov",
+    "lee",
     "solo12-momentum",
 )
 """In the order in which a newcomer would watch them."""

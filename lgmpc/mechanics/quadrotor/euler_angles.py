@@ -1,0 +1,99 @@
+"""The usual controller of small quadrotors, for comparison: PID on position, PD on roll, pitch and yaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.mechanics.quadrotor.model import GRAVITY, Quadrotor, QuadrotorState
+from lgmpc.mechanics.quadrotor.trajectory import Trajectory
+from lgmpc.typing import Array
+
+__all__ = ["EulerAnglePid", "EulerGains"]
+
+
+@dataclass(frozen=True)
+class EulerGains:
+    """Gains per unit of mass and inertia, so that they are squared frequencies, 1/s2, and dampings, 1/s.
+
+    Attributes:
+        position: of the position error.
+        velocity: of its derivative.
+        integral: of its integral, 1/s3.
+        angle: of the errors of roll, pitch and yaw.
+        angle_rate: of their derivatives.
+        tilt: largest roll and pitch that are asked for, rad.
+    """
+
+    position: float = 4.0
+    velocity: float = 4.0
+    integral: float = 0.5
+    angle: float = 100.0
+    angle_rate: float = 20.0
+    tilt: float = 0.7
+
+
+class EulerAnglePid:
+    """Thrust and moment from Euler angles (roll, pitch, yaw about z, y', x''), for small tilts.
+
+    Around hovering it is as good as the geometric controller; its gains are the same there. Far from it, angles are no
+    measure of attitude: their rates ``W(roll, pitch) Omega`` blow up at 90 degrees of pitch, and upside down
+    a roll of 179 degrees is far from one of -179.
+
+    Args:
+        quadrotor: the model.
+        trajectory: what to follow; its heading gives the yaw.
+        gains: see there.
+    """
+
+    def __init__(self, quadrotor: Quadrotor, trajectory: Trajectory, gains: EulerGains | None = None) -> None:
+        self.quadrotor = quadrotor
+        self.trajectory = trajectory
+        self.gains = EulerGains() if gains is None else gains
+        self._sum: Array = np.zeros(3)  # integral of the position error, m.s
+        self._time = 0.0
+
+    def control(self, time: float, state: QuadrotorState) -> tuple[Array, Array]:
+        """Return thrusts (...), N, and moments (..., 3), body axes, N.m."""
+        wanted, gains, quadrotor = self.trajectory.at(time), self.gains, self.quadrotor
+        error = wanted.position[0] - state.position
+        self._accumulate(time, error)
+        pull = wanted.position[2] + gains.position * error + gains.velocity * (wanted.position[1] - state.velocity)
+        pull = pull + gains.integral * self._sum
+        angles = euler_angles(state.rotation)
+        yaw = np.arctan2(wanted.heading[0, 1], wanted.heading[0, 0])
+        ahead = np.cos(yaw) * pull[..., 0] + np.sin(yaw) * pull[..., 1]
+        aside = np.sin(yaw) * pull[..., 0] - np.cos(yaw) * pull[..., 1]
+        roll, pitch = (np.clip(each / GRAVITY, -gains.tilt, gains.tilt) for each in (aside, ahead))
+        target = np.stack([roll, pitch, np.broadcast_to(yaw, roll.shape)], axis=-1)
+        away = target - angles
+        away[..., 2] = (away[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
+        turn = gains.angle * away - gains.angle_rate * angle_rates(angles, state.rate)
+        tilt = np.cos(angles[..., 0]) * np.cos(angles[..., 1])
+        # Tilted, it takes more thrust to stay up; upside down there is no such thrust.
+        thrust = quadrotor.mass * (GRAVITY + pull[..., 2]) / np.where(np.abs(tilt) < 0.2, 0.2, tilt)
+        return thrust, turn @ quadrotor.inertia
+
+    def _accumulate(self, time: float, error: Array) -> None:
+        if time < self._time:  # another flight
+            self._sum, self._time = np.zeros(3), time
+        self._sum = self._sum + error * (time - self._time)
+        self._time = time
+
+
+def euler_angles(rotation: Array) -> Array:
+    """Return (..., 3) roll, pitch and yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``, rad."""
+    roll = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
+    pitch = np.arcsin(np.clip(-rotation[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def angle_rates(angles: Array, rate: Array) -> Array:
+    """Return (..., 3) the derivatives of roll, pitch and yaw for body rates (..., 3); singular at pitch 90 deg."""
+    (roll, pitch, _), (p, q, r) = np.moveaxis(angles, -1, 0), np.moveaxis(rate, -1, 0)
+    across = q * np.sin(roll) + r * np.cos(roll)
+    cosine = np.cos(pitch)
+    cosine = np.where(np.abs(cosine) < 1e-6, 1e-6, cosine)
+    return np.stack([p + across * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), across / cosine], axis=-1)

@@ -1,0 +1,194 @@
+"""Geometric tracking control on SE(3): Lee, Leok and McClamroch, CDC 2010 (chapter 4.12.3 and appendix G).
+
+Attitude errors are differences of rotation matrices: no angles, no singularity. The desired attitude's angular velocity
+and acceleration are exact: they follow from the trajectory's derivatives and the state, through the closed loop's own
+acceleration and jerk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.mechanics.quadrotor.model import GRAVITY, Quadrotor, QuadrotorState
+from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, Trajectory
+from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
+from lgmpc.typing import Array
+
+__all__ = ["AttitudeCommand", "GeometricController", "GeometricGains", "attitude_error"]
+
+_E3 = np.array([0.0, 0.0, 1.0])
+_VANISHING = 1e-9
+"""Share of the weight, or of a unit vector, that counts as none."""
+
+
+@dataclass(frozen=True)
+class GeometricGains:
+    """Gains of the four errors.
+
+    Attributes:
+        position: k_x, N/m.
+        velocity: k_v, N.s/m.
+        rotation: k_R, N.m.
+        rate: k_Omega, N.m.s.
+
+    Raises:
+        InputError: a gain that is not positive.
+    """
+
+    position: float
+    velocity: float
+    rotation: float
+    rate: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(name, value, "a positive gain")
+
+    @classmethod
+    def of_the_paper(cls, mass: float = 4.34) -> GeometricGains:
+        """Return the gains of section V of the paper."""
+        return cls(16.0 * mass, 5.6 * mass, 8.81, 2.54)
+
+
+@dataclass(frozen=True)
+class AttitudeCommand:
+    """An attitude to take, and how it moves; leading batch axes.
+
+    Attributes:
+        rotation: (..., 3, 3) R_d, world from desired body.
+        rate: (..., 3) Omega_d, desired body axes, rad/s.
+        acceleration: (..., 3) its time derivative, rad/s2.
+    """
+
+    rotation: Array
+    rate: Array
+    acceleration: Array
+
+
+def attitude_error(rotation: Array, desired: Array) -> tuple[Array, Array]:
+    """Return the error function and its derivative's vector.
+
+        Psi = 1/2 tr(I - R_d^T R),      e_R = 1/2 vee(R_d^T R - R^T R_d)
+
+    Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0.
+
+    Args:
+        rotation: (..., 3, 3) R.
+        desired: (..., 3, 3) R_d.
+
+    Returns:
+        Psi (...) and e_R (..., 3).
+    """
+    relative = np.swapaxes(desired, -1, -2) @ rotation
+    psi: Array = 0.5 * (3.0 - np.trace(relative, axis1=-2, axis2=-1))
+    skew = 0.5 * (relative - np.swapaxes(relative, -1, -2))
+    return psi, np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+
+
+class GeometricController:
+    """Thrust and moment that follow a trajectory from almost every attitude.
+
+    Args:
+        quadrotor: the model. What its rotors cannot give is not asked for, and the desired attitude's rates know of it.
+        trajectory: what to follow.
+        gains: of the errors; the paper's, scaled with the mass, unless given.
+    """
+
+    def __init__(self, quadrotor: Quadrotor, trajectory: Trajectory, gains: GeometricGains | None = None) -> None:
+        self.quadrotor = quadrotor
+        self.trajectory = trajectory
+        self.gains = GeometricGains.of_the_paper(quadrotor.mass) if gains is None else gains
+
+    def control(self, time: float, state: QuadrotorState) -> tuple[Array, Array]:
+        """Return thrusts (...), N, and moments (..., 3), body axes, N.m (eqs. 19 and 20 of the paper).
+
+        Raises:
+            InputError: the force that is asked for vanishes, or is parallel to the heading: no attitude follows then.
+        """
+        force, command = self._command(self.trajectory.at(time), state)
+        thrust = np.clip(np.sum(force * state.rotation[..., 2], axis=-1), *self.quadrotor.thrust)
+        return thrust, self.moment(state, command)
+
+    def moment(self, state: QuadrotorState, command: AttitudeCommand) -> Array:
+        """Return (..., 3) the moment that turns the body to an attitude and along with it, body axes, N.m.
+
+        ``M = -k_R e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
+        """
+        inertia, gains, omega = self.quadrotor.inertia, self.gains, state.rate
+        _, error = attitude_error(state.rotation, command.rotation)
+        back = np.swapaxes(state.rotation, -1, -2) @ command.rotation
+        desired, ahead = (rotate(back, v) for v in (command.rate, command.acceleration))
+        moment: Array = -gains.rotation * error - gains.rate * (omega - desired)
+        moment += cross(omega, omega @ inertia) - (cross(omega, desired) - ahead) @ inertia
+        return moment
+
+    def command(self, time: float, state: QuadrotorState) -> AttitudeCommand:
+        """Return the attitude that the position's controller asks for.
+
+        Raises:
+            InputError: as :meth:`control`.
+        """
+        return self._command(self.trajectory.at(time), state)[1]
+
+    def _command(self, wanted: FlatOutput, state: QuadrotorState) -> tuple[Array, AttitudeCommand]:
+        mass, gains = self.quadrotor.mass, self.gains
+        x, v, a, j, s = wanted.position
+        axis = state.rotation[..., 2]
+        axis_rate = rotate(state.rotation, cross(state.rate, _E3))
+
+        # The desired force and its two derivatives; acceleration and jerk are those of the closed loop.
+        force = gains.position * (x - state.position) + gains.velocity * (v - state.velocity)
+        force = force + mass * (a + GRAVITY * _E3)
+        asked = dot(force, axis)
+        thrust = np.clip(asked, *self.quadrotor.thrust)
+        acceleration = thrust / mass * axis - GRAVITY * _E3
+        force1 = gains.position * (v - state.velocity) + gains.velocity * (a - acceleration) + mass * j
+        thrust1 = dot(force1, axis) + dot(force, axis_rate)
+        thrust1 = np.where(thrust == asked, thrust1, 0.0)  # a thrust at its limit stays there
+        jerk = (thrust1 * axis + thrust * axis_rate) / mass
+        force2 = gains.position * (a - acceleration) + gains.velocity * (j - jerk) + mass * s
+
+        if np.linalg.norm(force, axis=-1).min() < _VANISHING * self.quadrotor.weight:
+            raise InputError("state", "a desired force of zero", "errors for which the desired force does not vanish")
+        third = _unit(force, force1, force2)
+        h, h1, h2 = wanted.heading
+        side = cross(third[0], h)
+        if np.linalg.norm(side, axis=-1).min() < _VANISHING:
+            raise InputError("heading", "parallel to the desired thrust", "a heading across the desired thrust")
+        side1 = cross(third[1], h) + cross(third[0], h1)
+        side2 = cross(third[2], h) + 2.0 * cross(third[1], h1) + cross(third[0], h2)
+        second = _unit(side, side1, side2)
+        first = (
+            cross(second[0], third[0]),
+            cross(second[1], third[0]) + cross(second[0], third[1]),
+            cross(second[2], third[0]) + 2.0 * cross(second[1], third[1]) + cross(second[0], third[2]),
+        )
+        r, r1, r2 = (np.stack(columns, axis=-1) for columns in zip(first, second, third, strict=True))
+        back = np.swapaxes(r, -1, -2)
+        omega = _vee(back @ r1)
+        # R'' = R (hat(Omega)^2 + hat(Omega')): the square is symmetric, the other part is not.
+        return force, AttitudeCommand(r, omega, _vee(back @ r2))
+
+
+def _unit(a: Array, a1: Array, a2: Array) -> tuple[Array, Array, Array]:
+    """Return a/|a| and its first two derivatives, given those of a."""
+    size = np.linalg.norm(a, axis=-1, keepdims=True)
+    u, b1, b2 = a / size, a1 / size, a2 / size
+    along = dot(u, b1)
+    u1 = b1 - along * u
+    # d/dt of b1 and of (u . b1) with |a|' = |a| (u . b1).
+    slope = b2 - along * b1
+    turn = dot(u1, b1) + dot(u, slope)
+    return u, u1, slope - turn * u - along * u1
+
+
+def _vee(matrix: Array) -> Array:
+    """Return the vector of the antisymmetric part."""
+    skew = 0.5 * (matrix - np.swapaxes(matrix, -1, -2))
+    found: Array = so3.vee.unchecked(skew)
+    return found

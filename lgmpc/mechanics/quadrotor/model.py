@@ -1,0 +1,233 @@
+"""The quadrotor's equations of motion, and a simulation of them by a Lie-group Runge-Kutta method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.mechanics.quadrotor.vectors import cross, rotate
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Controller", "Flight", "Quadrotor", "QuadrotorState", "fly"]
+
+GRAVITY = 9.81
+"""m/s2, along the world's -z."""
+
+_FASTEST = 0.5
+"""rad per step: a vehicle that turns more is lost, and so would be the method."""
+_PROJECTED_EVERY = 500
+"""Steps: rounding leaves SO(3) by 1e-16 each."""
+
+
+@dataclass(frozen=True)
+class Quadrotor:
+    """A rigid body with a thrust along its z axis and a moment about each.
+
+    ``m x'' = f R e3 - m g e3``, ``J Omega' = J Omega x Omega + M``, ``R' = R hat(Omega)`` (Lee, Leok and McClamroch
+    2010, eqs. 2-5, with z up).
+
+    Attributes:
+        mass: kg.
+        inertia: (3, 3) about the centre of mass, body axes, kg.m2.
+        thrust: lowest and highest thrust, N. Rotors that turn one way only do not pull.
+        moment: largest moment about each body axis, N.m.
+
+    Raises:
+        InputError: mass or moment not positive, inertia not symmetric and positive definite, or no range of thrust.
+    """
+
+    mass: float
+    inertia: Array
+    thrust: tuple[float, float] = (-math.inf, math.inf)
+    moment: float = math.inf
+
+    def __post_init__(self) -> None:
+        inertia = np.array(self.inertia, dtype=np.float64)
+        if not (math.isfinite(self.mass) and self.mass > 0):
+            raise InputError("mass", self.mass, "a positive number, kg")
+        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or np.abs(inertia - inertia.T).max() > 1e-12:
+            raise InputError("inertia", inertia.tolist(), "a symmetric (3, 3) matrix, kg.m2")
+        if not np.linalg.eigvalsh(inertia)[0] > 0:
+            raise InputError("inertia", f"eigenvalues {np.linalg.eigvalsh(inertia)}", "positive eigenvalues")
+        if not self.thrust[0] < self.thrust[1]:
+            raise InputError("thrust", self.thrust, "(lowest, highest), rising, N")
+        if not self.moment > 0:
+            raise InputError("moment", self.moment, "a positive number, N.m")
+        inertia.setflags(write=False)
+        object.__setattr__(self, "inertia", inertia)
+
+    @classmethod
+    def of_the_paper(cls) -> Quadrotor:
+        """Return the vehicle of Lee, Leok and McClamroch (2010), section V, without limits."""
+        return cls(4.34, np.diag([0.0820, 0.0845, 0.1377]))
+
+    def limited(self, lift: float, moment: float) -> Quadrotor:
+        """Return the same vehicle with thrusts from 0 to ``lift`` times the weight, and moments up to N.m."""
+        return replace(self, thrust=(0.0, lift * self.weight), moment=moment)
+
+    @property
+    def weight(self) -> float:
+        """N."""
+        return self.mass * GRAVITY
+
+
+@dataclass(frozen=True)
+class QuadrotorState:
+    """Where it is and how it moves; all arrays have the same leading batch axes.
+
+    Attributes:
+        position: (..., 3) centre of mass, world, m.
+        velocity: (..., 3) world axes, m/s.
+        rotation: (..., 3, 3) world from body.
+        rate: (..., 3) angular velocity Omega, body axes, rad/s.
+    """
+
+    position: Array
+    velocity: Array
+    rotation: Array
+    rate: Array
+
+    @classmethod
+    def at_rest(cls, rotation: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0)) -> QuadrotorState:
+        """Return the state at rest with given attitudes (..., 3, 3).
+
+        Raises:
+            InputError: no rotations, or a position that is not finite.
+        """
+        turns = so3.compose(np.asarray(rotation, dtype=np.float64), np.eye(3))
+        place = np.broadcast_to(np.asarray(position, dtype=np.float64), turns.shape[:-1]).copy()
+        if not np.isfinite(place).all():
+            raise InputError("position", position, "finite numbers, m")
+        return cls(place, np.zeros_like(place), turns, np.zeros_like(place))
+
+    def unless(self, chosen: BoolArray, other: QuadrotorState) -> QuadrotorState:
+        """Return this state, but the other one for those of the batch that are chosen."""
+        if not chosen.any():
+            return self
+        each, turn = chosen[..., None], chosen[..., None, None]
+        return QuadrotorState(
+            np.where(each, other.position, self.position),
+            np.where(each, other.velocity, self.velocity),
+            np.where(turn, other.rotation, self.rotation),
+            np.where(each, other.rate, self.rate),
+        )
+
+
+class Controller(Protocol):
+    """What decides thrust and moment."""
+
+    def control(self, time: float, state: QuadrotorState) -> tuple[Array, Array]:
+        """Return thrusts (...), N, and moments (..., 3), body axes, N.m."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A simulated flight: n+1 times, batch axes after the time.
+
+    Attributes:
+        times: (n+1,) s.
+        states: arrays (n+1, ..., 3) and (n+1, ..., 3, 3).
+        thrusts: (n+1, ...) applied, N.
+        moments: (n+1, ..., 3) applied, N.m.
+        lost: (...) whether it spun faster than the step resolves; from then on its state stays what it was.
+    """
+
+    times: Array
+    states: QuadrotorState
+    thrusts: Array
+    moments: Array
+    lost: BoolArray
+
+
+def fly(
+    quadrotor: Quadrotor,
+    controller: Controller,
+    start: QuadrotorState,
+    duration: float,
+    step: float = 2e-3,
+    disturb: Callable[[float], Array] | None = None,
+) -> Flight:
+    """Simulate by the Runge-Kutta-Munthe-Kaas method of order 4 (Munthe-Kaas 1999), the control continuous in time.
+
+    Args:
+        quadrotor: the vehicle.
+        controller: asked at every stage of the method.
+        start: first state, of any batch shape.
+        duration: s.
+        step: s.
+        disturb: from time to a moment (3,) on the body, N.m; none if omitted.
+
+    Raises:
+        InputError: duration or step not positive.
+    """
+    for name, value in (("duration", duration), ("step", step)):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(name, value, "a positive number, s")
+    count = round(duration / step)
+    times: Array = step * np.arange(count + 1, dtype=np.float64)
+    shape = (count + 1, *start.position.shape)
+    position, velocity, rate, moments = (np.empty(shape) for _ in range(4))
+    rotation, thrusts = np.empty((*shape, 3)), np.empty(shape[:-1])
+    inverse = np.linalg.inv(quadrotor.inertia)
+
+    def rates(time: float, state: QuadrotorState) -> tuple[Array, Array, Array, Array]:
+        asked, asked_moment = controller.control(time, state)
+        thrust = np.clip(asked, *quadrotor.thrust)
+        moment = np.clip(asked_moment, -quadrotor.moment, quadrotor.moment)
+        acceleration = thrust[..., None] / quadrotor.mass * state.rotation[..., 2] - [0.0, 0.0, GRAVITY]
+        torque = moment if disturb is None else moment + disturb(time)
+        spin = state.rate @ quadrotor.inertia
+        turned = (cross(spin, state.rate) + torque) @ inverse
+        return acceleration, turned, thrust, moment
+
+    def moved(base: QuadrotorState, h: float, v: Array, a: Array, turn: Array, alpha: Array) -> QuadrotorState:
+        return QuadrotorState(
+            base.position + h * v,
+            base.velocity + h * a,
+            base.rotation @ so3.exp.unchecked(h * turn),
+            base.rate + h * alpha,
+        )
+
+    def pulled_back(u: Array, omega: Array) -> Array:
+        return rotate(so3.right_jacobian_inverse.unchecked(u), omega)
+
+    state = start
+    lost: BoolArray = np.zeros(shape[1:-1], dtype=np.bool_)
+    for k in range(count + 1):
+        t, s1 = times[k], state
+        a1, alpha1, thrust, moment = rates(t, s1)
+        position[k], velocity[k], rotation[k], rate[k] = s1.position, s1.velocity, s1.rotation, s1.rate
+        thrusts[k], moments[k] = thrust, moment
+        if k == count:
+            break
+        half = 0.5 * step
+        w1 = s1.rate
+        s2 = moved(state, half, s1.velocity, a1, w1, alpha1)
+        a2, alpha2, *_ = rates(t + half, s2)
+        w2 = pulled_back(half * w1, s2.rate)
+        s3 = moved(state, half, s2.velocity, a2, w2, alpha2)
+        a3, alpha3, *_ = rates(t + half, s3)
+        w3 = pulled_back(half * w2, s3.rate)
+        s4 = moved(state, step, s3.velocity, a3, w3, alpha3)
+        a4, alpha4, *_ = rates(t + step, s4)
+        w4 = pulled_back(step * w3, s4.rate)
+        ahead = moved(
+            state,
+            step / 6.0,
+            s1.velocity + 2.0 * (s2.velocity + s3.velocity) + s4.velocity,
+            a1 + 2.0 * (a2 + a3) + a4,
+            w1 + 2.0 * (w2 + w3) + w4,
+            alpha1 + 2.0 * (alpha2 + alpha3) + alpha4,
+        )
+        lost |= ~(np.linalg.norm(ahead.rate, axis=-1) < _FASTEST / step)
+        state = ahead.unless(lost, state)
+        if k % _PROJECTED_EVERY == _PROJECTED_EVERY - 1:
+            state = replace(state, rotation=so3.project(state.rotation))
+    return Flight(times, QuadrotorState(position, velocity, rotation, rate), thrusts, moments, lost)

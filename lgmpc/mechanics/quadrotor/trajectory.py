@@ -1,0 +1,86 @@
+"""What a quadrotor is to follow: position and heading, with the derivatives that its flatness needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.typing import Array
+
+__all__ = ["FlatOutput", "Hover", "Lissajous", "Trajectory"]
+
+
+@dataclass(frozen=True)
+class FlatOutput:
+    """Position and heading at one time. With four derivatives of one and two of the other all else follows.
+
+    Attributes:
+        position: (5, 3) position and its first four time derivatives, world axes, m/s^k.
+        heading: (3, 3) direction that the body's x axis is to point to as well as it can, and two derivatives.
+    """
+
+    position: Array
+    heading: Array
+
+
+class Trajectory(Protocol):
+    """A curve to follow."""
+
+    def at(self, time: float) -> FlatOutput:
+        """Return position and heading at a time, s."""
+
+
+@dataclass(frozen=True)
+class Hover:
+    """Stay at a point.
+
+    Attributes:
+        point: (3,) m.
+        heading: (3,) direction of the body's x axis.
+    """
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    def at(self, time: float) -> FlatOutput:
+        """Return the point, whatever the time."""
+        position, heading = np.zeros((5, 3)), np.zeros((3, 3))
+        position[0], heading[0] = self.point, self.heading
+        return FlatOutput(position, heading)
+
+
+@dataclass(frozen=True)
+class Lissajous:
+    """Sinusoids along the axes, and a heading that turns evenly.
+
+    Attributes:
+        amplitude: (3,) m.
+        frequency: (3,) rad/s.
+        phase: (3,) rad.
+        yaw_rate: of the heading, rad/s.
+
+    Raises:
+        InputError: a number that is not finite.
+    """
+
+    amplitude: tuple[float, float, float] = (1.0, 0.8, 0.4)
+    frequency: tuple[float, float, float] = (1.5, 3.0, 2.0)
+    phase: tuple[float, float, float] = (0.0, 0.5, 0.0)
+    yaw_rate: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "frequency", "phase", "yaw_rate"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError(name, getattr(self, name), "finite numbers")
+
+    def at(self, time: float) -> FlatOutput:
+        """Return position and heading; the k-th derivative of a sine leads it by k quarter turns."""
+        size, rate = np.array(self.amplitude), np.array(self.frequency)
+        orders = np.arange(5)[:, None]
+        position = size * rate**orders * np.sin(rate * time + np.array(self.phase) + 0.5 * np.pi * orders)
+        yaw = self.yaw_rate * time + 0.5 * np.pi * np.arange(3)
+        heading = (self.yaw_rate ** np.arange(3))[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(3)])
+        return FlatOutput(position, heading)

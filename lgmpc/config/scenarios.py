@@ -14,17 +14,22 @@ the key has a unit, ``problem.radius_m``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import ComCircleProblem, ReachProblem, Section, SolveConfig
-from lgmpc.config.schema.problem import FlightProblem, RecoveryProblem
+from lgmpc.config.schema.problem import FlightProblem, GaitProblem, JumpProblem, RecoveryProblem
+from lgmpc.config.schema.problem.legged import GaitWeights, LeggedSection
 from lgmpc.config.schema.problem.rotors import RotorsSection
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.problems import Scenario
 from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
+from lgmpc.problems.gait import GaitPhase
+from lgmpc.problems.legged import build_gait, build_jump
+from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
 from lgmpc.problems.multirotor import MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
 from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
@@ -97,6 +102,46 @@ def _recovery(robot: Robot, section: RecoveryProblem) -> Scenario:
     return build_recovery(robot, settings)
 
 
+def _gait(robot: Robot, section: GaitProblem) -> Scenario:
+    phases = tuple(GaitPhase(phase.duration_s, phase.air, phase.height_m) for phase in section.phases)
+    settings = GaitSettings(
+        pattern=phases if section.pattern is None else section.pattern,
+        cycles=section.cycles,
+        swing=section.swing_s,
+        stance=section.stance_s,
+        height=section.height_m,
+        velocity=section.velocity_m_s,
+        yaw_rate=math.radians(section.yaw_rate_deg_s),
+        settle=section.settle_s,
+        ramp=section.ramp_s,
+        common=_legged(section, section.weights),
+    )
+    return build_gait(robot, settings)
+
+
+def _jump(robot: Robot, section: JumpProblem) -> Scenario:
+    settings = JumpSettings(
+        displacement=section.displacement_m,
+        yaw=math.radians(section.yaw_deg),
+        takeoff=section.takeoff_s,
+        flight=section.flight_s,
+        landing=section.landing_s,
+        height=section.height_m,
+        common=_legged(section, section.weights),
+    )
+    return build_jump(robot, settings)
+
+
+def _legged(section: LeggedSection, weights: GaitWeights) -> LeggedSettings:
+    return LeggedSettings(
+        step=section.step_s,
+        friction=section.friction,
+        friction_margin=section.friction_margin,
+        least_force=section.least_force,
+        weights=LeggedWeights(**weights.model_dump()),
+    )
+
+
 def _rotors(section: RotorsSection) -> MultirotorSettings:
     return MultirotorSettings(section.frames, section.turning, section.max_thrust_n, section.drag_ratio_m)
 
@@ -104,6 +149,8 @@ def _rotors(section: RotorsSection) -> MultirotorSettings:
 _BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
     ComCircleProblem: _com_circle,
     FlightProblem: _flight,
+    GaitProblem: _gait,
+    JumpProblem: _jump,
     ReachProblem: _reach,
     RecoveryProblem: _recovery,
 }

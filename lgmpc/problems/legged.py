@@ -10,7 +10,7 @@ import pinocchio as pin
 from lgmpc.errors import InputError
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.gait import Gait
+from lgmpc.problems.gait import Gait, GaitGrid
 from lgmpc.problems.kinematics import contact_positions
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
@@ -51,7 +51,7 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
 def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
     """Return the problem of any gait along any motion of the base.
 
-    The guess is the reference itself: the posture carried along, and the torques that hold it at rest.
+    The guess is the posture carried along, and the torques that hold it at rest.
 
     Args:
         name: a C identifier.
@@ -80,7 +80,7 @@ def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settin
         name=name,
         robot=robot,
         problem=problem,
-        guess=Trajectory(reference, carrying_efforts(robot, grid)),
+        guess=Trajectory(_guess(robot, grid, reference), carrying_efforts(robot, grid)),
         durations=grid.durations,
         figures=measure,
         contact_flags=grid.flags,
@@ -103,6 +103,14 @@ def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
         x[:3] = position + moved[:3, 3]
         x[3:7] = pin.Quaternion(moved[:3, :3] @ turn).coeffs()
         x[robot.nq : robot.nq + 6] = np.concatenate([velocity[:3] @ turn, velocity[3:] @ turn])
+    return states
+
+
+def _guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
+    """Return the reference, at rest unless it flies: a base that moves over feet that do not is far from any motion."""
+    states = reference.copy()
+    states[:-1][~grid.flight, robot.nq :] = 0.0
+    states[-1, robot.nq :] = 0.0
     return states
 
 

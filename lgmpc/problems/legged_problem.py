@@ -30,6 +30,8 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["LeggedScale", "carrying_efforts", "legged_problem"]
 
 _FACETS = 8
+_SPEED_USED = 0.95
+"""Fraction of the joints' speed limits at which their barriers begin."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,8 @@ def _beyond(robot: Robot, scale: LeggedScale) -> Array:
 
 def _room(robot: Robot) -> tuple[Array, Array]:
     """Return (ndx,) the least and the largest deviation from the reference posture at rest."""
-    free, speed, middle = np.full(6, np.inf), robot.velocity_limit, robot.q_reference[robot.joint_q]
+    free, speed = np.full(6, np.inf), _SPEED_USED * robot.velocity_limit
+    middle = robot.q_reference[robot.joint_q]
     lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])
     upper = np.concatenate([free, robot.joint_upper - middle, free, speed])
     return lower, upper

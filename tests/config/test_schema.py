@@ -42,7 +42,7 @@ def all_sections(root: type[Any]) -> list[type[Any]]:
 def test_every_key_is_described_and_the_unit_of_its_name_is_explained(section: type[Any]) -> None:
     words = {
         "_hz": ("Hz", "1/s"),
-        "_s": (" s",),
+        "_s": (" s", "/s"),
         "_m": (" m",),
         "_deg": ("degrees",),
         "_rad": ("rad",),

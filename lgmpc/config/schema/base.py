@@ -24,6 +24,7 @@ __all__ = [
     "Range",
     "RangeFromZero",
     "Section",
+    "Vector2",
     "Vector3",
     "problem",
     "problems",
@@ -94,6 +95,8 @@ def _check_order(value: Any) -> Any:
     return value
 
 
+Vector2 = Annotated[tuple[Finite, Finite], _need_list(2, "two numbers [x, y]")]
+"""Two finite numbers."""
 Vector3 = Annotated[tuple[Finite, Finite, Finite], _need_list(3, "three numbers [x, y, z]")]
 """Three finite numbers, world axes."""
 Range = Annotated[tuple[Finite, Finite], BeforeValidator(_check_order), _need_list(2, "two numbers [lowest, highest]")]

@@ -6,15 +6,26 @@ from pydantic import Field
 
 from lgmpc.config.schema.problem.com_circle import ComCircleProblem
 from lgmpc.config.schema.problem.flight import FlightProblem
+from lgmpc.config.schema.problem.legged import GaitProblem, JumpProblem
 from lgmpc.config.schema.problem.reach import ReachProblem
 from lgmpc.config.schema.problem.recovery import RecoveryProblem
 
-__all__ = ["ComCircleProblem", "FlightProblem", "ProblemSection", "ReachProblem", "RecoveryProblem"]
+__all__ = [
+    "ComCircleProblem",
+    "FlightProblem",
+    "GaitProblem",
+    "JumpProblem",
+    "ProblemSection",
+    "ReachProblem",
+    "RecoveryProblem",
+]
 
 ProblemSection = Annotated[
     Union[  # noqa: UP007 (evaluated at run time)
         ComCircleProblem,
         FlightProblem,
+        GaitProblem,
+        JumpProblem,
         ReachProblem,
         RecoveryProblem,
     ],

@@ -1,0 +1,116 @@
+"""Problems ``gait`` and ``jump``: robots that walk, trot and jump, full-body dynamics with contacts and impacts."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from lgmpc.config.schema.base import (
+    Count,
+    Finite,
+    Fraction,
+    NonNegative,
+    Positive,
+    Section,
+    Vector2,
+    Vector3,
+    problem,
+)
+
+__all__ = ["GaitPhaseSection", "GaitProblem", "GaitWeights", "JumpProblem", "JumpWeights", "LeggedSection"]
+
+
+class GaitWeights(Section):
+    """Weights of squared deviations, without dimension: the units are the robot's mass, leg length and weight."""
+
+    position: NonNegative = Field(default=0.1, description="Base, ahead and to the left, from where it is commanded.")
+    height: NonNegative = Field(default=10.0, description="Height of the base.")
+    rotation: NonNegative = Field(default=10.0, description="Rotation of the base.")
+    joints: NonNegative = Field(default=0.3, description="Joints from the reference posture.")
+    velocity: NonNegative = Field(default=1.0, description="Velocity of the base, linear and angular.")
+    joint_velocity: NonNegative = Field(default=0.01, description="Joint speeds.")
+    effort: Positive = Field(default=2.0, description="Torques from those that carry the robot at rest.")
+    swing: NonNegative = Field(default=1e4, description="Feet in the air from their references.")
+    friction: NonNegative = Field(default=1e3, description="Contact forces outside their cone, and such impulses.")
+    limits: NonNegative = Field(default=1e3, description="Joint positions and speeds beyond their limits.")
+    foothold: NonNegative = Field(default=1e5, description="Places where feet come down, once each.")
+    touchdown: NonNegative = Field(default=1e3, description="Speeds at which they do, once each.")
+    terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
+
+
+class JumpWeights(GaitWeights):
+    """Weights as those of a gait, with other defaults: little on the way, all on the landing and the end."""
+
+    height: NonNegative = Field(default=1.0, description="Height of the base.")
+    rotation: NonNegative = Field(default=1.0, description="Rotation of the base.")
+    effort: Positive = Field(default=0.2, description="Torques from those that carry the robot at rest.")
+    swing: NonNegative = Field(default=100.0, description="Feet in the air from their references.")
+    touchdown: NonNegative = Field(default=10.0, description="Speeds at which feet come down, once each.")
+
+
+class LeggedSection(Section):
+    """What gaits and jumps have in common."""
+
+    step_s: Positive = Field(default=0.015, description="About the length of an interval, s; they end on switches.")
+    friction: Positive = Field(default=0.7, description="Friction coefficient of the ground.")
+    friction_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
+        default=0.1, description="Fraction of the friction that contact forces are drawn away from."
+    )
+    least_force: Annotated[NonNegative, Field(lt=0.25)] = Field(
+        default=0.05,
+        description="Normal force that feet on the ground are drawn above, as a fraction of the robot's weight.",
+    )
+
+
+class GaitPhaseSection(Section):
+    """A stretch of time with the same feet in the air."""
+
+    duration_s: Positive = Field(description="How long, s.")
+    air: tuple[str, ...] = Field(default=(), description="Contact frames in the air; none: all are on the ground.")
+    height_m: NonNegative = Field(default=0.0, description="Apex of their swings above the straight line, m.")
+
+
+class GaitProblem(LeggedSection):
+    """A robot stands, goes for some cycles at a commanded velocity, and stands."""
+
+    kind: Literal["gait"] = Field(description="A robot walks, trots, ... in a gait.")
+    pattern: Literal["walk", "trot", "pace", "bound"] | None = Field(
+        default=None, description="A quadruped's gait. Give this or phases."
+    )
+    phases: tuple[GaitPhaseSection, ...] = Field(
+        default=(), description="One cycle, phase by phase, of any robot with point feet. Give this or pattern."
+    )
+    cycles: Annotated[Count, Field(le=100)] = Field(default=3, description="How many cycles, at most 100.")
+    swing_s: Positive = Field(default=0.2, description="How long a foot is in the air, s (of a pattern).")
+    stance_s: NonNegative = Field(
+        default=0.04, description="How long all feet are on the ground after each swing, s (of a pattern)."
+    )
+    height_m: NonNegative = Field(default=0.05, description="Apex of the swings, m (of a pattern).")
+    velocity_m_s: Vector2 = Field(default=(0.3, 0.0), description="[ahead, left] in the base's axes, m/s.")
+    yaw_rate_deg_s: Finite = Field(default=0.0, description="Rate of turning to the left, degrees per s.")
+    settle_s: Positive = Field(default=0.2, description="How long the robot stands before and after, s.")
+    ramp_s: NonNegative = Field(default=0.2, description="How long the base takes to its speed, and from it, s.")
+    weights: GaitWeights = Field(default=GaitWeights(), description="Weights of the cost.")
+
+    @model_validator(mode="after")
+    def _one_gait(self) -> GaitProblem:
+        if self.pattern is None and not self.phases:
+            raise problem("walk, trot, pace or bound here, or a cycle in problem.phases", key="pattern", got=None)
+        if self.pattern is not None and self.phases:
+            raise problem(f"nothing here, because pattern is given ({self.pattern})", key="phases", got=self.phases)
+        return self
+
+
+class JumpProblem(LeggedSection):
+    """A robot crouches, takes off with all feet, flies, lands on all feet, and comes to rest."""
+
+    kind: Literal["jump"] = Field(description="A robot jumps.")
+    displacement_m: Vector3 = Field(default=(0.2, 0.0, 0.0), description="Of the landing, [ahead, left, up], m.")
+    yaw_deg: Finite = Field(default=0.0, description="By which it turns to the left in the air, degrees.")
+    takeoff_s: Positive = Field(default=0.3, description="How long it stands before the flight, s.")
+    flight_s: Positive = Field(default=0.3, description="How long no foot is on the ground, s.")
+    landing_s: Positive = Field(default=0.5, description="How long it has to come to rest, s.")
+    height_m: NonNegative = Field(default=0.1, description="By which feet rise above the straight line, m.")
+    step_s: Positive = Field(default=0.01, description="About the length of an interval, s; they end on switches.")
+    weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")

@@ -75,8 +75,8 @@ def _run() -> Outcome:
             "time, s",
             "m",
             (
-                Curve("geometric", ours.times, _away(ours)[:, shown]),
-                Curve("Euler angles", theirs.times, _away(theirs)[:, shown]),
+                Curve("geometric", *_until_lost(ours, shown)),
+                Curve("Euler angles, until lost", *_until_lost(theirs, shown)),
             ),
         ),
     )
@@ -178,14 +178,21 @@ def _away(flight: Flight) -> Array:
     return distance
 
 
+def _until_lost(flight: Flight, index: int) -> tuple[Array, Array]:
+    """Return times and distances up to where a lost vehicle's state stays what it was."""
+    still = np.all(np.diff(flight.states.position[:, index], axis=0) == 0.0, axis=1)
+    end = int(np.argmax(still)) + 1 if flight.lost[index] else len(flight.times)
+    return flight.times[:end], _away(flight)[:end, index]
+
+
 def _vehicle(name: str, flight: Flight, index: int, every: slice, aside: float, color: int) -> Body:
     """Four rotors on a cross."""
     arm, rotors = 0.3, [(x, y) for x in (-0.22, 0.22) for y in (-0.22, 0.22)]
     turn = so3.exp(np.array([0.0, 0.0, 0.25 * np.pi]))
     shapes = [
+        Shape("sphere", (0.08, 0.08, 0.06), color=color),
         Shape("box", (2.0 * arm, 0.05, 0.03), color=0x34414F, rotation=turn),
         Shape("box", (0.05, 2.0 * arm, 0.03), color=0x34414F, rotation=turn),
-        Shape("sphere", (0.08, 0.08, 0.06), color=color),
         *[Shape("cylinder", (0.13, 0.13, 0.015), (x, y, 0.04), color, 0.85) for x, y in rotors],
     ]
     positions = flight.states.position[every, index] + [0.0, aside, 0.0]

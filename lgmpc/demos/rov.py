@@ -14,8 +14,8 @@ from lgmpc.typing import Array
 
 __all__ = ["DEMO"]
 
-FRAME = 0.05
-"""s between two pictures."""
+FRAME, SCENE = 0.02, 6.0
+"""s between two pictures, and s of them."""
 
 # A robot of the size of a BlueROV2: its added mass and damping as commonly identified for it.
 ADDED = np.array([5.5, 12.7, 14.6, 0.12, 0.12, 0.12])
@@ -44,8 +44,8 @@ def _run() -> Outcome:
         Row("torpedo: Casimir p.l, drift", 0.0, float(np.abs(helicity - helicity[0]).max()), 1e-10, "N2.s2.m"),
         Row("torpedo: spatial momentum, drift", 0.0, float(np.abs(momentum - momentum[0]).max()), 1e-10, "N.s"),
     ]
-    every = round(FRAME / torpedo.step)
-    times = torpedo.times[::every]
+    shown = slice(0, round(SCENE / torpedo.step) + 1, round(FRAME / torpedo.step))
+    times = torpedo.times[shown]
     return Outcome(
         tuple(rows),
         panels=(
@@ -74,8 +74,8 @@ def _run() -> Outcome:
             ),
         ),
         times=times,
-        bodies=_scene(rise, torpedo, times),
-        paths=(Path("torpedo's path", torpedo.elements[::every, :3, 3], 0xE45756),),
+        bodies=_scene(rise, torpedo.elements[shown], times),
+        paths=(Path("torpedo's path", torpedo.elements[shown, :3, 3], 0xE45756),),
         remarks=(
             "Long bodies in ideal fluid turn broadside on: the water that moves along is heavier across than along.",
             "The torpedo, without fins or damping, swaps its ends again and again; Kirchhoff's Casimirs stay.",
@@ -153,7 +153,7 @@ def _rise_panel(motion: Trajectory) -> Panel:
     return Panel("The robot, 2 N light, let go", "time, s", "speed upwards, m/s", curves)
 
 
-def _scene(rise: Trajectory, torpedo: Trajectory, times: Array) -> tuple[Body, ...]:
+def _scene(rise: Trajectory, torpedo: Array, times: Array) -> tuple[Body, ...]:
     index = np.minimum(np.round(times / rise.step).astype(int), len(rise.states) - 1)
     robot = (
         Shape("box", (0.46, 0.34, 0.12), (0.0, 0.0, 0.08), 0x4C78A8),
@@ -164,15 +164,10 @@ def _scene(rise: Trajectory, torpedo: Trajectory, times: Array) -> tuple[Body, .
         Shape("ellipsoid", (LENGTH / 2.0, DIAMETER / 2.0, DIAMETER / 2.0), color=0xF2B701),
         Shape("sphere", (0.05, 0.05, 0.05), (LENGTH / 2.0 - 0.05, 0.0, 0.0), 0x333333),
     )
-    aside = np.array([0.0, 2.0, 0.0])
+    aside = np.array([2.0, 1.0, 0.0])
     return (
         Body("robot", robot, rise.elements[index, :3, 3] + aside, rise.elements[index, :3, :3]),
-        Body(
-            "torpedo",
-            hull,
-            torpedo.elements[:: round(FRAME / torpedo.step), :3, 3],
-            torpedo.elements[:: round(FRAME / torpedo.step), :3, :3],
-        ),
+        Body("torpedo", hull, torpedo[:, :3, 3], torpedo[:, :3, :3]),
     )
 
 

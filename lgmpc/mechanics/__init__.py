@@ -1,6 +1,11 @@
-"""Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control."""
+"""Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control.
 
+:mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.featherstone` are rooms of their own: import them by name.
+"""
+
+from lgmpc.mechanics.articulated import ArticulatedBody
 from lgmpc.mechanics.benchmarks import BRULS_TOP, SIMO_WONG_TOP, HeavyTopBenchmark
+from lgmpc.mechanics.centroidal import CentroidalTerms, centroidal_terms, wrench_about
 from lgmpc.mechanics.euler_poincare import (
     Advected,
     EulerPoincare,
@@ -9,6 +14,7 @@ from lgmpc.mechanics.euler_poincare import (
     RightEulerPoincare,
     Symbols,
 )
+from lgmpc.mechanics.floating_base import EquationsOfMotion, FloatingBaseDynamics
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
 from lgmpc.mechanics.lagrange_top import LagrangeTop
 from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, Flow, LiePoisson, extended_poses_dual
@@ -33,11 +39,15 @@ __all__ = [
     "SO3_DUAL",
     "UP",
     "Advected",
+    "ArticulatedBody",
     "Beanie",
     "Cat",
+    "CentroidalTerms",
     "Connection",
+    "EquationsOfMotion",
     "EulerPoincare",
     "EulerTop",
+    "FloatingBaseDynamics",
     "Flow",
     "GroupSystem",
     "HeavyTopBenchmark",
@@ -55,6 +65,7 @@ __all__ = [
     "Trajectory",
     "UnderwaterVehicle",
     "body_momentum",
+    "centroidal_terms",
     "check_inertia",
     "compare_integrators",
     "conserved_dimension",
@@ -71,4 +82,5 @@ __all__ = [
     "terminal_speed",
     "torque_free_body",
     "translations",
+    "wrench_about",
 ]

@@ -27,10 +27,11 @@ def test_same_optimum_in_as_many_iterations(pair: Any) -> None:
     assert abs(solution.iterations - (solver.iter + 1)) <= 2
 
 
-def test_same_first_iteration_from_a_feasible_guess(pair: Any) -> None:
+def test_same_first_iteration_from_a_feasible_guess(tame_pair: Any) -> None:
     """Away from the optimum as well. (With gaps they differ: Crocoddyl leaves out the gaps' own derivatives.)"""
     import crocoddyl
 
+    pair = tame_pair
     rolled = pair.ours.rollout(pair.guess.us)
     solver = crocoddyl.SolverFDDP(pair.theirs)
     solver.solve(list(rolled.xs), pair.their_us(rolled.us), 1, True)
@@ -41,7 +42,8 @@ def test_same_first_iteration_from_a_feasible_guess(pair: Any) -> None:
     assert told[0].criterion == pytest.approx(solver.stop, rel=1e-7)
 
 
-def test_a_roll_out_costs_the_same(pair: Any) -> None:
+def test_a_roll_out_costs_the_same(tame_pair: Any) -> None:
+    pair = tame_pair
     rolled = pair.ours.rollout(pair.guess.us)
     theirs = pair.theirs.rollout(pair.their_us(pair.guess.us))
     for x, other in zip(rolled.xs, theirs, strict=True):

@@ -51,6 +51,7 @@ ARROWS: dict[str, str] = {
     "config.robots": "robot",
     "config.scaling": "robot",
     "config.planners": f"{_PARTS} control",
+    "config.sensing": "robot estimation simulation",
     "config.build": f"{_PARTS} control runs",
     "config.scenarios": "robot problems",
     "config.solving": f"{_PROBLEMS} problems solvers runs",

@@ -79,6 +79,42 @@ def test_the_same_config_gives_the_same_bits(plant: str) -> None:
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
+@pytest.mark.parametrize("plant", [PLANTS[0], pytest.param(PLANTS[1], marks=pytest.mark.slow)])
+def test_it_balances_on_what_imu_encoders_and_currents_tell(plant: str) -> None:
+    metrics = measured("solo12_balance_inekf", f"plant.kind={plant}")
+    assert metrics.max_displacement_m < 0.003  # measured 1.5 mm, as with the truth
+    assert metrics.max_slip_m < 6e-4
+    errors = metrics.estimator
+    assert errors is not None
+    assert errors.max_position_m < 5e-4  # 0.2 mm in 10 s
+    assert errors.max_tilt_deg < 0.25  # 0.1: the accelerometer's bias
+    assert errors.max_yaw_deg < 0.2  # 0.06
+    assert errors.rms_velocity_m_s < 0.003  # 0.7 mm/s
+    assert errors.wrong_contact_fraction < 0.001  # the first tick
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_it_does_so_with_other_biases_and_noise(seed: int) -> None:
+    assert run("solo12_balance_inekf", f"seed={seed}").verdict.passed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["left", "multiplicative"])
+def test_it_does_so_with_other_forms_of_the_error(form: str) -> None:
+    """A standing robot that starts level is easy: near the truth all forms are one filter."""
+    assert run("solo12_balance_inekf", f"estimator.form={form}").verdict.passed
+
+
+def test_the_same_seed_gives_the_same_bits_with_an_estimator_and_another_seed_does_not() -> None:
+    overrides = ("duration_s=0.4", "pushes.0.time_s=0.1", "log.rate_hz=1000")
+    first, second = (run("solo12_balance_inekf", *overrides).log.arrays() for _ in range(2))
+    for name in first.keys() - {"wbc_ms", "mpc_ms", "estimate_ms"}:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+    other = run("solo12_balance_inekf", *overrides, "seed=1").log
+    assert not np.array_equal(other.q, first["q"])
+
+
 @pytest.mark.parametrize("solver", ["osqp", "piqp", "proxqp"])
 def test_every_qp_solver_holds_the_robot_and_agrees(solver: str) -> None:
     overrides = ("duration_s=1.0", "pushes.0.time_s=0.3")

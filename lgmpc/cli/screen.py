@@ -135,6 +135,7 @@ def show_checked(config: Config, robot: Robot, notes: Sequence[str]) -> None:
     table.add_row("contacts", ", ".join(robot.contact_frames) or "none")
     plant = config.plant
     table.add_row("plant", f"{plant.kind} at {plant.rate_hz:g} Hz, friction {plant.friction:g}")
+    table.add_row("estimator", config.estimator.kind.replace("_", " "))
     mpc = config.mpc
     horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {mpc.qp_solver}"
     table.add_row("mpc", horizon if mpc.enabled else "off")
@@ -209,10 +210,15 @@ def _measured(metrics: Metrics, limit: str) -> float | None:
 
 
 def _always_shown(metrics: Metrics) -> list[tuple[str, float | None]]:
+    estimator = metrics.estimator
     return [
         ("survived / s", metrics.survived_s),
         ("MPC update p50 / ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
         ("whole-body tick p50 / ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
+        ("estimator tick p50 / ms", metrics.estimator_ms.p50 if metrics.estimator_ms else None),
+        ("estimated position off by / mm", 1e3 * estimator.max_position_m if estimator else None),
+        ("estimated tilt off by / deg", estimator.max_tilt_deg if estimator else None),
+        ("estimated yaw off by / deg", estimator.max_yaw_deg if estimator else None),
         ("real-time factor", metrics.real_time_factor),
     ]
 

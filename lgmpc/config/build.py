@@ -9,6 +9,7 @@ from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
 from lgmpc.config.schema.reference import ComCircleReference
 from lgmpc.config.schema.wbc import WbcGain
+from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.config.session import Notify, Session
 from lgmpc.control import BalanceController, CircleReference, ComReference, StandReference
 from lgmpc.estimation import FrictionMonitor
@@ -137,6 +138,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     robot = build_robot(config)
     plant = build_plant(config, robot)
     controller = build_controller(config, robot, notify)
+    estimator = build_estimator(config, robot, notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     mpc = config.mpc
     recorder = Recorder(
@@ -144,6 +146,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         nv=robot.nv,
         effort_limit=robot.effort_limit,
         joint_names=robot.joint_names,
+        estimated=estimator is not None,
         contact_frames=robot.contact_frames,
         friction=config.plant.friction,
         contact_radius=robot.contact_radius,
@@ -162,4 +165,6 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         recorder=recorder,
         log_every=round(config.wbc.rate_hz / config.log.rate_hz),
         gate=build_gate(config),
+        sensors=None if estimator is None else build_sensors(config, robot),
+        estimator=estimator,
     )

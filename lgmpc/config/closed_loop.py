@@ -10,12 +10,14 @@ from time import perf_counter
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control import BalanceController
 from lgmpc.errors import SolverError
+from lgmpc.estimation import LeggedEstimator
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, compute_metrics, judge
 from lgmpc.runs.metrics import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Rates, Tick, simulate
+from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
 from lgmpc.simulation.plant import Plant
+from lgmpc.simulation.sensors import Sensors
 from lgmpc.wbc import QpStatus, WholeBodyTerms
 
 __all__ = ["ClosedLoopSession"]
@@ -38,6 +40,8 @@ class ClosedLoopSession:
         recorder: empty.
         log_every: control ticks per logged tick in the saved log.
         gate: what counts as success.
+        sensors: of the simulated robot; None, as the estimator, if the plant tells the controller the truth.
+        estimator: tells the controller the state from what the sensors say.
     """
 
     robot: Robot
@@ -48,15 +52,18 @@ class ClosedLoopSession:
     recorder: Recorder
     log_every: int
     gate: Gate
+    sensors: Sensors | None = None
+    estimator: LeggedEstimator | None = None
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate from the robot's reference posture at rest; see :meth:`lgmpc.config.session.Session.run`."""
         observer = _Observer(self, progress)
         self.plant.reset(self.robot.x_reference)
+        sensing = Sensing(self.sensors, self.estimator) if self.sensors and self.estimator else None
         interrupted, broken = False, ""
         started = perf_counter()
         try:
-            simulate(self.plant, self.controller, self.pushes, self.rates, observer)
+            simulate(self.plant, self.controller, self.pushes, self.rates, observer, sensing)
         except KeyboardInterrupt:
             interrupted = True
         except SolverError as error:
@@ -79,6 +86,10 @@ class _Observer:
     def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
+        self._record_estimate = session.recorder.record_estimate
+        self._estimator = session.estimator
+        # Whoever judges a run measures the truth, not what the controller takes for it.
+        self._truth = None if session.estimator is None else WholeBodyTerms(session.robot)
         self._controller = session.controller
         self._progress = progress
         self._duration = session.rates.ticks * session.rates.period
@@ -91,6 +102,11 @@ class _Observer:
         sample, controller = tick.sample, self._controller
         wbc, planner = controller.wbc, controller.planner
         terms = wbc.terms
+        if self._truth is not None and self._estimator is not None:
+            estimator = self._estimator
+            terms = self._truth
+            terms.update(sample.q, sample.v)
+            self._record_estimate(tick.q, tick.v, estimator.contacts, 1e3 * estimator.spent)
         self._record(
             sample.time,
             sample.q,

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from time import perf_counter
 
 import numpy as np
 
@@ -82,9 +83,11 @@ class LeggedEstimator:
         progress: told what is being compiled.
 
     Attributes:
+        settings: as given.
         ekf: the filter.
         legs: positions, rates and forces of the feet at the last reading.
         failures: readings left out so far.
+        spent: duration of the last update, s.
 
     Raises:
         InputError: a robot of another kind, a period that is not positive, or a start that is no pose.
@@ -115,8 +118,9 @@ class LeggedEstimator:
             progress=progress,
         )
         self.failures = 0
+        self.spent = 0.0
         self._detector = ContactDetector(robot.nc, settings.touch_force, settings.release_force)
-        self._settings, self._period = settings, period
+        self.settings, self._period = settings, period
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
         self._start = np.eye(5)
         self._start[:3, :3] = quaternion.to_matrix(start[3:])
@@ -151,6 +155,7 @@ class LeggedEstimator:
         Returns:
             (nq,) configuration and (nv,) velocity, new arrays.
         """
+        started = perf_counter()
         total = gyro.sum() + accelerometer.sum() + joints.sum() + speeds.sum() + torques.sum()
         if math.isfinite(total):
             self._advance(gyro, accelerometer, joints, speeds, torques)
@@ -158,6 +163,7 @@ class LeggedEstimator:
             if self.failures == 0:
                 _LOG.warning("a sensor reading is not finite: left out")
             self.failures += 1
+        self.spent = perf_counter() - started
         return self._q.copy(), self._v.copy()
 
     def _advance(self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array) -> None:
@@ -184,7 +190,7 @@ class LeggedEstimator:
 
     def _level(self, accelerometer: Array) -> None:
         """Begin at the start pose, turned the shortest way to where the force of rest points up."""
-        settings, pose = self._settings, self._start.copy()
+        settings, pose = self.settings, self._start.copy()
         felt = pose[:3, :3] @ accelerometer
         across = np.cross(felt, self._up)
         sine = np.linalg.norm(across)

@@ -2,6 +2,7 @@
 
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.compare import Change, compare
+from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
 from lgmpc.runs.host import HostInfo, host_info, versions
@@ -14,6 +15,7 @@ from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge
 
 __all__ = [
     "Change",
+    "EstimatorErrors",
     "Gate",
     "HostInfo",
     "Metrics",

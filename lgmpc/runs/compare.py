@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 
-from lgmpc.runs.metrics import Metrics, Timing
+from lgmpc.runs.metrics import Metrics
 
 __all__ = ["Change", "compare"]
 
@@ -41,7 +41,7 @@ def compare(first: Metrics, second: Metrics) -> tuple[Change, ...]:
 def _flat(metrics: Metrics) -> Iterator[tuple[str, float | None]]:
     for field in fields(metrics):
         value = getattr(metrics, field.name)
-        if isinstance(value, Timing):
+        if is_dataclass(value):
             yield from ((f"{field.name}.{part.name}", getattr(value, part.name)) for part in fields(value))
         else:
             yield field.name, None if value is None else float(value)

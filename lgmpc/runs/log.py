@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lgmpc.errors import RunFolderError
 from lgmpc.typing import Array
 
-__all__ = ["CHANNELS", "MPC_CHANNELS", "Channel", "PushInterval", "RunLog", "push_intervals"]
+__all__ = ["CHANNELS", "ESTIMATE_CHANNELS", "MPC_CHANNELS", "Channel", "PushInterval", "RunLog", "push_intervals"]
 
 StatusArray = NDArray[np.int8]
 
@@ -49,6 +49,14 @@ CHANNELS: Mapping[str, Channel] = {
     "wbc_ms": Channel(),
 }
 """Channels with one entry per logged control tick."""
+
+ESTIMATE_CHANNELS: Mapping[str, Channel] = {
+    "estimate_q": Channel(("nq",)),
+    "estimate_v": Channel(("nv",)),
+    "estimate_contacts": Channel(("nc",), np.int8),
+    "estimate_ms": Channel(),
+}
+"""Channels with one entry per logged control tick of runs whose controller was told an estimate; absent otherwise."""
 
 MPC_CHANNELS: Mapping[str, Channel] = {
     "mpc_time": Channel(),
@@ -94,6 +102,11 @@ class RunLog:
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
+        estimate_q: (n, nq) configuration that the controller was told; None, as all of the estimate, if it was the
+            true one.
+        estimate_v: (n, nv) velocity that it was told.
+        estimate_contacts: (n, nc) 1 = the estimator believed that the foot stands.
+        estimate_ms: (n,) duration of the estimator's tick, ms.
     """
 
     time: Array
@@ -125,12 +138,21 @@ class RunLog:
     control_period_s: float
     mpc_period_s: float
     floating_base: bool = True
+    estimate_q: Array | None = None
+    estimate_v: Array | None = None
+    estimate_contacts: StatusArray | None = None
+    estimate_ms: Array | None = None
 
     def __post_init__(self) -> None:
         dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
         for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
             for name, channel in table.items():
                 self._check(name, getattr(self, name), channel, length, dims)
+        missing = [name for name in ESTIMATE_CHANNELS if getattr(self, name) is None]
+        if missing and self.estimated:
+            raise RunFolderError(f"log lacks {', '.join(missing)}")
+        for name, channel in ESTIMATE_CHANNELS.items() if self.estimated else ():
+            self._check(name, getattr(self, name), channel, len(self.time), dims)
         for array in (self.contact_frames, self.joint_names, self.effort_limit):
             array.setflags(write=False)
         if self.joint_names.shape != (dims["nu"],):
@@ -161,6 +183,11 @@ class RunLog:
         return len(self.time)
 
     @property
+    def estimated(self) -> bool:
+        """Whether the controller was told an estimate."""
+        return any(getattr(self, name) is not None for name in ESTIMATE_CHANNELS)
+
+    @property
     def base_pose(self) -> Array:
         """(n, 7) base pose [position, quaternion x y z w]; the identity where the base is fixed."""
         if self.floating_base:
@@ -181,14 +208,16 @@ class RunLog:
         if every <= 1 or self.ticks == 0:
             return self
         starts = np.arange(0, self.ticks, every)
-        kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in CHANNELS}
+        names = [*CHANNELS, *(ESTIMATE_CHANNELS if self.estimated else ())]
+        kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in names}
         worst = np.maximum.reduceat(np.abs(self.wbc_status.astype(np.int16)), starts)
         kept["wbc_status"] = worst.astype(np.int8)
         return replace(self, **kept)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as named arrays, as ``log.npz`` holds it."""
-        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
@@ -197,7 +226,8 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        names = [field.name for field in fields(cls)]
+        absent = [name for name in ESTIMATE_CHANNELS if name not in arrays]
+        names = [field.name for field in fields(cls) if field.name not in absent]
         missing = [name for name in names if name not in arrays]
         if missing:
             raise RunFolderError(f"log lacks {', '.join(missing)}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
 from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array, BoolArray
 
@@ -32,9 +33,6 @@ FALL_TILT_DEG = 45.0
 
 FALL_HEIGHT_FRACTION = 0.5
 """A base below this fraction of its first height has fallen."""
-
-CONTACT_FORCE_N = 0.1
-"""A contact whose normal force is smaller counts as open: about 1/60 of one of Solo12's feet at rest."""
 
 CONTACT_GAP_S = 0.02
 """A contact that opens for a shorter time has chattered, not stepped: the stance goes on, and so does its slip."""
@@ -79,6 +77,8 @@ class Metrics:
         mpc_ms: duration of the MPC updates.
         wbc_ms: duration of the whole-body controller's ticks.
         real_time_factor: simulated over elapsed time.
+        estimator_ms: duration of the estimator's ticks.
+        estimator: how far the controller's estimate was from the truth.
     """
 
     survived_s: float
@@ -102,6 +102,8 @@ class Metrics:
     mpc_ms: Timing | None
     wbc_ms: Timing | None
     real_time_factor: float | None
+    estimator_ms: Timing | None = None
+    estimator: EstimatorErrors | None = None
 
 
 def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
@@ -139,6 +141,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
     steady = time >= steady_from_s
     com_error = np.linalg.norm(log.com[use] - log.com_reference[use], axis=1)[steady]
     joint_velocity = log.joint_velocity[use][steady]
+    tick_ms = log.wbc_ms if log.estimate_ms is None else log.wbc_ms + log.estimate_ms
     return Metrics(
         survived_s=survived,
         fell=fell,
@@ -157,10 +160,12 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         com_rms_error_m=_rms(com_error),
         max_com_error_m=float(com_error.max()) if com_error.size else None,
         solver_failures=int(np.count_nonzero(log.wbc_status) + np.count_nonzero(log.mpc_status)),
-        deadline_misses=_late(log.wbc_ms, log.control_period_s) + _late(log.mpc_ms, log.mpc_period_s),
+        deadline_misses=_late(tick_ms, log.control_period_s) + _late(log.mpc_ms, log.mpc_period_s),
         mpc_ms=timing(log.mpc_ms),
         wbc_ms=timing(log.wbc_ms),
         real_time_factor=(last - float(log.time[0])) / elapsed_s if elapsed_s else None,
+        estimator_ms=None if log.estimate_ms is None else timing(log.estimate_ms),
+        estimator=estimator_errors(log, end),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lgmpc.errors import InputError
-from lgmpc.runs.log import CHANNELS, MPC_CHANNELS, Channel, RunLog
+from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, Channel, RunLog
 from lgmpc.typing import Array
 
 __all__ = ["Recorder"]
@@ -35,6 +35,7 @@ class Recorder:
         mpc_updates: MPC updates foreseen.
         floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered if not given.
+        estimated: whether the controller is told an estimate, so that :meth:`record_estimate` will be called.
 
     Raises:
         InputError: if a size, a period or the friction cannot be.
@@ -56,6 +57,7 @@ class Recorder:
         mpc_updates: int = 0,
         floating_base: bool = True,
         joint_names: Sequence[str] | None = None,
+        estimated: bool = False,
     ) -> None:
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
             if value < 0:
@@ -84,6 +86,7 @@ class Recorder:
         }
         self._rows = _Rows(CHANNELS, sizes, ticks)
         self._mpc_rows = _Rows(MPC_CHANNELS, sizes, mpc_updates)
+        self._estimate_rows = _Rows(ESTIMATE_CHANNELS, sizes, ticks) if estimated else None
 
     @property
     def ticks(self) -> int:
@@ -161,10 +164,37 @@ class Recorder:
         b["mpc_ms"][i] = ms
         rows.count = i + 1
 
+    def record_estimate(self, q: Array, v: Array, contacts: ArrayLike, ms: float) -> None:
+        """Copy what the controller was told at a control tick, before that tick is recorded itself.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) velocity.
+            contacts: (nc,) which feet the estimator believes to stand.
+            ms: how long the estimator took, ms.
+
+        Raises:
+            InputError: the recorder was not made for estimates.
+        """
+        rows = self._estimate_rows
+        if rows is None:
+            raise InputError("estimated", False, "True, for a recorder that takes estimates")
+        i = rows.count
+        if i == rows.capacity:
+            rows.grow()
+        b = rows.buffers
+        b["estimate_q"][i] = q
+        b["estimate_v"][i] = v
+        b["estimate_contacts"][i] = contacts
+        b["estimate_ms"][i] = ms
+        rows.count = i + 1
+
     def log(self) -> RunLog:
         """Return a copy of what has been recorded so far."""
+        estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
         return RunLog(
             **self._rows.copies(),
+            **estimate,
             **self._mpc_rows.copies(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),
@@ -192,5 +222,5 @@ class _Rows:
         self.buffers = {name: np.concatenate([buffer, np.zeros_like(buffer)]) for name, buffer in self.buffers.items()}
         self.capacity *= 2
 
-    def copies(self) -> dict[str, Any]:
-        return {name: buffer[: self.count].copy() for name, buffer in self.buffers.items()}
+    def copies(self, count: int | None = None) -> dict[str, Any]:
+        return {name: buffer[: self.count if count is None else count].copy() for name, buffer in self.buffers.items()}

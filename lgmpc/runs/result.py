@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from datetime import datetime, timezone
 from typing import Any, ClassVar, TypeVar
 
 from lgmpc.errors import RunFolderError
+from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
 from lgmpc.runs.verdict import Outcome, Verdict
@@ -192,7 +193,14 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
 def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
     if content is None:
         return None
-    values = {f.name: content[f.name] for f in fields(Metrics)}
-    for name in ("mpc_ms", "wbc_ms"):
-        values[name] = None if values[name] is None else Timing(**values[name])
+    optional = {f.name for f in fields(Metrics) if f.default is not MISSING}  # what the first lgmpc did not measure
+    values = {f.name: content[f.name] for f in fields(Metrics) if f.name in content or f.name not in optional}
+    for name, kind in (
+        ("mpc_ms", Timing),
+        ("wbc_ms", Timing),
+        ("estimator_ms", Timing),
+        ("estimator", EstimatorErrors),
+    ):
+        if values.get(name) is not None:
+            values[name] = kind(**values[name])
     return Metrics(**values)

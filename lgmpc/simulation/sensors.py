@@ -91,8 +91,7 @@ class Sensors:
         rng: random numbers; the same seed gives the same readings.
 
     Attributes:
-        gyro_bias: (3,) true bias now, rad/s.
-        accelerometer_bias: (3,) true bias now, m/s2.
+        noise: as given.
 
     Raises:
         InputError: a fixed base, joints without one coordinate each, or a period that is not positive.
@@ -103,7 +102,7 @@ class Sensors:
             raise InputError("robot", robot.name, "a robot with a floating base and joints of one coordinate each")
         if not 0.0 < period < math.inf:
             raise InputError("period", period, "a positive number of seconds")
-        self._noise, self._period, self._rng = noise, period, rng
+        self.noise, self._period, self._rng = noise, period, rng
         self._gravity = np.array(robot.gravity)
         self._count = 12 + 3 * robot.nu
         self._white = np.repeat([noise.gyro, noise.accelerometer], 3) / math.sqrt(period)
@@ -135,7 +134,7 @@ class Sensors:
             rates[:3] = turn / self._period
             rates[3:] = so3.left_jacobian_inverse.unchecked(turn) @ gained / self._period
         self._last = rotation, velocity
-        noise, draws = self._noise, self._rng.normal(size=self._count)
+        noise, draws = self.noise, self._rng.normal(size=self._count)
         self._bias = self._bias + self._walk * draws[:6]
         rates += self._bias + self._white * draws[6:12]
         encoders, speeds, torques = draws[12:].reshape(3, -1)

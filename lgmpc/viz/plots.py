@@ -10,6 +10,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog, push_intervals
+from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.viz.figure_files import figure_title, joint_kinds, legend_above, write_figures
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, X, Y, Z
@@ -162,6 +163,7 @@ def _timing(figure: Figure, log: RunLog) -> bool:
         for name, milliseconds, period, color in (
             ("MPC update", log.mpc_ms, log.mpc_period_s, X),
             ("Whole-body tick", log.wbc_ms, log.control_period_s, Z),
+            ("Estimator", np.zeros(0) if log.estimate_ms is None else log.estimate_ms, log.control_period_s, Y),
         )
         if len(milliseconds)
     ]
@@ -193,12 +195,33 @@ def _timing(figure: Figure, log: RunLog) -> bool:
     return True
 
 
+def _estimate(figure: Figure, log: RunLog) -> bool:
+    if log.estimate_q is None or log.estimate_v is None:
+        return False
+    figure.set_size_inches(8.0, 6.2)
+    position, attitude, velocity = figure.subplots(3, 1, sharex=True)
+    tilt, yaw = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
+    for axis, (color, name) in enumerate(((X, "x"), (Y, "y"), (Z, "z"))):
+        position.plot(log.time, 1e3 * (log.estimate_q[:, axis] - log.q[:, axis]), color=color, label=name)
+        velocity.plot(log.time, 1e3 * (log.estimate_v[:, axis] - log.v[:, axis]), color=color, lw=0.9)
+    attitude.plot(log.time, tilt, color=X, label="tilt")
+    attitude.plot(log.time, yaw, color=Y, label="yaw")
+    position.set(title="Error of the estimated base position", ylabel="mm")
+    attitude.set(title="Error of the estimated orientation", ylabel="deg")
+    velocity.set(title="Error of the estimated velocity, base axes", ylabel="mm/s", xlabel="time, s")
+    _finish(log, position, attitude, velocity)
+    _label_pushes(log, position)
+    legend_above(position, attitude)
+    return True
+
+
 FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "base": _base,
     "com": _com,
     "forces": _forces,
     "torques": _torques,
     "timing": _timing,
+    "estimate": _estimate,
 }
 """What :func:`plot_run` draws: file name without ``.png`` -> drawing, which returns whether there was data."""
 

@@ -108,3 +108,15 @@ def test_what_cannot_be_drawn_or_written_is_told(pushed_run, tmp_path) -> None:
     ).log()
     with pytest.raises(InputError, match="0 ticks"):
         plot_run(replace(pushed_run, log=empty), tmp_path)
+
+
+def test_the_error_of_an_estimate_is_drawn_where_there_is_one(pushed_run, tmp_path, monkeypatch) -> None:
+    only(monkeypatch, "estimate")
+    assert plot_run(pushed_run, tmp_path) == ()
+    log = pushed_run.log
+    estimate = {"estimate_q": log.q + 1e-3, "estimate_v": log.v + 1e-2}
+    contacts, spent = np.ones((log.ticks, 4), np.int8), np.full(log.ticks, 0.05)
+    estimated = replace(log, **estimate, estimate_contacts=contacts, estimate_ms=spent)
+    (path,) = plot_run(replace(pushed_run, log=estimated), tmp_path)
+    assert path.stem == "estimate"
+    assert 0.01 < np.mean(pixels(path).min(axis=2) < 250) < 0.6

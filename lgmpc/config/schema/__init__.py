@@ -2,6 +2,7 @@
 
 from lgmpc.config.schema.base import Section
 from lgmpc.config.schema.document import Document
+from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth, InvariantEkfSection
 from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
 from lgmpc.config.schema.mpc import (
@@ -20,6 +21,7 @@ from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ComCircleReference, ReferenceSection, StandReference
 from lgmpc.config.schema.robot import RobotSection
 from lgmpc.config.schema.root import Config
+from lgmpc.config.schema.sensors import SensorsSection
 from lgmpc.config.schema.solve import SolveConfig
 from lgmpc.config.schema.solve_gate import SolveGateSection
 from lgmpc.config.schema.solver import SolverSection
@@ -31,9 +33,12 @@ __all__ = [
     "ComCircleReference",
     "Config",
     "Document",
+    "EstimatorSection",
     "FullBodyMpcSection",
     "FullBodyMpcWeights",
     "GateSection",
+    "GroundTruth",
+    "InvariantEkfSection",
     "KinodynamicMpcSection",
     "KinodynamicMpcWeights",
     "LogSection",
@@ -46,6 +51,7 @@ __all__ = [
     "ReferenceSection",
     "RobotSection",
     "Section",
+    "SensorsSection",
     "SolveConfig",
     "SolveGateSection",
     "SolverSection",

@@ -1,0 +1,84 @@
+"""How far the estimate that a controller worked with was from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.runs.log import RunLog
+from lgmpc.typing import Array
+
+__all__ = ["EstimatorErrors", "estimator_errors", "tilt_and_yaw_deg"]
+
+CONTACT_FORCE_N = 0.1
+"""A foot whose normal force is larger stands: about 1/60 of one of Solo12's feet at rest."""
+
+
+@dataclass(frozen=True)
+class EstimatorErrors:
+    """Differences between estimate and truth over a run.
+
+    Position and yaw are not observable from inside a robot: they drift, and what is told of them is that drift.
+
+    Attributes:
+        max_position_m: largest distance between estimated and true base position.
+        final_position_m: distance at the end.
+        max_tilt_deg: largest angle between estimated and true vertical in the base.
+        max_yaw_deg: largest size of the yaw's error.
+        final_yaw_deg: its size at the end.
+        rms_velocity_m_s: RMS size of the error of the base's linear velocity, base axes.
+        max_velocity_m_s: largest such size.
+        wrong_contact_fraction: fraction of feet and ticks whose contact was believed wrongly.
+    """
+
+    max_position_m: float
+    final_position_m: float
+    max_tilt_deg: float
+    max_yaw_deg: float
+    final_yaw_deg: float
+    rms_velocity_m_s: float
+    max_velocity_m_s: float
+    wrong_contact_fraction: float
+
+
+def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | None:
+    """Measure the estimate over the first ``end`` ticks (all if not given); ``None`` if there was no estimator."""
+    if log.estimate_q is None or log.estimate_v is None or log.estimate_contacts is None:
+        return None
+    use = slice(0, end)
+    position = np.linalg.norm(log.estimate_q[use, :3] - log.q[use, :3], axis=1)
+    tilt, yaw = tilt_and_yaw_deg(log.estimate_q[use, 3:7], log.q[use, 3:7])
+    velocity = np.linalg.norm(log.estimate_v[use, :3] - log.v[use, :3], axis=1)
+    standing = log.contact_forces[use, :, 2] > CONTACT_FORCE_N
+    return EstimatorErrors(
+        max_position_m=float(position.max()),
+        final_position_m=float(position[-1]),
+        max_tilt_deg=float(tilt.max()),
+        max_yaw_deg=float(np.abs(yaw).max()),
+        final_yaw_deg=float(abs(yaw[-1])),
+        rms_velocity_m_s=float(np.sqrt(np.mean(np.square(velocity)))),
+        max_velocity_m_s=float(velocity.max()),
+        wrong_contact_fraction=float((standing != (log.estimate_contacts[use] != 0)).mean()),
+    )
+
+
+def tilt_and_yaw_deg(estimate: Array, truth: Array) -> tuple[Array, Array]:
+    """Split the rotation from true to estimated orientations into a tilt and a turn about the vertical.
+
+    Args:
+        estimate: (n, 4) quaternions x y z w.
+        truth: (n, 4).
+
+    Returns:
+        (n,) tilts in [0, 180] and (n,) yaws in [-180, 180], degrees: the rotation is the tilt after the yaw.
+    """
+    u, w = estimate[:, :3], estimate[:, 3:]
+    v, s = truth[:, :3], truth[:, 3:]
+    vector = s * u - w * v - np.cross(u, v)  # of estimate * conjugate(truth)
+    scalar = (w * s)[:, 0] + np.einsum("ni,ni->n", u, v)
+    across, along = np.linalg.norm(vector[:, :2], axis=1), np.hypot(vector[:, 2], scalar)
+    sign = np.where(scalar < 0.0, -1.0, 1.0)
+    tilt: Array = np.degrees(2.0 * np.arctan2(across, along))
+    yaw: Array = np.degrees(2.0 * np.arctan2(sign * vector[:, 2], sign * scalar))
+    return tilt, yaw

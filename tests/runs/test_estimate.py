@@ -1,0 +1,123 @@
+"""The estimate in log and metrics: known by construction, absent where there was none, and in no way of old runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import InputError, RunFolderError
+from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, compare, compute_metrics, judge
+from lgmpc.runs.estimate import tilt_and_yaw_deg
+from lgmpc.runs.log import ESTIMATE_CHANNELS
+
+from .conftest import new_recorder, record_standing
+
+
+def about(axis: np.ndarray, degrees: float) -> np.ndarray:
+    half = np.radians(degrees) / 2.0
+    return np.append(np.sin(half) * axis / np.linalg.norm(axis), np.cos(half))
+
+
+@pytest.fixture(scope="module")
+def estimated() -> RunLog:
+    """The standing log; the estimate drifts by 4 mm along x and 2 degrees about z, is 0.3 m/s off, one foot wrong."""
+    recorder, n = new_recorder(estimated=True), 1000
+    q, v = np.zeros(19), np.zeros(18)
+    q[2], v[1] = 0.24, -0.3
+    for k in range(n):
+        share = (k + 1) / n
+        q[0], q[3:7] = 0.004 * share, about(np.array([0.0, 0.0, 1.0]), -2.0 * share)
+        recorder.record_estimate(q, v, [True, True, k < 100, True], 0.05)
+    record_standing(recorder, n)
+    return recorder.log()
+
+
+def test_errors_are_those_that_were_made(estimated: RunLog) -> None:
+    metrics = compute_metrics(estimated)
+    errors = metrics.estimator
+    assert errors is not None
+    assert errors.max_position_m == errors.final_position_m == pytest.approx(0.004)
+    assert errors.max_yaw_deg == errors.final_yaw_deg == pytest.approx(2.0)
+    assert errors.max_tilt_deg == pytest.approx(0.0, abs=1e-9)
+    assert errors.rms_velocity_m_s == errors.max_velocity_m_s == pytest.approx(0.3)
+    assert errors.wrong_contact_fraction == pytest.approx(0.25 * 0.9)
+    assert metrics.estimator_ms is not None and metrics.estimator_ms.p50 == pytest.approx(0.05)
+    assert metrics.max_displacement_m == 0.0  # that of the truth
+
+
+def test_the_estimators_time_counts_for_the_deadline() -> None:
+    recorder = new_recorder(estimated=True)
+    for _ in range(10):
+        recorder.record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.95)  # + 0.1 ms of the controller's
+    record_standing(recorder, 10)
+    assert compute_metrics(recorder.log()).deadline_misses == 10
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rotation_is_a_tilt_after_a_yaw(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pin = pytest.importorskip("pinocchio")
+    tilt, yaw = rng.uniform(0.0, 170.0), rng.uniform(-170.0, 170.0)
+    horizontal = np.append(rng.normal(size=2), 0.0)
+    truth = pin.Quaternion(*rng.normal(size=4)).normalized()
+    turned = pin.Quaternion(about(horizontal, tilt)) * pin.Quaternion(about(np.array([0.0, 0.0, 1.0]), yaw)) * truth
+    for sign in (1.0, -1.0):
+        found = tilt_and_yaw_deg(sign * turned.coeffs()[None], truth.coeffs()[None])
+        np.testing.assert_allclose(np.ravel(found), [tilt, yaw], atol=1e-9)
+
+
+def test_a_folder_keeps_it(estimated: RunLog, tmp_path: Path) -> None:
+    metrics = compute_metrics(estimated)
+    folder = RunFolder.create(tmp_path, "estimated")
+    folder.write_config("name: estimated\n")
+    folder.write_log(estimated.decimated(4))
+    folder.write_result(RunResult("estimated", judge(metrics, Gate()), metrics))
+    run = RunFolder.load(folder.path)
+    assert run.result.metrics == metrics
+    for name in ESTIMATE_CHANNELS:
+        np.testing.assert_array_equal(getattr(run.log, name), getattr(estimated, name)[::4])
+
+
+def test_runs_without_an_estimate_are_read_as_before(standing: RunLog) -> None:
+    assert not standing.estimated and set(ESTIMATE_CHANNELS).isdisjoint(standing.arrays())
+    again = RunLog.from_arrays(standing.arrays())
+    assert again.estimate_q is None and again.decimated(2).estimate_ms is None
+    metrics = compute_metrics(again)
+    assert metrics.estimator is None and metrics.estimator_ms is None
+    content = json.loads(RunResult("old", judge(metrics, Gate()), metrics).to_json())
+    del content["metrics"]["estimator"], content["metrics"]["estimator_ms"]  # as the first lgmpc wrote it
+    assert RunResult.from_json(json.dumps(content)).metrics == metrics
+
+
+def test_a_run_with_and_one_without_are_compared(estimated: RunLog, standing: RunLog) -> None:
+    changes = {c.metric: c for c in compare(compute_metrics(standing), compute_metrics(estimated))}
+    assert "estimator" not in changes
+    assert changes["estimator.max_yaw_deg"].first is None
+    assert changes["estimator.max_yaw_deg"].second == pytest.approx(2.0)
+    assert changes["estimator_ms.p50"].second == pytest.approx(0.05)
+
+
+def test_half_an_estimate_is_damage(estimated: RunLog) -> None:
+    arrays = estimated.arrays()
+    del arrays["estimate_v"]
+    with pytest.raises(RunFolderError, match="log lacks estimate_v"):
+        RunLog.from_arrays(arrays)
+    with pytest.raises(RunFolderError, match="'estimate_q' has shape"):
+        RunLog.from_arrays(estimated.arrays() | {"estimate_q": np.zeros((3, 19))})
+
+
+def test_a_recorder_that_expects_none_refuses_it() -> None:
+    with pytest.raises(InputError, match="^estimated: got False"):
+        new_recorder().record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.0)
+
+
+def test_a_tick_cut_in_half_leaves_no_estimate() -> None:
+    recorder = new_recorder(estimated=True)
+    for _ in range(6):
+        recorder.record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.0)
+    record_standing(recorder, 5)
+    log = recorder.log()
+    assert log.ticks == 5 and log.estimate_q is not None and len(log.estimate_q) == 5

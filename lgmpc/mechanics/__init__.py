@@ -6,14 +6,7 @@
 from lgmpc.mechanics.articulated import ArticulatedBody
 from lgmpc.mechanics.benchmarks import BRULS_TOP, SIMO_WONG_TOP, HeavyTopBenchmark
 from lgmpc.mechanics.centroidal import CentroidalTerms, centroidal_terms, wrench_about
-from lgmpc.mechanics.euler_poincare import (
-    Advected,
-    EulerPoincare,
-    LeftEulerPoincare,
-    Motion,
-    RightEulerPoincare,
-    Symbols,
-)
+from lgmpc.mechanics.euler_poincare import EulerPoincare, LeftEulerPoincare, RightEulerPoincare
 from lgmpc.mechanics.floating_base import EquationsOfMotion, FloatingBaseDynamics
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
 from lgmpc.mechanics.lagrange_top import LagrangeTop
@@ -23,6 +16,7 @@ from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_bod
 from lgmpc.mechanics.poinsot import Poinsot
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry
+from lgmpc.mechanics.terms import Advected, Motion, Symbols
 from lgmpc.mechanics.torque_free import EulerTop, symmetric_top_precession
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
 from lgmpc.mechanics.variational import GroupSystem, Trajectory, compare_integrators, drift_table

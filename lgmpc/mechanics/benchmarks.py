@@ -9,8 +9,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from lgmpc.lie import checks, quaternion, so3
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare, Motion
+from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.rigid_body import UP, heavy_top
+from lgmpc.mechanics.terms import Motion
 from lgmpc.typing import Array
 
 __all__ = ["BRULS_TOP", "SIMO_WONG_TOP", "HeavyTopBenchmark"]

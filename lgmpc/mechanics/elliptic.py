@@ -1,10 +1,12 @@
 """Elliptic functions as mechanics needs them: for arguments of any size, and accurate up to the separatrix.
 
-The parameter is ``m = k^2``, given with its complement ``m1 = 1 - m``, which near the separatrix carries the digits.
+The parameter is ``m = k^2``, given with its complement ``m1 = 1 - m``, which near the separatrix carries the digits
+(``scipy.special.ellipj`` takes m alone, and is lost there at a quarter period).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,9 @@ from scipy import special
 from lgmpc.typing import Array
 
 __all__ = ["Modulus"]
+
+_SMALLEST = 1e-100
+"""Arguments below it are zero: their cotangent's powers would overflow."""
 
 
 @dataclass(frozen=True)
@@ -32,39 +37,62 @@ class Modulus:
         """K, infinite for m = 1."""
         return float(special.ellipkm1(self.m1))
 
-    def jacobi(self, u: Array) -> tuple[Array, Array, Array, Array]:
-        """Return sn, cn, dn and the amplitude am of real arguments of any shape."""
-        half = 2.0 * self.quarter_period
-        turns = np.rint(u / half)  # zero on the separatrix; else what is left is where ellipj is most accurate
-        sn, cn, dn, am = special.ellipj(u - turns * half if self.m1 > 0.0 else u, self.m)
+    def jacobi(self, u: Array) -> tuple[Array, Array, Array]:
+        """Return sn, cn and dn of real arguments of any shape."""
+        turns, rest = self._reduced(u)
+        sn, cn, dn = self._central(rest)
         sign = 1.0 - 2.0 * (turns % 2.0)
-        return sign * sn, sign * cn, dn, am + np.pi * turns
+        return sign * sn, sign * cn, dn
 
-    def first_kind(self, amplitude: float) -> float:
-        """Incomplete integral F of the first kind from 0 to an amplitude, the inverse of am."""
-        half_turns, sine, squared, delta = self._reduced(np.asarray(amplitude))
-        complete = 2.0 * float(half_turns) * self.quarter_period if half_turns else 0.0
-        return complete + float(sine * special.elliprf(squared, delta, 1.0))
+    def first_kind(self, sine: float, cosine: float) -> float:
+        """Return the u between -2 K and 2 K with ``sn u`` and ``cn u`` proportional to sine and cosine."""
+        length = math.hypot(sine, cosine)
+        s, c = sine / length, cosine / length
+        partial = s * float(special.elliprf(c**2, self.m1 + self.m * c**2, 1.0))
+        return partial if c >= 0.0 else math.copysign(2.0 * self.quarter_period, s) - partial
 
-    def third_kind(self, n: float, amplitude: Array) -> Array:
-        """Integral of ``1 / ((1 - n sin^2) sqrt(1 - m sin^2))`` from 0 to amplitudes of any size, n < 1.
+    def third_kind(self, n: float, u: Array) -> Array:
+        """Return the integral of ``1 / (1 - n sn^2)`` from 0 to arguments of any size, n < 1.
 
         Carlson's symmetric forms, "Numerical computation of real or complex elliptic integrals", Numerical Algorithms
         10 (1995); DLMF 19.25.14.
         """
-        half_turns, sine, squared, delta = self._reduced(amplitude)
-        one = np.ones_like(squared)
-        partial = sine * special.elliprf(squared, delta, one) + n / 3.0 * sine**3 * special.elliprj(
-            squared, delta, one, 1.0 - n * sine**2
-        )
-        if not half_turns.any():
-            return np.asarray(partial, dtype=np.float64)
-        complete = special.elliprf(0.0, self.m1, 1.0) + n / 3.0 * special.elliprj(0.0, self.m1, 1.0, 1.0 - n)
-        return np.asarray(partial + 2.0 * half_turns * complete, dtype=np.float64)
+        turns, rest = self._reduced(u)
+        sn, cn, dn = self._central(rest)
+        one = np.ones_like(sn)
+        part = sn * special.elliprf(cn**2, dn**2, one)
+        part += n / 3.0 * sn**3 * special.elliprj(cn**2, dn**2, one, 1.0 - n * sn**2)
+        if turns.any():
+            whole = special.elliprf(0.0, self.m1, 1.0) + n / 3.0 * special.elliprj(0.0, self.m1, 1.0, 1.0 - n)
+            part += 2.0 * turns * whole
+        return np.asarray(part, dtype=np.float64)
 
-    def _reduced(self, amplitude: Array) -> tuple[Array, Array, Array, Array]:
-        """Half turns nearest to an amplitude; sine, squared cosine and ``1 - m sin^2`` of what is left of it."""
-        half_turns = np.rint(amplitude / np.pi)
-        rest = amplitude - np.pi * half_turns
-        squared = np.cos(rest) ** 2
-        return half_turns, np.sin(rest), squared, self.m1 + self.m * squared
+    def _reduced(self, u: Array) -> tuple[Array, Array]:
+        """Half periods 2 K nearest to the arguments, and what is left; none where the period is infinite."""
+        array = np.asarray(u, dtype=np.float64)
+        turns = np.rint(array / (2.0 * self.quarter_period))
+        return turns, array - turns * 2.0 * self.quarter_period if self.m1 > 0.0 else array
+
+    def _central(self, u: Array) -> tuple[Array, Array, Array]:
+        """Return sn, cn and dn of arguments between -K and K, from the arithmetic-geometric mean of 1 and m1.
+
+        Bulirsch, "Numerical calculation of elliptic integrals and elliptic functions", Numerische Mathematik 7 (1965).
+        """
+        if self.m1 == 0.0:
+            return np.tanh(u), 1.0 / np.cosh(u), 1.0 / np.cosh(u)
+        means = [(1.0, math.sqrt(self.m1))]
+        while abs(means[-1][0] - means[-1][1]) > 1e-8 * means[-1][0]:
+            a, b = means[-1]
+            means.append(((a + b) / 2.0, math.sqrt(a * b)))
+        mean = sum(means[-1]) / 2.0
+        zero = np.abs(u) < _SMALLEST
+        angle = np.where(zero, 1.0, mean * u)
+        ratio = 1.0 / np.tan(angle)
+        c, dn = mean * ratio, np.ones_like(ratio)
+        for a, b in reversed(means):
+            ratio = ratio * c
+            c = c * dn
+            dn = (b + ratio) / (a + ratio)
+            ratio = c / a
+        sn = np.copysign(1.0 / np.sqrt(c**2 + 1.0), np.sin(angle))
+        return np.where(zero, u, sn), np.where(zero, 1.0, c * sn), np.where(zero, 1.0, dn)

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -33,62 +32,10 @@ from lgmpc.lie import checks
 from lgmpc.mechanics import momentum_maps
 from lgmpc.mechanics.groups import LieGroup
 from lgmpc.mechanics.rollout import Rollout, runge_kutta4
+from lgmpc.mechanics.terms import Advected, Expression, Motion, Symbols
 from lgmpc.typing import Array
 
-__all__ = ["Advected", "EulerPoincare", "LeftEulerPoincare", "Motion", "RightEulerPoincare", "Symbols"]
-
-
-@dataclass(frozen=True)
-class Symbols:
-    """What Lagrangians, forces and potentials are written in; CasADi expressions.
-
-    Attributes:
-        time: s.
-        pose: (size, size) group element; not for the Lagrangian, which is reduced.
-        velocity: (dim,) body velocity under left reduction, spatial under right.
-        advected: (m,) what the motion carries along.
-        parameters: (p,) constants of the system.
-    """
-
-    time: Any
-    pose: Any
-    velocity: Any
-    advected: Any
-    parameters: Any
-
-
-Expression = Callable[[Symbols], Any]
-
-
-@dataclass(frozen=True)
-class Advected:
-    """A quantity that is constant in the world (left reduction; in the body under right) and enters the Lagrangian.
-
-    Attributes:
-        size: number of components.
-        act: (element, a) -> a, a linear action of the group from the left, as an expression. The body sees
-            ``act(g^-1, a0)`` of what is ``a0`` in the world.
-    """
-
-    size: int
-    act: Callable[[Any, Any], Any]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A computed motion; a row per stored time.
-
-    Attributes:
-        times: (n,) s.
-        poses: (n, size, size) group elements.
-        velocities: (n, dim) in the trivialisation of the system.
-        advected: (n, m).
-    """
-
-    times: Array
-    poses: Array
-    velocities: Array
-    advected: Array
+__all__ = ["EulerPoincare", "LeftEulerPoincare", "RightEulerPoincare"]
 
 
 @dataclass(frozen=True, eq=False)

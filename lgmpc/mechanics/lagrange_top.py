@@ -153,11 +153,11 @@ class LagrangeTop:
         cubic = [beta, 2.0 * beta * u - across - a**2, slope, climbing**2]
         u1, u2, u3 = sorted(float(u + root.real) for root in np.roots(cubic))
         rate = math.sqrt(beta * (u3 - u1)) / 2.0
-        fraction = min(1.0, max(0.0, (u - u1) / (u2 - u1))) if u2 > u1 else 0.0
         still = Nutation((u1, u2, u3), rate, 0.0)
-        return Nutation(
-            still.roots, rate, still.modulus.first_kind(math.copysign(math.asin(math.sqrt(fraction)), climbing))
-        )
+        if u2 <= u1:
+            return still
+        sine, cosine = math.sqrt(max(0.0, u - u1)), math.sqrt(max(0.0, u2 - u))
+        return Nutation(still.roots, rate, still.modulus.first_kind(math.copysign(sine, climbing), cosine))
 
     @property
     def critical_spin(self) -> float:

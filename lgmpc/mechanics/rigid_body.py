@@ -15,8 +15,9 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.euler_poincare import Advected, Expression, LeftEulerPoincare
+from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.groups import SE3, SO3
+from lgmpc.mechanics.terms import Advected, Expression
 from lgmpc.typing import Array
 
 __all__ = [

@@ -24,7 +24,8 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare, Motion
+from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.terms import Motion
 from lgmpc.typing import Array
 
 __all__ = ["LeftSymmetry"]

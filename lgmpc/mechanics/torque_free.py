@@ -9,10 +9,10 @@ With principal moments ordered so that axis c is the one that the body momentum 
     p = 2 E I_c - |pi|^2,  q = |pi|^2 - 2 E I_a,  rate^2 = (I_c - I_b) q / (I_a I_b I_c),
     m = (I_b - I_a) p / ((I_c - I_b) q)
 
-The body turns about the constant spatial momentum while axis c nods; the azimuth psi of axis c moves as
+The body turns about the constant spatial momentum. The azimuth psi of axis a, which is never along it, moves as
 
-    psi' = |pi| (2 E - I_c w_c^2) / (|pi|^2 - I_c^2 w_c^2)
-    psi  = |pi| t / I_c + |pi| (I_c - I_a) / (I_a I_c rate) Pi(-n; am u | m),   n = I_c (I_b - I_a) / (I_a (I_c - I_b))
+    psi' = |pi| (2 E - I_a w_a^2) / (|pi|^2 - I_a^2 w_a^2)
+    psi  = |pi| (t / I_a - (I_c - I_a) / (I_a I_c rate) integral of du / (1 + n sn^2 u)),   n = I_a p / (I_c q)
 
 Jacobi, "Sur la rotation d'un corps" (1849); Whittaker, "Analytical dynamics" (1904), 69; Landau and Lifshitz,
 "Mechanics", section 37; chapter 4.5 and 4.12.1.
@@ -107,7 +107,7 @@ class EulerTop:
         if self.steady:
             return np.tile(self.velocity, (len(t), 1))
         s = self._solution
-        sn, cn, dn, _ = s.modulus.jacobi(s.phase + s.rate * t)
+        sn, cn, dn = s.modulus.jacobi(s.phase + s.rate * t)
         return np.stack((s.amplitudes[0] * cn, s.amplitudes[1] * sn, s.amplitudes[2] * dn), axis=1) @ s.axes.T
 
     def rotations(self, times: Array) -> Array:
@@ -122,21 +122,20 @@ class EulerTop:
         return result
 
     def azimuths(self, times: Array) -> Array:
-        """Return (n,) the angles by which axis c has turned about the spatial momentum since time 0, rad.
+        """Return (n,) the angles by which axis a has turned about the spatial momentum since time 0, rad.
 
         Raises:
             InputError: the rotation is steady.
         """
         t, s = _times(times), self._solution
-        amplitude = s.modulus.jacobi(s.phase + s.rate * np.append(t, 0.0))[3]
-        integral = s.modulus.third_kind(-s.n, amplitude)
-        azimuths: Array = self.momentum * (t / s.moments[2] + s.factor * (integral[:-1] - integral[-1]))
+        integral = s.modulus.third_kind(-s.n, s.phase + s.rate * np.append(t, 0.0))
+        azimuths: Array = self.momentum * (t / s.moments[0] - s.factor * (integral[:-1] - integral[-1]))
         return azimuths
 
     def _leaning(self, velocities: Array) -> Array:
-        """Rotations to body axes' coordinates from ones with z along the momentum and x below axis c; transposed."""
+        """Rotations to body axes' coordinates from ones with z along the momentum and x below axis a."""
         up = velocities @ self.inertia / self.momentum
-        axis = self._solution.axes[:, 2]
+        axis = self._solution.axes[:, 0]
         x = axis - (up @ axis)[:, None] * up
         x /= np.linalg.norm(x, axis=1, keepdims=True)
         return np.stack((x, np.cross(up, x), up), axis=1)
@@ -179,8 +178,8 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
     sign = math.copysign(1.0, w[2])
     a, b, c = math.sqrt(p / (ia * (ic - ia))), math.sqrt(p / (ib * (ic - ib))), math.sqrt(q / (ic * (ic - ia)))
     rate = math.sqrt((ic - ib) * q / (ia * ib * ic))
-    phase = modulus.first_kind(math.atan2(sign * w[1] / b, w[0] / a))
-    n, factor = ic * (ib - ia) / (ia * (ic - ib)), (ic - ia) / (ia * ic * rate)
+    phase = modulus.first_kind(sign * w[1] / b, w[0] / a)
+    n, factor = ia * p / (ic * q), (ic - ia) / (ia * ic * rate)
     return _Solution(axes[:, order], moments, (a, sign * b, sign * c), rate, phase, modulus, n, factor)
 
 

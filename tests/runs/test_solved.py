@@ -1,0 +1,163 @@
+"""Folders of solved problems: written and read back, told from closed loops, judged by bounds."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lgmpc.errors import RunFolderError
+from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult, TrajectoryLog, Verdict, judge_figures
+from lgmpc.runs.figures import figure_words, unknown_bounds
+
+
+def trajectory(**changes: Any) -> TrajectoryLog:
+    """Three intervals, the second of them an impact, of a robot with two feet and one place to reach."""
+    values: dict[str, Any] = {
+        "times": np.array([0.0, 0.1, 0.1, 0.2]),
+        "xs": np.arange(20.0).reshape(4, 5),
+        "us": np.ones((3, 2)),
+        "com": np.zeros((4, 3)),
+        "contact_points": np.zeros((4, 2, 3)),
+        "contact_flags": np.array([[True, False], [True, True], [False, False]]),
+        "contact_forces": np.zeros((3, 2, 3)),
+        "contact_frames": np.array(["left", "right"]),
+        "control_names": np.array(["hip", "knee"]),
+        "control_lower": -np.ones(2),
+        "control_upper": np.ones(2),
+        "waypoint_names": np.array(["hand"]),
+        "waypoint_times": np.array([0.2]),
+        "waypoint_positions": np.zeros((1, 3)),
+        "waypoint_rotations": np.full((1, 3, 3), np.nan),
+        **{f"iteration_{name}": np.ones(4) for name in ("cost", "criterion", "gap", "step", "regularization")},
+        "iteration_elapsed": np.arange(4.0),
+        "control_unit": "N.m",
+        "nq": 3,
+        "floating_base": False,
+    }
+    return TrajectoryLog(**values | changes)
+
+
+@pytest.fixture
+def result() -> SolveResult:
+    figures = {"cost": 1.5, "effort_ratio": math.nan}
+    return SolveResult("arm", Verdict(Outcome.FAIL, ("too slow",)), "sqp", "converged", "fine", figures)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, result: SolveResult) -> RunFolder:
+    folder = RunFolder.create(tmp_path, "arm")
+    folder.write_config("name: arm\n")
+    folder.write_trajectory(trajectory())
+    folder.write_result(result)
+    return folder
+
+
+def test_what_is_written_is_read_back(folder: RunFolder, result: SolveResult) -> None:
+    run = RunFolder.load_solved(folder.path)
+    for name, array in trajectory().arrays().items():
+        np.testing.assert_array_equal(getattr(run.trajectory, name), array, err_msg=name)
+    assert run.config == "name: arm\n"
+    assert replace(run.result, figures={}) == replace(result, figures={})
+    assert run.result.figures["cost"] == 1.5 and math.isnan(run.result.figures["effort_ratio"])
+
+
+def test_the_file_tells_its_kind_and_has_null_where_nothing_was_measured(folder: RunFolder) -> None:
+    content = json.loads((folder.path / "run.json").read_text(encoding="utf-8"))
+    assert (content["schema"], content["kind"], content["verdict"]) == (1, "solve", "fail")
+    assert content["figures"] == {"cost": 1.5, "effort_ratio": None}
+
+
+def test_each_kind_is_told_from_the_other(folder: RunFolder, result: SolveResult) -> None:
+    assert RunFolder.load_any(folder.path).result.kind == "solve"
+    with pytest.raises(RunFolderError, match="of a solved problem, not of a closed loop"):
+        RunFolder.load(folder.path)
+    with pytest.raises(RunFolderError, match="of a closed loop, not of a solved problem"):
+        SolveResult.from_json(RunResult("x", result.verdict, None).to_json())
+    with pytest.raises(RunFolderError, match="kind unknown here"):
+        RunResult.from_json(result.to_json().replace('"solve"', '"tune"', 1))
+
+
+def test_the_first_files_had_no_kind_and_were_of_closed_loops(result: SolveResult) -> None:
+    written = json.loads(RunResult("x", result.verdict, None).to_json())
+    del written["kind"]
+    assert RunResult.from_json(json.dumps(written)).name == "x"
+
+
+def test_an_incomplete_folder_is_told(folder: RunFolder) -> None:
+    (folder.path / "trajectory.npz").unlink()
+    with pytest.raises(RunFolderError, match=r"no complete run folder|not a complete run folder"):
+        RunFolder.load_solved(folder.path)
+
+
+def test_a_truncated_trajectory_is_damaged(folder: RunFolder) -> None:
+    path = folder.path / "trajectory.npz"
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(RunFolderError, match=r"trajectory\.npz is damaged"):
+        RunFolder.load_solved(folder.path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"us": np.ones((2, 2))}, "'contact_flags' has shape"),
+        ({"xs": np.ones(4)}, "'xs' has 1 axes"),
+        ({"us": np.ones((3, 1))}, "'control_names' has shape"),
+        ({"contact_flags": np.zeros((3, 2))}, "'contact_flags' holds float64"),
+        ({"contact_frames": np.array([1.0, 2.0])}, "'contact_frames' holds"),
+        ({"times": np.array([0.0, 0.2, 0.1, 0.3])}, "'times' decreases"),
+        ({"times": np.array([0.0, np.nan, 0.1, 0.3])}, "'times' decreases"),
+        ({"nq": 6}, "nq = 6 does not fit"),
+        ({"floating_base": True}, "nq = 3 does not fit"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(RunFolderError, match=expected.replace("(", r"\(")):
+        trajectory(**changes)
+
+
+def test_missing_arrays_are_named() -> None:
+    arrays = trajectory().arrays()
+    del arrays["us"], arrays["nq"]
+    with pytest.raises(RunFolderError, match="us, nq missing"):
+        TrajectoryLog.from_arrays(arrays)
+
+
+def test_the_arrays_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory().xs[0, 0] = 1.0
+
+
+def test_bounds_hold_on_their_side_and_nan_breaks_them() -> None:
+    figures = {"gap_m": 2e-3, "share": math.nan}
+    assert judge_figures(figures, {"max_gap_m": 2e-3, "min_gap_m": 2e-3}) == ()
+    over, under = judge_figures(figures, {"max_gap_m": 1e-3, "min_gap_m": 0.5})
+    assert over == "gap 2 mm, allowed at most 1 mm (max_gap_m)"
+    assert under == "gap 2 mm, allowed at least 500 mm (min_gap_m)"
+    assert judge_figures(figures, {"max_share": 1.0}) == ("share nan, allowed at most 1 (max_share)",)
+    # So close that three digits would read as a contradiction.
+    (close,) = judge_figures({"gap_m": 1.00001e-3}, {"max_gap_m": 1e-3})
+    assert close == "gap 1.00001 mm, allowed at most 1 mm (max_gap_m)"
+
+
+def test_bounds_are_about_figures() -> None:
+    assert unknown_bounds(["max_gap_m", "min_gap_m", "max_gap"], ["gap_m"]) == ["max_gap"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("com_rms_error_m", ("com rms error", "mm", 1e3)),
+        ("final_velocity_rad_s", ("final velocity", "rad/s", 1.0)),
+        ("speed_m_s", ("speed", "m/s", 1.0)),
+        ("solve_ms", ("solve", "ms", 1.0)),
+        ("iterations", ("iterations", "", 1.0)),
+    ],
+)
+def test_names_are_told_with_their_units(name: str, expected: tuple[str, str, float]) -> None:
+    assert figure_words(name) == expected

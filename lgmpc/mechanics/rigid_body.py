@@ -164,9 +164,9 @@ def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEu
         gravity: m/s^2.
 
     Raises:
-        InputError: an inertia that no body has, or a moment or gravity not finite.
+        InputError: an inertia that no body has, a moment of another shape, or gravity that is no finite number.
     """
-    weight = checks.finite("gravity", gravity) * checks.tangent(3)("moment", moment)
+    weight = _number("gravity", gravity) * SO3.check_tangent("moment", moment)
     return LeftEulerPoincare(
         "heavy_top",
         SO3,
@@ -198,9 +198,9 @@ def free_body(
         spatial_force: wrench [force; moment about the world's origin] in world axes, N, N.m.
 
     Raises:
-        InputError: gravity that is not finite.
+        InputError: gravity that is no finite number.
     """
-    weight = inertia.mass * checks.finite("gravity", gravity) * np.append(inertia.center, 1.0)
+    weight = inertia.mass * _number("gravity", gravity) * np.append(inertia.center, 1.0)
     return LeftEulerPoincare(
         "free_body",
         SE3,
@@ -216,6 +216,13 @@ def free_body(
 def _quadratic(velocity: Any, parameters: Any, size: int) -> Any:
     matrix = ca.reshape(parameters[: size * size], size, size)
     return 0.5 * ca.dot(velocity, matrix @ velocity)
+
+
+def _number(name: str, value: float) -> float:
+    array = checks.finite(name, value)
+    if array.ndim:
+        raise InputError(name, f"shape {array.shape}", "one number, m/s^2")
+    return float(array)
 
 
 def _listed(values: Array) -> str:

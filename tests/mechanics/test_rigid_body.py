@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics import HEIGHT, SpatialInertia, check_inertia, free_body, torque_free_body
+from lgmpc.mechanics import HEIGHT, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
 
 BODY = SpatialInertia(
     1.5, np.array([0.1, 0.05, -0.2]), np.array([[0.1, 0.01, 0], [0.01, 0.2, -0.02], [0, -0.02, 0.25]])
@@ -118,3 +118,12 @@ def test_a_flat_plate_is_a_body() -> None:
 def test_bodies_without_mass_or_with_half_a_centre_are_refused(mass: float, center: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
         SpatialInertia(mass, center, np.eye(3))
+
+
+def test_weights_that_cannot_be_are_refused() -> None:
+    with pytest.raises(InputError, match=r"moment: got shape \(2,\)"):
+        heavy_top(np.eye(3), np.ones(2))
+    with pytest.raises(InputError, match=r"gravity: got shape \(3,\)"):
+        heavy_top(np.eye(3), np.ones(3), [0.0, 0.0, -9.81])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="gravity: .* finite"):
+        free_body(BODY, np.nan)

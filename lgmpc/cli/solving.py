@@ -21,6 +21,7 @@ from lgmpc.cli.screen import err, figure_name, figure_number, out, show_next, sh
 from lgmpc.config import SolveConfig
 from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
+from lgmpc.runs import Outcome
 
 __all__ = ["solve_shown"]
 
@@ -45,7 +46,7 @@ def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
     console, outcome = out(), finished.outcome
     if not quiet:
         console.print(_figures(outcome.figures, config.gate.bounds))
-    if not outcome.converged:
+    if not outcome.converged and outcome.verdict.outcome is not Outcome.INTERRUPTED:
         console.print(Text(outcome.explanation))
     show_verdict(console, outcome.verdict, finished.result.name)
     if not quiet:

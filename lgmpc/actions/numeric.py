@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.actions.base import StageValue
+from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.dynamics import actuated
 from lgmpc.actions.full_body import ContactForwardDynamics
+from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import SemiImplicitEuler
 from lgmpc.actions.multibody import MultibodyAction
-from lgmpc.costs import StageSymbols, constraint_of, cost_of
+from lgmpc.costs import Bounded, Cost, StageSymbols, constraint_of, cost_of
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
 from lgmpc.typing import Array
@@ -58,12 +59,13 @@ class StageQuadratic:
     cost: float
 
 
-class NumericContactAction:
-    """Evaluates and expands a contact action with Pinocchio instead of compiled expressions.
+class NumericContactAction(Action):
+    """A contact action that Pinocchio evaluates and expands, instead of compiled expressions: the same to rounding.
 
-    Nothing of the size of the robot's dynamics is made symbolic; costs and constraints are interpreted, as functions of
-    state, control, acceleration and forces. Derivatives: Carpentier and Mansard, "Analytical derivatives of rigid body
-    dynamics algorithms", RSS 2018.
+    A problem of it takes no time to compile and several times as long to solve. Costs and constraints are interpreted,
+    as functions of state, control, acceleration and forces. The expressions are the given action's; FDDP and SQP do
+    without them, solvers that want the whole problem symbolic and what measures solutions do not. Derivatives:
+    Carpentier and Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018.
 
     Args:
         action: of contact forward dynamics without loads and semi-implicit Euler steps.
@@ -80,12 +82,35 @@ class NumericContactAction:
         if type(action.integrator) is not SemiImplicitEuler:
             raise InputError("action", type(action.integrator).__name__, "SemiImplicitEuler")
         self.action = action
+        self.name, self.state, self.nu, self.parameters = action.name, action.state, action.nu, action.parameters
         self.contacts = action.dynamics.contacts
         self.model: pin.Model = action.dynamics.model
         self._data = self.model.createData()
         self._frames = [int(self.model.getFrameId(contact.frame)) for contact in self.contacts.contacts]
         self._joints = actuated(self.model)
         self._items = self._item_function()
+        kept = ("cost", "value", "lower", "upper")
+        self._values = self._items.factory(f"{action.name}_items_values", self._items.name_in(), list(kept))
+
+    def step(self, x: Any, u: Any, p: Any) -> Any:
+        """Return the state (nx,) at the end of the interval."""
+        return self.action.step(x, u, p)
+
+    def cost(self, x: Any, u: Any, p: Any) -> Cost:
+        """Return the running cost."""
+        return self.action.cost(x, u, p)
+
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
+        """Return the cost of the state at the end of the horizon."""
+        return self.action.terminal_cost(x, p)
+
+    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
+        """Return the path constraint."""
+        return self.action.constraint(x, u, p)
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return all expressions of the interval."""
+        return self.action.stage(x, u, p, unknowns)
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
         """Evaluate the action at one point.
@@ -97,10 +122,8 @@ class NumericContactAction:
         """
         values = self.action.parameters.split(p)
         z = self._solve(x, u, values)
-        items = self._evaluate_items(x, u, z, p)
-        return StageValue(
-            self._step(x, z, values), float(items["cost"][0, 0]), *(items[k][:, 0] for k in ("value", "lower", "upper"))
-        )
+        cost, *path = (out.full()[:, 0] for out in self._values(x, u, z, p))
+        return StageValue(self._step(x, z, values), float(cost[0]), *path)
 
     def quadratic(self, x: Array, u: Array, x_next: Array, p: Array) -> StageQuadratic:
         """Expand the action around (x, u) for a trajectory whose next state is ``x_next``.

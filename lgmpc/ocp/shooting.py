@@ -12,8 +12,9 @@ from itertools import groupby
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, NumericContactAction
 from lgmpc.compile import StageKernel
+from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -76,12 +77,17 @@ class ShootingFunctions:
         self.costs_try: Array = np.zeros(n + 1)
         self.moved: Array = np.zeros((n + 1, ndx))
 
-        kernels: dict[tuple[str, int], StageKernel] = {}
+        kernels: dict[tuple[str, int], StageKernel | NumericExpansion | NumericRollOut] = {}
 
-        def kernel(write: Callable[[Action, int], ca.Function], action: Action) -> StageKernel:
+        def kernel(
+            write: Callable[[Action, int], ca.Function], action: Action
+        ) -> StageKernel | NumericExpansion | NumericRollOut:
             key = (write.__name__, id(action))
             if key not in kernels:
-                kernels[key] = StageKernel(write(action, nu), progress)
+                if isinstance(action, NumericContactAction) and write in _NUMERIC:
+                    kernels[key] = _NUMERIC[write](action, nu)
+                else:
+                    kernels[key] = StageKernel(write(action, nu), progress)
             return kernels[key]
 
         expand, roll = [], []
@@ -200,6 +206,12 @@ def _roll_out(action: Action, nu: int) -> ca.Function:
         ["x", "x_base", "u_base", "feedback", "feedforward", "gap", "lower", "upper", "alpha", "p"],
         ["x_next", "u", "cost"],
     )
+
+
+_NUMERIC: dict[Callable[..., ca.Function], type[NumericExpansion] | type[NumericRollOut]] = {
+    _expansion: NumericExpansion,
+    _roll_out: NumericRollOut,
+}
 
 
 def _last_expansion(action: Action, nu: int) -> ca.Function:

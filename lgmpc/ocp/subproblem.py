@@ -11,8 +11,9 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, NumericContactAction
 from lgmpc.compile import StageKernel
+from lgmpc.ocp.pinocchio_stages import NumericSubproblem
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import runs_of
@@ -54,7 +55,12 @@ class SubproblemFunctions:
         self.us: Array = np.zeros((n, nu))
         self.xs_base: Array = self.xs.copy()
         self.dxs: Array = np.zeros((n + 1, state.ndx))
-        kernels = {key: StageKernel(_packed(function, blocks), progress) for key, function in padded.items()}
+        kernels = {
+            id(action): NumericSubproblem(action, blocks)
+            if isinstance(action, NumericContactAction)
+            else StageKernel(_packed(padded[id(action)], blocks), progress)
+            for action, _, _ in runs
+        }
         calls = []
         for action, start, stop in runs:
             k, behind = slice(start, stop), slice(start + 1, stop + 1)

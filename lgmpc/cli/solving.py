@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.running import warnings_on
-from lgmpc.cli.screen import err, figure_name, figure_number, out, show_next, show_verdict
+from lgmpc.cli.screen import err, figure_name, out, show_next, show_verdict
 from lgmpc.config import SolveConfig
 from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
@@ -77,7 +77,12 @@ def _figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Table
 
 
 def _number(value: float) -> str:
-    return f"{value:.2e}" if 0.0 < abs(value) < 1e-3 else "-" if math.isnan(value) else figure_number(value)
+    """Three digits, with an exponent only for what is very small or very large."""
+    if math.isnan(value):
+        return "-"
+    if 0.0 < abs(value) < 1e-3:
+        return f"{value:.2e}"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 class _Display(Protocol):

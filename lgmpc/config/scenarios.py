@@ -20,7 +20,7 @@ from typing import Any
 
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import ComCircleProblem, ReachProblem, Section, SolveConfig
-from lgmpc.config.schema.problem import FlightProblem, GaitProblem, JumpProblem, RecoveryProblem
+from lgmpc.config.schema.problem import FlightProblem, GaitProblem, JumpProblem, RecoveryProblem, StandingReachProblem
 from lgmpc.config.schema.problem.legged import GaitWeights, LeggedSection
 from lgmpc.config.schema.problem.rotors import RotorsSection
 from lgmpc.errors import ConfigError, InputError
@@ -33,6 +33,7 @@ from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSet
 from lgmpc.problems.multirotor import MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
 from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
+from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
 from lgmpc.robot import Robot
 
 __all__ = ["build_scenario"]
@@ -142,6 +143,21 @@ def _legged(section: LeggedSection, weights: GaitWeights) -> LeggedSettings:
     )
 
 
+def _standing_reach(robot: Robot, section: StandingReachProblem) -> Scenario:
+    settings = StandingReachSettings(
+        frame=section.frame,
+        position=section.position_m,
+        rpy_deg=section.rpy_deg,
+        sole_half_size=section.sole_half_size_m,
+        sole_margin=section.sole_margin_m,
+        friction=section.friction,
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        weights=StandingReachWeights(**section.weights.model_dump()),
+    )
+    return build_standing_reach(robot, settings)
+
+
 def _rotors(section: RotorsSection) -> MultirotorSettings:
     return MultirotorSettings(section.frames, section.turning, section.max_thrust_n, section.drag_ratio_m)
 
@@ -153,6 +169,7 @@ _BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
     JumpProblem: _jump,
     ReachProblem: _reach,
     RecoveryProblem: _recovery,
+    StandingReachProblem: _standing_reach,
 }
 
 

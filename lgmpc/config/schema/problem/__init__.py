@@ -9,6 +9,7 @@ from lgmpc.config.schema.problem.flight import FlightProblem
 from lgmpc.config.schema.problem.legged import GaitProblem, JumpProblem
 from lgmpc.config.schema.problem.reach import ReachProblem
 from lgmpc.config.schema.problem.recovery import RecoveryProblem
+from lgmpc.config.schema.problem.standing_reach import StandingReachProblem
 
 __all__ = [
     "ComCircleProblem",
@@ -18,6 +19,7 @@ __all__ = [
     "ProblemSection",
     "ReachProblem",
     "RecoveryProblem",
+    "StandingReachProblem",
 ]
 
 ProblemSection = Annotated[
@@ -28,6 +30,7 @@ ProblemSection = Annotated[
         JumpProblem,
         ReachProblem,
         RecoveryProblem,
+        StandingReachProblem,
     ],
     Field(discriminator="kind"),
 ]

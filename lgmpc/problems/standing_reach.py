@@ -1,0 +1,248 @@
+"""A humanoid on both feet puts its hand at a place and keeps its balance; no foot slips or tips.
+
+The robot is too large for compiled expressions to pay for one solve (350,000 instructions a stage of Talos, minutes to
+compile), so Pinocchio evaluates it: :class:`~lgmpc.actions.NumericContactAction`. What it must not do (slip, tip, pass
+its limits) are hard constraints, which SQP and ipopt keep; barriers in their place cost FDDP ten times the iterations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
+
+from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction, NumericContactAction
+from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
+from lgmpc.costs.library import (
+    CenterOfPressure,
+    Control,
+    FrameRotation,
+    FrameTranslation,
+    FrictionCone,
+    StateError,
+)
+from lgmpc.errors import InputError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems.kinematics import com_positions, frame_placements
+from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.soles import center_of_pressure, sole_corners, sole_wrenches
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
+
+
+@dataclass(frozen=True)
+class StandingReachWeights:
+    """Weights of the cost; those of the running cost are per second of the horizon.
+
+    Attributes:
+        position: hand from its target at the end, 1/m2.
+        rotation: hand's rotation from its target at the end, 1/rad2.
+        rest: all velocities at the end.
+        base: trunk from upright, 1/rad2.
+        posture: joints from the reference posture, 1/rad2.
+        velocity: of base and joints.
+        effort: squared torques, as fractions of their limits.
+    """
+
+    position: float = 1e4
+    rotation: float = 1e3
+    rest: float = 1e2
+    base: float = 1.0
+    posture: float = 0.3
+    velocity: float = 0.1
+    effort: float = 1e-1
+
+
+@dataclass(frozen=True)
+class StandingReachSettings:
+    """The target, the ground and the grid.
+
+    Attributes:
+        frame: the hand.
+        position: (3,) of its origin at the end, world axes, m.
+        rpy_deg: (3,) its rotation at the end: roll, pitch, yaw about the world's axes, in this order, degrees; none if
+            any will do.
+        sole_half_size: (2,) half length and half width of the soles, centred at the contact frames, m.
+        sole_margin: the centre of pressure is kept that far from a sole's edge, m.
+        friction: coefficient of the cones that the contact forces are kept in.
+        nodes: number of intervals.
+        node_duration: length of each, s.
+        weights: of the cost.
+    """
+
+    frame: str
+    position: tuple[float, float, float]
+    rpy_deg: tuple[float, float, float] | None = None
+    sole_half_size: tuple[float, float] = (0.1, 0.065)
+    sole_margin: float = 0.02
+    friction: float = 0.5
+    nodes: int = 30
+    node_duration: float = 0.05
+    weights: StandingReachWeights = StandingReachWeights()
+
+
+class JointPosition(Residual):
+    """Positions of the last ``nu`` joints, each of one number (nu,), rad or m.
+
+    Args:
+        nu: number of these joints.
+    """
+
+    def __init__(self, nu: int) -> None:
+        self.nr = nu
+
+    def expression(self, s: StageSymbols) -> object:
+        """Return the positions."""
+        return s.q[s.robot.nq - self.nr :]
+
+
+def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scenario:
+    """Return the problem for a robot that stands in its reference posture, at rest, on soles at its contact frames.
+
+    Hard constraints: efforts and joints within the robot's limits, contact forces in friction cones, centres of
+    pressure within the soles. Figures: ``hand_error_m``, ``hand_rotation_error_deg`` (if a rotation is asked for) and
+    ``final_speed``, the largest velocity, at the end; ``com_margin_m`` and ``zmp_margin_m``, how far inside the soles'
+    convex hull the centre of mass, projected to the ground, and the zero moment point stay; ``cop_margin_m``, how far
+    from its edge each sole's centre of pressure; ``friction_ratio``, tangential over normal force; ``slip_m`` and
+    ``sole_turn_deg``, of the soles from where they stood; ``beyond_limits_rad``. Forces are recomputed from the motion
+    by Pinocchio's inverse dynamics.
+
+    Raises:
+        InputError: a robot without free base or contact frames, no such frame, or a margin that leaves nothing of the
+            soles.
+    """
+    s = settings
+    _check(robot, s)
+    target = pin.SE3(
+        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position)
+    )
+    stance = [frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
+    corners = np.concatenate([sole_corners(sole, s.sole_half_size) for sole in stance])
+    problem = _problem(robot, s, target, stance)
+    effort = sole_wrenches(robot, robot.x_reference, np.zeros(robot.nv), None)[1]
+    bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
+    guess = Trajectory(problem.hold().xs, np.tile(bounded, (s.nodes, 1)))
+
+    def wrenches(trajectory: Trajectory) -> Array:
+        xs, us = trajectory.xs, trajectory.us
+        rates = np.diff(xs[:, robot.nq :], axis=0) / s.node_duration
+        return np.array([sole_wrenches(robot, x, a, u)[0] for x, a, u in zip(xs[:-1], rates, us, strict=True)])
+
+    def figures(trajectory: Trajectory) -> dict[str, float]:
+        xs = trajectory.xs
+        end = frame_placements(robot, s.frame, xs[-1:])[0]
+        feet = [frame_placements(robot, frame, xs) for frame in robot.contact_frames]
+        moved = [stood.actInv(foot) for stood, foots in zip(stance, feet, strict=True) for foot in foots]
+        forces = wrenches(trajectory)
+        ground = np.array([sole.translation for sole in stance])
+        total = forces.sum(axis=1)
+        total[:, 3:] += np.cross(ground[None], forces[..., :3]).sum(axis=1)
+        pressure = np.array([[center_of_pressure(f) for f in node] for node in _local(stance, forces)])
+        joints = xs[:, robot.joint_q]
+        beyond = np.maximum(robot.joint_lower - joints, joints - robot.joint_upper)
+        tangential = np.linalg.norm(forces[..., :2], axis=-1)
+        found = {
+            "hand_error_m": float(np.linalg.norm(end.translation - target.translation)),
+            "final_speed": float(np.abs(xs[-1, robot.nq :]).max()),
+            "com_margin_m": _inside(corners, com_positions(robot, xs)),
+            "zmp_margin_m": _inside(corners, np.array([center_of_pressure(f) for f in total])),
+            "cop_margin_m": float((np.array(s.sole_half_size) - np.abs(pressure)).min()),
+            "friction_ratio": float((tangential / forces[..., 2]).max()),
+            "slip_m": float(max(np.linalg.norm(move.translation) for move in moved)),
+            "sole_turn_deg": float(np.degrees(max(np.linalg.norm(pin.log3(move.rotation)) for move in moved))),
+            "beyond_limits_rad": float(max(beyond.max(), 0.0)),
+        }
+        if s.rpy_deg is not None:
+            turned = np.linalg.norm(pin.log3(target.rotation.T @ end.rotation))
+            found["hand_rotation_error_deg"] = float(np.degrees(turned))
+        return found
+
+    rotation = None if s.rpy_deg is None else target.rotation
+    return Scenario(
+        name="standing_reach",
+        robot=robot,
+        problem=problem,
+        guess=guess,
+        durations=np.full(s.nodes, s.node_duration),
+        figures=figures,
+        contact_flags=np.ones((s.nodes, robot.nc), dtype=np.bool_),
+        contact_forces=lambda trajectory: wrenches(trajectory)[..., :3],
+        waypoints=(Waypoint(s.frame, s.nodes * s.node_duration, target.translation, rotation),),
+        friction=s.friction,
+    )
+
+
+def _check(robot: Robot, s: StandingReachSettings) -> None:
+    if not (robot.floating_base and robot.nc):
+        raise InputError("robot", f"{robot.name} without soles", "a free base and contact_frames")
+    if robot.nq - robot.nv != 1:
+        raise InputError("robot", f"{robot.name} with joints of more than one number", "joints with one angle each")
+    robot.frame(s.frame)
+    if not s.node_duration > 0.0:
+        raise InputError("node_duration", s.node_duration, "above 0 s")
+    if not 0.0 <= s.sole_margin < min(s.sole_half_size):
+        raise InputError("sole_margin", s.sole_margin, f"at least 0, below {min(s.sole_half_size):g} m")
+
+
+def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: list[pin.SE3]) -> ShootingProblem:
+    w, nu = s.weights, robot.nu
+    dynamics = ContactForwardDynamics(robot.model, [Contact(frame, 6) for frame in robot.contact_frames])
+    state, (length, width) = dynamics.state, s.sole_half_size
+    reduced = (length - s.sole_margin, width - s.sole_margin)
+    deviation = np.repeat([0.0, w.base, w.posture, w.velocity], [3, 3, nu, robot.nv])
+    running = [
+        CostItem("posture", StateError(state, robot.x_reference), deviation),
+        # Of the efforts themselves: those against gravity and contact forces leave what the feet do to each other free.
+        CostItem("effort", Control(nu), w.effort / robot.effort_limit**2),
+    ]
+    constraints = [
+        ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit),
+        ConstraintItem("joint_limit", JointPosition(nu), robot.joint_lower, robot.joint_upper),
+    ]
+    for k, frame in enumerate(robot.contact_frames):
+        constraints.append(ConstraintItem(f"cone_{k}", FrictionCone(frame, friction=s.friction), 0.0, np.inf))
+        constraints.append(ConstraintItem(f"pressure_{k}", CenterOfPressure(frame, reduced), 0.0, np.inf))
+    ending = [
+        CostItem("hand", FrameTranslation(s.frame, target.translation), w.position),
+        CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], robot.nv)),
+    ]
+    if s.rpy_deg is not None:
+        quaternion = pin.Quaternion(target.rotation).coeffs()
+        ending.append(CostItem("hand_rotation", FrameRotation(s.frame, quaternion), w.rotation))
+    action = NumericContactAction(MultibodyAction("standing_reach", dynamics, running, constraints))
+    problem = ShootingProblem(action, s.nodes, MultibodyAction("standing_reach_end", dynamics, ending))
+    nodes = list(range(s.nodes))
+    h = s.node_duration
+    values: dict[str, ArrayLike] = {
+        "duration": h,
+        "contact_points": np.concatenate([sole.translation for sole in stance]),
+        "contact_orientations": np.concatenate([pin.Quaternion(sole.rotation).coeffs() for sole in stance]),
+        # What a step of the integrator leaves of a displaced contact, the next one takes away.
+        "contact_gains": [1.0 / h**2, 1.0 / h],
+    }
+    for name, value in values.items():
+        problem.set(name, value, nodes)
+    # The first state is given: where it is at a limit, no solver needs to know.
+    start = robot.q_reference[robot.joint_q]
+    problem.set("joint_limit_lower", np.minimum(robot.joint_lower, start - 1.0), [0])
+    problem.set("joint_limit_upper", np.maximum(robot.joint_upper, start + 1.0), [0])
+    problem.set_initial_state(robot.x_reference)
+    return problem
+
+
+def _local(stance: list[pin.SE3], forces: Array) -> Array:
+    """Wrenches (N, nc, 6) at the soles' origins, from world axes to the soles' own."""
+    back = np.array([sole.rotation.T for sole in stance])
+    linear = np.einsum("cij,kcj->kci", back, forces[..., :3])
+    return np.concatenate([linear, np.einsum("cij,kcj->kci", back, forces[..., 3:])], axis=2)
+
+
+def _inside(corners: Array, points: Array) -> float:
+    """How far (n, >= 2) points stay inside the convex hull of the corners, in the plane; negative outside."""
+    edges = ConvexHull(corners[:, :2]).equations
+    return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import gc
+import weakref
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -30,6 +33,21 @@ def test_stages_read_what_the_stage_before_wrote(kernel: StageKernel) -> None:
     a[0] = -1.0  # memory is read at every call
     call()
     assert xs[2, 1] == xs[1, 0] - 1.0
+
+
+@pytest.mark.parametrize("jit", ["0", "1"])
+def test_the_call_keeps_its_memory_alive(jit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", jit)
+    x = ca.SX.sym("x")
+    kernel = StageKernel(ca.Function("keeps", [x], [2 * x], ["x"], ["y"]))
+    given, result = np.array([3.0]), np.zeros((4, 1))
+    there = weakref.ref(given)
+    call = kernel.bind(4, x=given, y=result)
+    del given
+    gc.collect()
+    assert there() is not None
+    call()
+    assert (result == 6.0).all()
 
 
 @pytest.mark.parametrize(

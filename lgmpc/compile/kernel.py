@@ -93,10 +93,11 @@ def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[lis
                 buffer.set_arg(i, row.data)
             else:
                 buffer.set_res(i - n_in, row.data)
-        calls.append((evaluate, buffer))
+        # The buffer holds addresses only: whatever they point at has to live as long as the call.
+        calls.append((evaluate, buffer, [column[k] for column in rows]))
 
     def call() -> int:
-        for evaluate, _ in calls:
+        for evaluate, *_ in calls:
             evaluate()
         return 0
 

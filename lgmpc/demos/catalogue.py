@@ -20,6 +20,8 @@ NAMES: tuple[str, ...] = (
     "snake",
     "rov",
     "lee",
+    "preintegration",
+    "inekf",
     "solo12-momentum",
 )
 """In the order in which a newcomer would watch them."""

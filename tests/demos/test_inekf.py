@@ -1,0 +1,36 @@
+"""The filter is as good as it believes; one that is told of too little noise is found out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lgmpc.demos import inekf
+
+
+@pytest.mark.slow
+def test_it_is_log_linear_consistent_and_converges() -> None:
+    outcome = inekf.DEMO.run()
+    assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
+    assert outcome.times is not None
+    assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
+    tilts = next(panel for panel in outcome.panels if panel.title.startswith("Tilt")).curves
+    invariant, quaternion = tilts[0].y, tilts[2].y
+    assert (tilts[0].label, tilts[2].label) == ("right-invariant, median", "quaternion, median")
+    assert invariant[0] == quaternion[0] == pytest.approx(45.0)
+    assert invariant[100] < 1.0 < 5.0 < quaternion[100]  # 0.5 s on
+
+
+def test_noise_that_the_filter_was_not_told_of_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inekf, "RUNS", 4)
+    monkeypatch.setattr(inekf, "DURATION", 0.6)
+    honest = inekf.rehearse
+
+    def noisy(rng: np.random.Generator, noise, **keywords):
+        return honest(rng, replace(noise, gyro=10.0 * noise.gyro), **keywords)
+
+    monkeypatch.setattr(inekf, "rehearse", noisy)
+    wrong = {row.quantity for row in inekf.DEMO.run().rows if not row.agrees}
+    assert "right form: NEES / freedom" in wrong

@@ -78,7 +78,8 @@ def _run() -> Outcome:
             f" its median NEES is {overconfident:.2g} times its freedom.",
             "It linearises about a wrong attitude and then trusts what it took from there; the invariant filter's"
             " linearisation does not depend on the attitude.",
-            "Predicted is what the filter believes of itself. In the scene, blue is the truth, green the invariant filter, red the quaternion filter.",
+            "Predicted is what the invariant filter believes of itself.",
+            "In the scene, blue is the truth, green the invariant filter, red the quaternion filter.",
         ),
     )
 
@@ -170,7 +171,7 @@ def _panels(right: list[_Run], quaternion: list[_Run]) -> tuple[Panel, ...]:
         for label, runs in (("right-invariant", right), ("quaternion", quaternion)):
             values = np.array([getattr(run, name) for run in runs])
             curves.append(Curve(f"{label}, median", times, np.median(values, axis=0)))
-            curves.append(Curve(f"{label}, worst", times, values.max(axis=0), dashed=True))
+            curves.append(Curve(f"{label}, worst", times, values.max(axis=0)))
         return tuple(curves)
 
     sparse = times[::EVERY]

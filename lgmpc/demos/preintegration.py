@@ -62,7 +62,7 @@ def _run() -> Outcome:
         Row("noise: NEES / freedom", 1.0, float(squares.mean()) / 9.0, float(tolerance)),
         Row("noise: deviation of height", 1e3 * believed[8], 1e3 * spread[-1, 8], 0.2e3 * believed[8], "mm"),
     )
-    guide = errors["exact exponential"][0] * (PERIODS / PERIODS[0]) ** 2
+    guide = 0.5 * errors["exact exponential"][0] * (PERIODS / PERIODS[0]) ** 2
     panels = (
         Panel(
             "Position error against DOP853",
@@ -81,7 +81,7 @@ def _run() -> Outcome:
             "error in the tangent",
             (
                 Curve("corrected to first order", CHANGES, corrections),
-                Curve("second order", CHANGES, corrections[0] * (CHANGES / CHANGES[0]) ** 2, dashed=True),
+                Curve("second order", CHANGES, 0.5 * corrections[0] * (CHANGES / CHANGES[0]) ** 2, dashed=True),
             ),
             log_x=True,
             log_y=True,
@@ -230,11 +230,11 @@ def _spread_panel(rows: Array, spread: Array) -> Panel:
     for row in rows:
         motion.integrate(row[:3], row[3:], PERIOD)
         believed.append(np.sqrt(np.diag(motion.covariance)))
-    curves = []
-    for axis, name in enumerate("xyz"):
-        curves.append(Curve(name, times, 1e3 * spread[:, 6 + axis]))
-        curves.append(Curve(f"{name}, believed", times, 1e3 * np.array(believed)[:, 6 + axis], dashed=True))
-    return Panel(f"Position noise of {RUNS} runs", "time, s", "standard deviation, mm", tuple(curves))
+    curves = (
+        Curve("found", times, 1e3 * spread[:, 8]),
+        Curve("believed", times, 1e3 * np.array(believed)[:, 8], dashed=True),
+    )
+    return Panel(f"Noise of the height in {RUNS} runs", "time, s", "standard deviation, mm", curves)
 
 
 def _slope(sizes: Array, errors: Array) -> float:

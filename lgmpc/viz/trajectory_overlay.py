@@ -16,6 +16,8 @@ from lgmpc.viz.scene import Scene
 __all__ = ["Pictures", "add_trajectory_overlay", "path_names", "thrusters"]
 
 _RATE_HZ, _MOST = 100.0, 3000
+_ROUNDING = 1e-9
+"""s by which a picture's time may miss the node that it is meant to be at."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Pictures:
         count = max(2, min(int(np.ceil((log.times[-1] - log.times[0]) * rate_hz)) + 1, limit))
         times = np.linspace(log.times[0], log.times[-1], count)
         # Behind an impact, whose two nodes have the same time, begins the next interval.
-        intervals = np.clip(np.searchsorted(log.times, times, side="right") - 1, 0, log.nodes - 1)
+        intervals = np.clip(np.searchsorted(log.times, times + _ROUNDING, side="right") - 1, 0, log.nodes - 1)
         start, length = log.times[intervals], np.diff(log.times)[intervals]
         share = np.clip((times - start) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
         states = log.xs[:, : log.nq]

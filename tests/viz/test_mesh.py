@@ -4,7 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from lgmpc.viz.mesh import Mesh, box, cone, cylinder, disc, mesh_of, shade, sphere
+from lgmpc.viz.mesh import Mesh, box, cone, cylinder, disc, mesh_of, shade, sphere, tube
 
 
 def face_normals(mesh: Mesh) -> np.ndarray:
@@ -94,3 +94,24 @@ def test_shapes_of_a_urdf_have_their_size(geometry, size) -> None:
 
 def test_what_is_not_drawn_is_none() -> None:
     assert mesh_of(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)) is None
+
+
+def test_a_tube_keeps_its_radius_and_does_not_twist() -> None:
+    angle = np.linspace(0.0, 4.0 * np.pi, 200)
+    helix = np.column_stack((np.cos(angle), np.sin(angle), 0.1 * angle))
+    mesh = tube(helix, 0.05, segments=8)
+    away = np.linalg.norm(mesh.positions[:, None] - helix, axis=2).min(axis=1)
+    np.testing.assert_allclose(away, 0.05, atol=1e-6)
+    nearest = helix[np.linalg.norm(mesh.positions[:, None] - helix, axis=2).argmin(axis=1)]
+    outwards = (mesh.positions - nearest) / 0.05
+    assert np.einsum("ij,ij->i", outwards, mesh.normals).min() > 0.9
+    # Edges along the tube are about as long as the helix's own steps: rings are not turned against each other.
+    corners = mesh.positions[mesh.faces]
+    shortest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min(axis=1)
+    assert shortest.max() < 1.1 * np.linalg.norm(helix[1] - helix[0])
+
+
+def test_a_tube_along_a_line_that_turns_back_has_no_hole() -> None:
+    mesh = tube(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
+    assert np.isfinite(mesh.positions).all() and np.isfinite(mesh.normals).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.positions[:, 1:], axis=1), 0.1, atol=1e-6)

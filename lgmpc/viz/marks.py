@@ -99,7 +99,7 @@ def add_plumb_line(scene: Scene, path: str, scale: Scale, times: Array, where: A
 
 def add_place(scene: Scene, path: str, size: float, position: Array, rotation: Array | None) -> None:
     """Put a place to reach at ``path``: a translucent ball, and the axes of a frame (x red, y green, z blue) if any."""
-    scene.add_mesh(f"{path}/ball", sphere(0.1 * size), Material(COLORS["target"], 0.55, on_top=True))
+    scene.add_mesh(f"{path}/ball", sphere(0.14 * size), Material(COLORS["target"], 0.55, on_top=True))
     scene.place(path, position, (0.0, 0.0, 0.0, 1.0) if rotation is None else pin.Quaternion(rotation).coeffs())
     if rotation is None:
         return

@@ -68,7 +68,7 @@ def add_trajectory_overlay(
     for k, (position, rotation) in enumerate(zip(log.waypoint_positions, log.waypoint_rotations, strict=True)):
         turned = rotation if np.isfinite(rotation).all() else None
         add_place(scene, f"/overlay/places/{k:03d}", size, position, turned)
-    _add_paths(scene, robot, log, pictures, 0.02 * size)
+    _add_paths(scene, robot, log, pictures, 0.025 * size)
 
 
 def thrusters(robot: Robot, log: TrajectoryLog) -> list[str]:

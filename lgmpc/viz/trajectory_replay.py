@@ -53,7 +53,7 @@ def trajectory_page(robot: Robot, run: SolvedRun) -> str:
         scene.place(group, frame.lift)
     body.add_to(scene)
     body.animate(scene, pictures.times, pictures.q)
-    add_trajectory_overlay(scene, robot, log, pictures, scale, max(0.22 * frame.size, 0.05 * frame.seen), frame.lift)
+    add_trajectory_overlay(scene, robot, log, pictures, scale, max(0.15 * frame.size, 0.05 * frame.seen), frame.lift)
     camera = frame_camera(frame.lowest + frame.lift, frame.highest + frame.lift, frame.travel, np.zeros((0, 3)))
     content = _description(run, robot, pictures, scale) | {"fog": [FLOOR_COLOR, *fog], "camera": camera}
     return page_of(f"{run.result.name} · lgmpc replay", scene, content)

@@ -6,6 +6,7 @@ seconds later and every contact point is within 2 cm of where it was.
 
     python scripts/push_recovery.py                      # friction 0.6, 12 directions: some minutes
     python scripts/push_recovery.py --friction 0.4 0.5 0.7 --directions 12 --set mpc.qp_solver=piqp
+    python scripts/push_recovery.py --model full_body    # or kinodynamic: what the MPC predicts with
 """
 
 from __future__ import annotations
@@ -25,33 +26,36 @@ from lgmpc.config.build import prepare
 from lgmpc.config.loading import load_config
 from lgmpc.runs import versions
 
-CONFIG = Path(__file__).parent.parent / "configs" / "solo12_balance.yaml"
+CONFIGS = Path(__file__).parent.parent / "configs"
+MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body"}
 FOOT_LIMIT_M = 0.02
 DURATION_S = 2.5
 START_S = 0.5
 CONTROLLERS = {"whole-body QP": "mpc.enabled=false", "MPC + whole-body QP": "mpc.enabled=true"}
 
 
-def stays(overrides: list[str], impulse: float, angle: float) -> bool:
+def stays(config_file: Path, overrides: list[str], impulse: float, angle: float) -> bool:
     """Return whether the robot is up, its feet where they were, after a push of ``impulse`` N.s towards ``angle``."""
     push = [float(impulse * np.cos(angle)), float(impulse * np.sin(angle)), 0.0]
     pushes = f"pushes=[{{body: base_link, time_s: {START_S}, duration_s: 0.2, impulse_ns: {push}}}]"
-    config = load_config(CONFIG, [*overrides, pushes, f"duration_s={DURATION_S}"])
+    config = load_config(config_file, [*overrides, pushes, f"duration_s={DURATION_S}"])
     metrics = prepare(config).run(lambda progress: None).metrics
     return metrics is not None and not metrics.fell and metrics.max_foot_displacement_m < FOOT_LIMIT_M
 
 
-def largest(overrides: list[str], angle: float, low: float = 0.5, high: float = 8.0, resolution: float = 0.05) -> float:
+def largest(config_file: Path, overrides: list[str], angle: float, resolution: float) -> float:
     """Return the largest impulse (N.s) for which :func:`stays` holds, by bisection."""
+    low, high = 0.5, 8.0
     while high - low > resolution:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stays(overrides, middle, angle) else (low, middle)
+        low, high = (middle, high) if stays(config_file, overrides, middle, angle) else (low, middle)
     return low
 
 
 def main() -> None:
     """Measure and print, as a table and as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="that the MPC predicts with")
     parser.add_argument("--friction", type=float, nargs="+", default=[0.6], help="of floor and controller")
     parser.add_argument("--directions", type=int, default=12)
     parser.add_argument("--resolution", type=float, default=0.05, help="N.s")
@@ -60,12 +64,13 @@ def main() -> None:
     packages = versions()
     print(platform.machine(), {name: packages[name] for name in ("pin", "mujoco", "proxsuite", "osqp")})
     angles = 2.0 * np.pi * np.arange(arguments.directions) / arguments.directions
+    config_file = CONFIGS / f"solo12_balance{MODELS[arguments.model]}.yaml"
     results = []
     for friction in arguments.friction:
         for name, switch in CONTROLLERS.items():
             same = [f"{section}.friction={friction}" for section in ("plant", "mpc", "wbc")]
             overrides = [*same, switch, *arguments.overrides]
-            found = [largest(overrides, angle, resolution=arguments.resolution) for angle in angles]
+            found = [largest(config_file, overrides, angle, arguments.resolution) for angle in angles]
             print(
                 f"friction {friction:.2f}  {name:20s} stay: median {np.median(found):.2f}"
                 f"  min {min(found):.2f}  max {max(found):.2f} N.s",

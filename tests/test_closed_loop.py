@@ -43,6 +43,29 @@ def test_pushes_of_two_newton_seconds_move_the_base_by_millimetres(plant: str) -
     assert metrics.solver_failures == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("model", ["full_body", "kinodynamic"])
+def test_whole_body_models_hold_at_least_as_well(model: str, plant: str) -> None:
+    """At 50 Hz, what the centroidal model takes 100 Hz for."""
+    metrics = measured(f"solo12_balance_{model}", f"plant.kind={plant}")
+    assert metrics.max_displacement_m < 0.003  # measured 1.2 mm (full body), 1.1 mm (kinodynamic), in MuJoCo
+    assert metrics.max_tilt_deg < 3.0  # 1.3, 1.1
+    assert metrics.max_slip_m < 6e-4  # 0.22 mm
+    assert metrics.final_position_error_m < 1e-4  # 0.02 mm
+    assert metrics.max_abs_torque_nm < 1.5  # 1.2
+    assert metrics.torque_saturation_fraction == 0.0
+    assert metrics.rms_joint_velocity_rad_s is not None and metrics.rms_joint_velocity_rad_s < 0.07  # 0.035
+
+
+@pytest.mark.parametrize("model", ["full_body", "kinodynamic"])
+def test_whole_body_models_meet_a_push(model: str) -> None:
+    metrics = run(f"solo12_balance_{model}", "duration_s=0.8", "pushes.0.time_s=0.3").metrics
+    assert metrics is not None and not metrics.fell and metrics.solver_failures == 0
+    assert 5e-4 < metrics.max_displacement_m < 0.003  # it is moved, by a millimetre
+    assert metrics.max_slip_m < 6e-4
+
+
 @pytest.mark.parametrize("plant", PLANTS)
 def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str) -> None:
     metrics = measured("solo12_balance", f"plant.kind={plant}", "mpc.enabled=false")

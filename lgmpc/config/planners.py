@@ -46,10 +46,10 @@ def build_planner(config: Config, robot: Robot, reference: ComReference, notify:
 def _predictor(section: MpcSection, robot: Robot, notify: Notify) -> Predictor:
     horizon, weights = _horizon(section, robot), _weights(section, robot)
     if isinstance(section, FullBodyMpcSection):
-        full = FullBodyMpcSettings(**horizon, weights=FullBodyWeights(**weights))
+        full = FullBodyMpcSettings(**horizon, reach=section.reach_rad, weights=FullBodyWeights(**weights))
         return WholeBodyPredictor(FullBodyMpc(robot, full, notify), robot)
     if isinstance(section, KinodynamicMpcSection):
-        kinodynamic = KinodynamicMpcSettings(**horizon, weights=KinodynamicWeights(**weights))
+        kinodynamic = KinodynamicMpcSettings(**horizon, reach=section.reach_rad, weights=KinodynamicWeights(**weights))
         return WholeBodyPredictor(KinodynamicMpc(robot, kinodynamic, notify), robot)
     centroidal = CentroidalMpcSettings(**horizon, weights=CentroidalWeights(**weights))
     mpc = CentroidalMpc(robot.mass, robot.nc, centroidal, gravity=robot.gravity, progress=notify)

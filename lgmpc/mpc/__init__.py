@@ -13,6 +13,7 @@ from lgmpc.mpc.settings import (
     KinodynamicMpcSettings,
     KinodynamicWeights,
     MpcSettings,
+    WholeBodyMpcSettings,
 )
 from lgmpc.mpc.whole_body import WholeBodyMpc
 
@@ -34,4 +35,5 @@ __all__ = [
     "PostureSample",
     "RecedingHorizon",
     "WholeBodyMpc",
+    "WholeBodyMpcSettings",
 ]

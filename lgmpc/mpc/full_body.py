@@ -47,7 +47,7 @@ class FullBodyMpc(WholeBodyMpc):
         model, contacts = contact_point_model(robot)
         self._dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
         costs = [
-            *common_costs(self._dynamics.state),
+            *common_costs(robot, self._dynamics.state, s.reach),
             CostItem("effort", Control(robot.nu)),
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
         ]
@@ -59,7 +59,7 @@ class FullBodyMpc(WholeBodyMpc):
         super().__init__(robot, action, s, progress)
         efforts = holding_efforts(model, contacts, robot.q_reference)
         self._efforts = efforts
-        self.problem.set("contact_gains", [0.0, 1.0 / s.node_duration])
+        self.problem.set("contact_gains", [0.0, 10.0])
         self.problem.set("effort_reference", efforts)
         self._set_weight(self.problem, "effort", np.full(robot.nu, s.weights.effort), s)
         for i in range(robot.nc):

@@ -48,7 +48,8 @@ class KinodynamicMpc(WholeBodyMpc):
         self._model, contacts = contact_point_model(robot)
         self._data = self._model.createData()
         self._nf = 3 * robot.nc
-        costs = [*common_costs(StateMomentum(self._model)), CostItem("control", Control(self._nf + robot.nu))]
+        state = StateMomentum(self._model)
+        costs = [*common_costs(robot, state, s.reach), CostItem("control", Control(self._nf + robot.nu))]
         self._action = KinodynamicAction(
             f"kinodynamic_{robot.nc}x{s.facets}", self._model, contacts, costs, common_constraints(contacts, s.facets)
         )

@@ -156,7 +156,7 @@ class RecedingHorizon(ABC):
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
-        """Go on with the last valid plan, and let the next update start from it."""
+        """Go on with the last valid plan; the next update starts from it, unless it may be what made this one fail."""
         self.failures += 1
         self.failures_in_a_row += 1
         if self.failures_in_a_row == 1:
@@ -166,7 +166,7 @@ class RecedingHorizon(ABC):
         plan, trajectory = self._plan, self._trajectory
         if plan is None or trajectory is None:
             plan, self._guess_time = self._standing_plan(t if math.isfinite(t) else 0.0), None
-        elif status is MpcStatus.STALE:
+        elif status is not MpcStatus.NOT_FINITE:
             self._guess_time = None  # it may be the guess that is at fault: the next update begins without one
         else:
             self.solver.set_guess(trajectory)

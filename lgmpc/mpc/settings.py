@@ -17,6 +17,7 @@ __all__ = [
     "KinodynamicMpcSettings",
     "KinodynamicWeights",
     "MpcSettings",
+    "WholeBodyMpcSettings",
 ]
 
 
@@ -75,6 +76,7 @@ class KinodynamicWeights(CentroidalWeights):
     Attributes:
         base_orientation: 1/rad^2; turn from the reference.
         posture: 1/rad^2; joints from the reference posture.
+        reach: 1/rad^2; of what joints are further from it than they should be.
         joint_velocity: 1/(rad/s)^2, positive.
 
     Raises:
@@ -84,6 +86,7 @@ class KinodynamicWeights(CentroidalWeights):
     angular_momentum: float | tuple[float, float, float] = 10.0
     base_orientation: float | tuple[float, float, float] = 1.0
     posture: float = 0.1
+    reach: float = 100.0
     joint_velocity: float = 1e-3
 
     @property
@@ -98,6 +101,7 @@ class FullBodyWeights(CentroidalWeights):
     Attributes:
         base_orientation: 1/rad^2; turn from the reference.
         posture: 1/rad^2; joints from the reference posture.
+        reach: 1/rad^2; of what joints are further from it than they should be.
         joint_velocity: 1/(rad/s)^2.
         effort: 1/(N.m)^2, positive.
 
@@ -108,6 +112,7 @@ class FullBodyWeights(CentroidalWeights):
     angular_momentum: float | tuple[float, float, float] = 10.0
     base_orientation: float | tuple[float, float, float] = 1.0
     posture: float = 0.1
+    reach: float = 100.0
     joint_velocity: float = 1e-3
     effort: float = 1e-3
 
@@ -174,8 +179,29 @@ class CentroidalMpcSettings(MpcSettings):
 
 
 @dataclass(frozen=True)
-class KinodynamicMpcSettings(MpcSettings):
-    """Those of :class:`MpcSettings`, and weights.
+class WholeBodyMpcSettings(MpcSettings):
+    """Those of :class:`MpcSettings`, and how far joints should go.
+
+    Attributes:
+        reach: rad; how far a joint may be from the reference posture before ``weights.reach`` draws it back. Less than
+            what stretches a leg: a stretched leg is singular, and linearised there no plan makes sense.
+
+    Raises:
+        InputError: a value that cannot be used; names it.
+    """
+
+    reach: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be used."""
+        super().__post_init__()
+        if not (_is_number(self.reach) and self.reach > 0):
+            raise InputError("reach", self.reach, "a positive number, rad")
+
+
+@dataclass(frozen=True)
+class KinodynamicMpcSettings(WholeBodyMpcSettings):
+    """Those of :class:`WholeBodyMpcSettings`, and weights.
 
     Attributes:
         weights: of the cost.
@@ -185,8 +211,8 @@ class KinodynamicMpcSettings(MpcSettings):
 
 
 @dataclass(frozen=True)
-class FullBodyMpcSettings(MpcSettings):
-    """Those of :class:`MpcSettings`, and weights.
+class FullBodyMpcSettings(WholeBodyMpcSettings):
+    """Those of :class:`WholeBodyMpcSettings`, and weights.
 
     Attributes:
         weights: of the cost.

@@ -217,10 +217,11 @@ class Footsteps:
 
 def _swings(gait: Gait, motion: BaseMotion, foot: str, start: Array, base: Array) -> tuple[SwingCurve, ...]:
     swings, here, curves = gait.swings(foot), start, []
-    for swing, following in zip(swings, (*swings[1:], None), strict=True):
+    for i, swing in enumerate(swings):
         if not (math.isfinite(swing.liftoff) and math.isfinite(swing.touchdown)):
             raise InputError("gait", f"{foot} in the air at an end", "every foot on the ground at beginning and end")
-        middle = motion.stop if following is None else (swing.touchdown + following.liftoff) / 2
+        last = i == len(swings) - 1
+        middle = motion.stop if last else (swing.touchdown + swings[i + 1].liftoff) / 2
         there = base + se3.act(motion.placements(middle), start - base)
         curves.append(SwingCurve(here, there, swing.height, swing.liftoff, swing.touchdown))
         here = there

@@ -1,1 +1,1 @@
-"""Simulated worlds: the plants, their parameters, disturbances, and the loop that drives them."""
+"""Simulated worlds: the plants, their parameters, sensors, disturbances, and the loop that drives them."""

@@ -113,6 +113,29 @@ def test_the_mean_is_predicted_as_by_propagation_and_ball_feet_roll(form: ErrorF
     np.testing.assert_allclose(ekf.pose, expected, atol=1e-14)
 
 
+@pytest.mark.parametrize("believed", [0.1, 0.0])
+def test_a_ball_foot_carries_its_robot_along_as_it_rolls(believed: float) -> None:
+    """A rod on a ball of 0.1 m tips by 0.5 rad: the ball rolls 50 mm, which a filter of point feet misses."""
+    radius, height, dt, turns = 0.1, 0.5, 0.005, 0.5 * np.sin(np.linspace(0.0, 0.5 * np.pi, 201)) ** 2
+    poses = np.tile(np.eye(5), (len(turns), 1, 1))
+    poses[:, :3, :3] = so3.exp(np.outer(turns, [0.0, 1.0, 0.0]))
+    poses[:, 0, 4] = radius * turns + height * np.sin(turns)
+    poses[:, 2, 4] = radius + height * np.cos(turns)
+    poses[:, :3, 3] = np.gradient(poses[:, :3, 4], dt, axis=0)
+    gravity, foot = np.array([0.0, 0.0, -9.81]), np.array([0.0, 0.0, -height])
+    ekf = InvariantEkf(K, ImuNoise(1e-3, 1e-1), slip=1e-3, contact_offset=(0.0, 0.0, believed))
+    ekf.reset(poses[0], np.concatenate([np.full(9, 1e-3), np.zeros(6)]))
+    spread = np.tile(1e-8 * np.eye(3), (K, 1, 1))
+    ekf.begin_contact(0, foot, spread[0])
+    for before, after in zip(poses[:-1], poses[1:], strict=True):
+        turn = so3.log(before[:3, :3].T @ after[:3, :3])
+        gained = before[:3, :3].T @ (after[:3, 3] - before[:3, 3] - dt * gravity)
+        ekf.predict(turn / dt, so3.left_jacobian_inverse(turn) @ gained / dt, dt)
+        ekf.correct(np.tile(foot, (K, 1)), spread)
+    missed = poses[-1, 0, 4] - ekf.position[0]
+    assert missed == pytest.approx(0.0 if believed else radius * turns[-1], abs=0.002)
+
+
 @forms
 @pytest.mark.parametrize("dt", [0.001, 0.3])
 def test_the_covariance_is_predicted_with_the_jacobians_of_finite_differences(form: ErrorForm, dt: float) -> None:

@@ -27,7 +27,7 @@ class InvariantEkf:
     for body rates that are constant over a sample, and so are its error dynamics. Feet in contact rest but for slip, a
     white velocity noise, and the rolling of ball feet. Position and yaw are not observable: they drift.
 
-    Nothing is allocated, and no memory grows, from one tick to the next.
+    All memory is allocated once: feet that come and go set flags, and no array changes its size.
 
     Args:
         contacts: k, how many feet can be in contact.

@@ -54,6 +54,7 @@ ARROWS: dict[str, str] = {
     "config.sensing": "robot estimation simulation",
     "config.build": f"{_PARTS} control runs",
     "config.scenarios": "robot problems",
+    "config.solve_execution": "runs",
     "config.solving": f"{_PROBLEMS} problems solvers runs",
     "config.closed_loop": f"{_PARTS} control runs",
     "config.execution": "runs",

@@ -19,8 +19,8 @@ from rich.text import Text
 from lgmpc.cli.running import warnings_on
 from lgmpc.cli.screen import err, figure_name, out, show_next, show_verdict
 from lgmpc.config import SolveConfig
-from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
+from lgmpc.config.solve_execution import FinishedSolve, solve_config
 from lgmpc.runs import Outcome
 
 __all__ = ["solve_shown"]

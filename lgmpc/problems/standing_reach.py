@@ -8,6 +8,7 @@ its limits) are hard constraints, which SQP and ipopt keep; barriers in their pl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,7 @@ from lgmpc.costs.library import (
     FrameRotation,
     FrameTranslation,
     FrictionCone,
+    JointAcceleration,
     StateError,
 )
 from lgmpc.errors import InputError
@@ -33,6 +35,9 @@ from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
 __all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
+
+_ROOM = 0.02
+"""How far from its limits a joint is drawn, rad (m)."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class StandingReachWeights:
         base: trunk from upright, 1/rad2.
         posture: joints from the reference posture, 1/rad2.
         velocity: of base and joints.
+        acceleration: of the joints, 1/(rad/s2)2; without it they brake in the last moment.
         effort: squared torques, as fractions of their limits.
     """
 
@@ -55,6 +61,7 @@ class StandingReachWeights:
     base: float = 1.0
     posture: float = 0.3
     velocity: float = 0.1
+    acceleration: float = 1e-2
     effort: float = 1e-1
 
 
@@ -86,6 +93,25 @@ class StandingReachSettings:
     weights: StandingReachWeights = StandingReachWeights()
 
 
+class Scaled(Residual):
+    """Another residual in units of its own, so that rows of newtons and of radians weigh alike in a solver.
+
+    Args:
+        residual: the other.
+        unit: (nr,) or a number: what counts as one.
+    """
+
+    def __init__(self, residual: Residual, unit: ArrayLike) -> None:
+        self.nr = residual.nr
+        self.parameters = residual.parameters
+        self._residual = residual
+        self._unit = np.broadcast_to(np.asarray(unit, dtype=np.float64), self.nr).copy()
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the quotients."""
+        return self._residual.expression(s) / self._unit
+
+
 class JointPosition(Residual):
     """Positions of the last ``nu`` joints, each of one number (nu,), rad or m.
 
@@ -96,7 +122,7 @@ class JointPosition(Residual):
     def __init__(self, nu: int) -> None:
         self.nr = nu
 
-    def expression(self, s: StageSymbols) -> object:
+    def expression(self, s: StageSymbols) -> Any:
         """Return the positions."""
         return s.q[s.robot.nq - self.nr :]
 
@@ -195,18 +221,27 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     state, (length, width) = dynamics.state, s.sole_half_size
     reduced = (length - s.sole_margin, width - s.sole_margin)
     deviation = np.repeat([0.0, w.base, w.posture, w.velocity], [3, 3, nu, robot.nv])
+    # Drawn to a point on its limit, a joint would make a constraint active that no force holds: methods of interior
+    # points lose their accuracy there.
+    posture = robot.x_reference.copy()
+    room = np.minimum(_ROOM, (robot.joint_upper - robot.joint_lower) / 2.0)
+    posture[robot.joint_q] = np.clip(posture[robot.joint_q], robot.joint_lower + room, robot.joint_upper - room)
     running = [
-        CostItem("posture", StateError(state, robot.x_reference), deviation),
+        CostItem("posture", StateError(state, posture), deviation),
+        CostItem("acceleration", JointAcceleration(nu), w.acceleration),
         # Of the efforts themselves: those against gravity and contact forces leave what the feet do to each other free.
         CostItem("effort", Control(nu), w.effort / robot.effort_limit**2),
     ]
+    weight = robot.mass * float(np.linalg.norm(robot.gravity))
     constraints = [
-        ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit),
+        ConstraintItem("effort_limit", Scaled(Control(nu), robot.effort_limit), -1.0, 1.0),
         ConstraintItem("joint_limit", JointPosition(nu), robot.joint_lower, robot.joint_upper),
     ]
     for k, frame in enumerate(robot.contact_frames):
-        constraints.append(ConstraintItem(f"cone_{k}", FrictionCone(frame, friction=s.friction), 0.0, np.inf))
-        constraints.append(ConstraintItem(f"pressure_{k}", CenterOfPressure(frame, reduced), 0.0, np.inf))
+        cone = Scaled(FrictionCone(frame, friction=s.friction), weight)
+        pressure = Scaled(CenterOfPressure(frame, reduced), weight * length)
+        constraints.append(ConstraintItem(f"cone_{k}", cone, 0.0, np.inf))
+        constraints.append(ConstraintItem(f"pressure_{k}", pressure, 0.0, np.inf))
     ending = [
         CostItem("hand", FrameTranslation(s.frame, target.translation), w.position),
         CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], robot.nv)),

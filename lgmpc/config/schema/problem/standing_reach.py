@@ -20,6 +20,9 @@ class StandingReachWeightsSection(Section):
     base: NonNegative = Field(default=1.0, description="Trunk from upright, 1/rad2.")
     posture: NonNegative = Field(default=0.3, description="Joints from the reference posture, 1/rad2.")
     velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
+    acceleration: NonNegative = Field(
+        default=1e-2, description="Joint accelerations, 1/(rad/s2)2; without it the joints brake in the last moment."
+    )
     effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
 
 

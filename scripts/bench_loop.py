@@ -3,7 +3,7 @@
 Runs the balance config in this process several times and prints medians with the machine and the versions beside them;
 then starts fresh processes to time what a user waits for, with an empty compile cache and with a warm one.
 
-    python scripts/bench_loop.py [--model centroidal|kinodynamic|full_body] [--repeats 5] [--plant mujoco|pinocchio]
+    python scripts/bench_loop.py [--model centroidal|kinodynamic|full_body|lqr] [--repeats 5] [--skip-start]
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lgmpc.config.robots import build_robot
 from lgmpc.runs import host_info, versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
-MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body"}
+MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
 FIRST_COMMAND = """
 import os; os.environ.setdefault("OMP_NUM_THREADS", "1")
 from lgmpc.config.build import prepare
@@ -71,7 +71,7 @@ def first_command_s(config_file: Path, cache: str) -> float:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="that the MPC predicts with")
+    parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="what predicts")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--plant", choices=["mujoco", "pinocchio"], default="mujoco")
     parser.add_argument("--skip-start", action="store_true", help="leave out the time to a first command")

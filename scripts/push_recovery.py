@@ -6,7 +6,7 @@ seconds later and every contact point is within 2 cm of where it was.
 
     python scripts/push_recovery.py                      # friction 0.6, 12 directions: some minutes
     python scripts/push_recovery.py --friction 0.4 0.5 0.7 --directions 12 --set mpc.qp_solver=piqp
-    python scripts/push_recovery.py --model full_body    # or kinodynamic: what the MPC predicts with
+    python scripts/push_recovery.py --model full_body    # or kinodynamic, lqr: what predicts
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lgmpc.config.loading import load_config
 from lgmpc.runs import versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
-MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body"}
+MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
 FOOT_LIMIT_M = 0.02
 DURATION_S = 2.5
 START_S = 0.5
@@ -55,7 +55,7 @@ def largest(config_file: Path, overrides: list[str], angle: float, resolution: f
 def main() -> None:
     """Measure and print, as a table and as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="that the MPC predicts with")
+    parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="what predicts")
     parser.add_argument("--friction", type=float, nargs="+", default=[0.6], help="of floor and controller")
     parser.add_argument("--directions", type=int, default=12)
     parser.add_argument("--resolution", type=float, default=0.05, help="N.s")

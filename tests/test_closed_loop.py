@@ -67,6 +67,13 @@ def test_whole_body_models_meet_a_push(model: str) -> None:
 
 
 @pytest.mark.parametrize("plant", PLANTS)
+def test_the_regulator_holds_less_tightly_but_holds(plant: str) -> None:
+    metrics = measured("solo12_balance_lqr", f"plant.kind={plant}", "duration_s=4.0")
+    assert metrics.max_displacement_m < 0.011  # measured 5.6 mm
+    assert metrics.max_slip_m < 1.2e-3  # 0.6 mm
+
+
+@pytest.mark.parametrize("plant", PLANTS)
 def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str) -> None:
     metrics = measured("solo12_balance", f"plant.kind={plant}", "mpc.enabled=false")
     assert 0.02 < metrics.max_displacement_m < 0.035  # measured 29 mm: what the MPC is there for
@@ -120,6 +127,15 @@ def test_it_balances_on_what_imu_encoders_and_currents_tell(plant: str) -> None:
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_it_does_so_with_other_biases_and_noise(seed: int) -> None:
     assert run("solo12_balance_inekf", f"seed={seed}").verdict.passed
+
+
+@pytest.mark.slow
+def test_a_push_that_lifts_feet_is_survived_on_an_estimate() -> None:
+    metrics = measured("solo12_strong_push", "estimator.kind=inekf")
+    errors = metrics.estimator
+    assert metrics.max_displacement_m > 0.05
+    assert errors is not None and errors.wrong_contact_fraction > 0.01  # feet with hardly a force on them
+    assert errors.max_position_m < 0.004  # measured 1.5 mm, while feet slide by 13
 
 
 @pytest.mark.slow

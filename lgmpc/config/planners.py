@@ -6,11 +6,12 @@ from typing import Any
 
 from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
-from lgmpc.config.schema.mpc import FullBodyMpcSection, KinodynamicMpcSection, MpcSection
+from lgmpc.config.schema.mpc import FullBodyMpcSection, KinodynamicMpcSection, LqrMpcSection, MpcSection
 from lgmpc.config.session import Notify
 from lgmpc.control import CentroidalPredictor, ComReference, Planner, PlannerSettings, Predictor, WholeBodyPredictor
 from lgmpc.estimation import WrenchObserver
 from lgmpc.mpc import (
+    CentroidalLqr,
     CentroidalMpc,
     CentroidalMpcSettings,
     CentroidalWeights,
@@ -20,6 +21,7 @@ from lgmpc.mpc import (
     KinodynamicMpc,
     KinodynamicMpcSettings,
     KinodynamicWeights,
+    LqrSettings,
 )
 from lgmpc.robot import Robot
 
@@ -51,6 +53,11 @@ def _predictor(section: MpcSection, robot: Robot, notify: Notify) -> Predictor:
     if isinstance(section, KinodynamicMpcSection):
         kinodynamic = KinodynamicMpcSettings(**horizon, reach=section.reach_rad, weights=KinodynamicWeights(**weights))
         return WholeBodyPredictor(KinodynamicMpc(robot, kinodynamic, notify), robot)
+    if isinstance(section, LqrMpcSection):
+        lqr = LqrSettings(**horizon, weights=CentroidalWeights(**weights))
+        return CentroidalPredictor(
+            CentroidalLqr(robot.mass, robot.nc, lqr, gravity=robot.gravity), section.uprighting_rate_hz
+        )
     centroidal = CentroidalMpcSettings(**horizon, weights=CentroidalWeights(**weights))
     mpc = CentroidalMpc(robot.mass, robot.nc, centroidal, gravity=robot.gravity, progress=notify)
     return CentroidalPredictor(mpc, section.uprighting_rate_hz)
@@ -59,13 +66,18 @@ def _predictor(section: MpcSection, robot: Robot, notify: Notify) -> Predictor:
 def _horizon(section: MpcSection, robot: Robot) -> dict[str, Any]:
     """What :class:`lgmpc.mpc.MpcSettings` takes."""
     lowest, highest = normal_force_range(section.normal_force_n, _NORMAL_FORCE, robot)
-    return {
+    horizon: dict[str, Any] = {
         "nodes": section.nodes,
         "node_duration": section.node_s,
         "friction": section.friction,
-        "facets": section.friction_facets,
         "normal_force_min": lowest,
         "normal_force_max": highest,
+    }
+    if isinstance(section, LqrMpcSection):
+        return horizon
+    return {
+        **horizon,
+        "facets": section.friction_facets,
         "qp_solver": section.qp_solver,
         "sqp_iterations": section.sqp_iterations,
     }

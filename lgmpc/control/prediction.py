@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.mpc import CentroidalMpc, CentroidalPlan, WholeBodyMpc
+from lgmpc.mpc import CentroidalLqr, CentroidalMpc, CentroidalPlan, WholeBodyMpc
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
@@ -50,7 +50,7 @@ class CentroidalPredictor:
     A tilted base is turned upright by asking for the angular momentum ``-I rate * tilt``, fading at this rate.
 
     Args:
-        mpc: the receding-horizon controller.
+        mpc: the receding-horizon controller, or the regulator.
         uprighting_rate: 1/s.
 
     Attributes:
@@ -60,7 +60,7 @@ class CentroidalPredictor:
         InputError: a negative rate.
     """
 
-    def __init__(self, mpc: CentroidalMpc, uprighting_rate: float = 0.0) -> None:
+    def __init__(self, mpc: CentroidalMpc | CentroidalLqr, uprighting_rate: float = 0.0) -> None:
         if not uprighting_rate >= 0:
             raise InputError("uprighting_rate", uprighting_rate, "a rate that is not negative, 1/s")
         self.mpc = mpc
@@ -122,6 +122,6 @@ class WholeBodyPredictor:
         return self.mpc.update(time, terms.q, terms.v, tracked.stance, x_reference, self._q_reference, wrench)
 
 
-def _node_times(mpc: CentroidalMpc | WholeBodyMpc) -> Array:
+def _node_times(mpc: CentroidalMpc | CentroidalLqr | WholeBodyMpc) -> Array:
     times: Array = mpc.settings.node_duration * np.arange(mpc.settings.nodes + 1, dtype=np.float64)
     return times

@@ -3,6 +3,7 @@
 from lgmpc.mpc.centroidal import CentroidalMpc
 from lgmpc.mpc.full_body import FullBodyMpc
 from lgmpc.mpc.kinodynamic import KinodynamicMpc
+from lgmpc.mpc.lqr import CentroidalLqr, LinearCentroidal, linearize_centroidal
 from lgmpc.mpc.plan import CentroidalPlan, CentroidalSample, MpcStatus, PosturePlan, PostureSample
 from lgmpc.mpc.receding import RecedingHorizon
 from lgmpc.mpc.settings import (
@@ -12,12 +13,14 @@ from lgmpc.mpc.settings import (
     FullBodyWeights,
     KinodynamicMpcSettings,
     KinodynamicWeights,
+    LqrSettings,
     MpcSettings,
     WholeBodyMpcSettings,
 )
 from lgmpc.mpc.whole_body import WholeBodyMpc
 
 __all__ = [
+    "CentroidalLqr",
     "CentroidalMpc",
     "CentroidalMpcSettings",
     "CentroidalPlan",
@@ -29,6 +32,8 @@ __all__ = [
     "KinodynamicMpc",
     "KinodynamicMpcSettings",
     "KinodynamicWeights",
+    "LinearCentroidal",
+    "LqrSettings",
     "MpcSettings",
     "MpcStatus",
     "PosturePlan",
@@ -36,4 +41,5 @@ __all__ = [
     "RecedingHorizon",
     "WholeBodyMpc",
     "WholeBodyMpcSettings",
+    "linearize_centroidal",
 ]

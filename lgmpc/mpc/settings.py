@@ -16,6 +16,7 @@ __all__ = [
     "FullBodyWeights",
     "KinodynamicMpcSettings",
     "KinodynamicWeights",
+    "LqrSettings",
     "MpcSettings",
     "WholeBodyMpcSettings",
 ]
@@ -173,6 +174,17 @@ class CentroidalMpcSettings(MpcSettings):
 
     Attributes:
         weights: of the cost.
+    """
+
+    weights: CentroidalWeights = field(default_factory=CentroidalWeights)
+
+
+@dataclass(frozen=True)
+class LqrSettings(MpcSettings):
+    """Those of :class:`MpcSettings` that a regulator has a use for (horizon of the prediction, limits), and weights.
+
+    Attributes:
+        weights: of the cost, an interval each; ``terminal`` is not used.
     """
 
     weights: CentroidalWeights = field(default_factory=CentroidalWeights)

@@ -14,6 +14,7 @@ from lgmpc.config.schema import (
     FullBodyMpcSection,
     GateSection,
     KinodynamicMpcSection,
+    LqrMpcSection,
     PlantSection,
     RobotSection,
     SolveConfig,
@@ -82,6 +83,7 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 
 def test_sections_have_defaults_that_can_run() -> None:
-    for section in (PlantSection, CentroidalMpcSection, KinodynamicMpcSection, FullBodyMpcSection, WbcSection):
+    models = (CentroidalMpcSection, KinodynamicMpcSection, FullBodyMpcSection, LqrMpcSection)
+    for section in (PlantSection, *models, WbcSection):
         assert section() == section.model_validate({})
     assert RobotSection(model="solo12").contact_radius_m == 0.0

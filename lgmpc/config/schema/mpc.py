@@ -15,14 +15,16 @@ __all__ = [
     "FullBodyMpcWeights",
     "KinodynamicMpcSection",
     "KinodynamicMpcWeights",
+    "LqrMpcSection",
+    "LqrMpcWeights",
     "MpcSection",
     "MpcWeights",
     "WholeBodyMpcWeights",
 ]
 
 
-class MpcWeights(Section):
-    """Weights of the squared deviations that the MPC minimises.
+class LqrMpcWeights(Section):
+    """Weights of the squared deviations that the regulator minimises.
 
     Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
     """
@@ -35,6 +37,11 @@ class MpcWeights(Section):
     force: Positive = Field(
         default=1e-3, description="Contact forces, from an even share of the weight, 1/N2 (scaled by mass)."
     )
+
+
+class MpcWeights(LqrMpcWeights):
+    """Weights of the squared deviations that the MPC minimises."""
+
     terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
 
 
@@ -72,19 +79,10 @@ class _MpcSection(Section):
     node_s: Annotated[Positive, Field(le=1.0)] = Field(
         default=0.02, description="Length of each interval, s, at most 1."
     )
-    qp_solver: Literal["riccati", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
-        default="riccati", description="Solver of each quadratic programme."
-    )
-    sqp_iterations: Count = Field(
-        default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
-    )
     friction: Positive = Field(default=0.6, description="Friction coefficient that the MPC relies on.")
     normal_force_n: RangeFromZero | None = Field(
         default=None,
         description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 a kg of robot.",
-    )
-    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     observer_time_s: Positive = Field(
         default=0.01, description="Time constant of the observer that estimates what pushes the robot, s."
@@ -94,7 +92,31 @@ class _MpcSection(Section):
     )
 
 
-class CentroidalMpcSection(_MpcSection):
+class _OptimisingMpcSection(_MpcSection):
+    """What models have whose plans are solutions of a problem with constraints."""
+
+    qp_solver: Literal["riccati", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
+        default="riccati", description="Solver of each quadratic programme."
+    )
+    sqp_iterations: Count = Field(
+        default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
+    )
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
+        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+    )
+
+
+class LqrMpcSection(_MpcSection):
+    """Linear-quadratic regulation of the momenta by contact forces, linearised about standing."""
+
+    model: Literal["lqr"] = Field(default="lqr", description="Model that predicts.")
+    uprighting_rate_hz: NonNegative = Field(
+        default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
+    )
+    weights: LqrMpcWeights = Field(default=LqrMpcWeights(), description="Weights of the cost.")
+
+
+class CentroidalMpcSection(_OptimisingMpcSection):
     """Model-predictive control of the momenta by contact forces over a receding horizon."""
 
     model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
@@ -104,7 +126,7 @@ class CentroidalMpcSection(_MpcSection):
     weights: MpcWeights = Field(default=MpcWeights(), description="Weights of the cost.")
 
 
-class _WholeBodyMpcSection(_MpcSection):
+class _WholeBodyMpcSection(_OptimisingMpcSection):
     """What models that know base and joints have."""
 
     rate_hz: Positive = Field(default=50.0, description="Updates per second, Hz.")
@@ -141,6 +163,7 @@ MpcSection = Annotated[
         Annotated[CentroidalMpcSection, Tag("centroidal")],
         Annotated[KinodynamicMpcSection, Tag("kinodynamic")],
         Annotated[FullBodyMpcSection, Tag("full_body")],
+        Annotated[LqrMpcSection, Tag("lqr")],
     ],
     Discriminator(_model),
 ]

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from lgmpc.errors import InputError
+from lgmpc.mpc import (
+    CentroidalLqr,
+    CentroidalMpc,
+    CentroidalMpcSettings,
+    CentroidalPlan,
+    CentroidalWeights,
+    LqrSettings,
+    MpcStatus,
+    linearize_centroidal,
+)
+
+MASS = 2.5
+FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
+WEIGHT = np.array([0.0, 0.0, MASS * 9.81])
+
+
+def update(lqr: CentroidalLqr, t: float, x: np.ndarray, **change: object) -> CentroidalPlan:
+    inputs = {"contact_points": FEET, "contact_flags": np.ones(4), "x_reference": STANDING, "external_wrench": None}
+    return lqr.update(t, x[:3], x[3:6], x[6:9], **{**inputs, **change})
+
+
+def rates(x: np.ndarray, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    """The nonlinear centroidal dynamics."""
+    moment = np.cross(FEET - x[:3], forces).sum(axis=0)
+    return np.r_[x[3:6] / MASS, forces.sum(axis=0) - WEIGHT + wrench[:3], moment + wrench[3:]]
+
+
+def test_linear_model_is_the_derivative_of_the_nonlinear_one_over_an_interval() -> None:
+    h, share = 0.02, np.tile(WEIGHT / 4, (4, 1))
+    model = linearize_centroidal(MASS, WEIGHT, FEET - STANDING[:3], np.ones(4), h)
+
+    def flow(dx: np.ndarray, du: np.ndarray, w: np.ndarray) -> np.ndarray:
+        done = solve_ivp(lambda _, x: rates(x, share + du.reshape(4, 3), w), (0, h), STANDING + dx, rtol=1e-12,
+                         atol=1e-14)  # fmt: skip
+        return done.y[:, -1] - STANDING
+
+    step = 1e-4
+    for matrix, place, size in ((model.A, 0, 9), (model.B, 1, 12), (model.W, 2, 6)):
+        for k in range(size):
+            ends = []
+            for sign in (1.0, -1.0):
+                parts = [np.zeros(9), np.zeros(12), np.zeros(6)]
+                parts[place][k] = sign * step
+                ends.append(flow(*parts))
+            np.testing.assert_allclose(matrix[:, k], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
+
+
+def test_standing_needs_the_weight_shared_evenly() -> None:
+    plan = update(CentroidalLqr(MASS, 4), 0.0, STANDING)
+    assert plan.status is MpcStatus.SOLVED
+    np.testing.assert_allclose(plan.forces, np.tile(WEIGHT / 4, (20, 4, 1)), atol=1e-9)
+    np.testing.assert_allclose(plan.xs, np.tile(STANDING, (21, 1)), atol=1e-12)
+
+
+def test_near_rest_it_does_what_an_mpc_of_long_horizon_does() -> None:
+    x = STANDING + 1e-3 * np.array([1.0, -2.0, 0.5, 3.0, 2.0, -1.0, 0.5, 0.2, -0.3])
+    weights = CentroidalWeights(terminal=1.0)
+    mpc = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=100, weights=weights))
+    for _ in range(3):
+        long = mpc.update(0.0, x[:3], x[3:6], x[6:9], FEET, np.ones(4), STANDING)
+    lqr = update(CentroidalLqr(MASS, 4, LqrSettings(weights=weights)), 0.0, x)
+    asked = np.abs(long.first_forces - WEIGHT / 4).max()
+    assert asked > 0.02
+    np.testing.assert_allclose(lqr.first_forces, long.first_forces, atol=2e-3 * asked)
+
+
+def test_closed_loop_on_the_nonlinear_model_comes_back_from_a_push() -> None:
+    lqr, x = CentroidalLqr(MASS, 4), STANDING.copy()
+    furthest = 0.0
+    for i in range(200):
+        wrench = np.r_[8.0 * (10 <= i < 30), 0.0, 0.0, 0.0, 0.0, 0.0]
+        forces = update(lqr, 0.01 * i, x).first_forces
+        x = solve_ivp(lambda _, y, f=forces, w=wrench: rates(y, f, w), (0, 0.01), x, rtol=1e-9).y[:, -1]
+        furthest = max(furthest, abs(x[0]))
+    assert furthest > 0.01
+    np.testing.assert_allclose(x, STANDING, atol=1e-3)
+
+
+def test_known_wrench_is_met_exactly() -> None:
+    wrench = np.array([3.0, -2.0, 1.0, 0.05, 0.1, -0.02])
+    plan = update(CentroidalLqr(MASS, 4), 0.0, STANDING, external_wrench=wrench)
+    np.testing.assert_allclose(rates(STANDING, plan.first_forces, wrench), 0.0, atol=1e-9)
+    np.testing.assert_allclose(plan.xs[-1], STANDING, atol=1e-9)
+
+
+def test_forces_are_cut_to_cones_and_bounds() -> None:
+    lqr = CentroidalLqr(MASS, 4)
+    lqr.friction = 0.3
+    plan = update(lqr, 0.0, STANDING + [0.1, -0.1, 0.05, 2.0, 1.0, -2.0, 0.2, 0.0, 0.0])
+    sideways = np.linalg.norm(plan.forces[..., :2], axis=-1)
+    assert (sideways <= 0.3 * plan.forces[..., 2] + 1e-9).all()
+    assert (sideways >= 0.3 * plan.forces[..., 2] - 1e-9).any()
+    assert (plan.forces[..., 2] >= 0.5).all() and (plan.forces[..., 2] <= 30.0).all()
+
+
+def test_foot_in_the_air_has_no_force_and_the_others_stand() -> None:
+    lqr = CentroidalLqr(MASS, 4)
+    plan = update(lqr, 0.0, STANDING, contact_flags=[1.0, 1.0, 0.0, 1.0])
+    assert (plan.forces[:, 2] == 0.0).all()
+    assert np.abs(lqr.gain[6:9]).max() < 1e-12
+    assert plan.first_forces[:, 2].sum() > 0.9 * WEIGHT[2]
+
+
+@pytest.mark.parametrize("broken", ["com", "wrench", "time"])
+def test_not_finite_input_keeps_the_last_plan(broken: str) -> None:
+    lqr = CentroidalLqr(MASS, 4, LqrSettings(stale_after=2))
+    good = update(lqr, 0.0, STANDING + [0.01, 0, 0, 0, 0, 0, 0, 0, 0])
+    x, wrench = STANDING.copy(), np.zeros(6)
+    if broken == "com":
+        x[2] = math.nan
+    if broken == "wrench":
+        wrench[1] = math.inf
+    t = math.nan if broken == "time" else 0.01
+    plans = [update(lqr, t, x, external_wrench=wrench) for _ in range(4)]
+    assert [plan.status for plan in plans] == [MpcStatus.NOT_FINITE] * 2 + [MpcStatus.STALE] * 2
+    for plan in plans:
+        np.testing.assert_array_equal(plan.forces, good.forces)
+    assert lqr.failures == lqr.failures_in_a_row == 4
+    assert update(lqr, 0.05, STANDING).status is MpcStatus.SOLVED and lqr.failures_in_a_row == 0
+
+
+def test_before_any_success_and_without_any_contact_it_has_a_plan() -> None:
+    lqr = CentroidalLqr(MASS, 4)
+    plan = update(lqr, 0.3, np.full(9, np.nan))
+    assert plan.status is MpcStatus.NOT_FINITE
+    np.testing.assert_allclose(plan.first_forces, np.tile(WEIGHT / 4, (4, 1)))
+    # Nothing can be regulated in the air: the Riccati equation has no stabilising solution.
+    flying = update(lqr, 0.31, STANDING, contact_flags=np.zeros(4))
+    assert flying.status is MpcStatus.SOLVER_FAILED
+    assert np.isfinite(flying.xs).all()
+
+
+def test_wrong_shapes_and_models_are_named() -> None:
+    lqr = CentroidalLqr(MASS, 4)
+    for change in ({"contact_points": FEET[:3]}, {"contact_flags": np.ones(3)}, {"x_reference": np.zeros(6)}):
+        with pytest.raises(InputError, match="inputs of the LQR"):
+            update(lqr, 0.0, STANDING, **change)
+    with pytest.raises(InputError, match="mass: got -1"):
+        CentroidalLqr(-1.0, 4)
+    with pytest.raises(InputError, match="contacts: got 0"):
+        CentroidalLqr(MASS, 0)

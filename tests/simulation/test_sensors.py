@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,6 +12,8 @@ from lgmpc.lie import quaternion
 from lgmpc.simulation.control import Command
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
+from lgmpc.simulation.mujoco import MujocoPlant
+from lgmpc.simulation.parameters import PlantParameters
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.simulation.sensors import SensorNoise, Sensors
 
@@ -49,6 +52,23 @@ def test_without_noise_the_imu_leads_from_state_to_state(plant_type, solo12, ran
         np.testing.assert_array_equal(reading.joints, sample.q[7:])
         np.testing.assert_array_equal(reading.speeds, sample.v[6:])
         np.testing.assert_array_equal(reading.torques, sample.tau)
+
+
+def test_the_imu_tells_what_mujocos_own_accelerometer_does(solo12, random_state) -> None:
+    """At the first order of the step: MuJoCo tells the acceleration at its start, the IMU the mean over it."""
+    plant, differences = MujocoPlant(solo12, PlantParameters(timestep=1e-4)), []
+    for seed in range(5):
+        plant.reset(np.concatenate(random_state(solo12, np.random.default_rng(seed))))
+        sensors = Sensors(solo12, SILENT, plant.dt, np.random.default_rng(0))
+        sensors.read(plant.sense())
+        plant.step(np.linspace(-1.8, 1.8, 12))
+        reading = sensors.read(plant.sense())
+        theirs = np.zeros(6)  # angular, linear, gravity felt, at the state before the step
+        mujoco.mj_rnePostConstraint(plant.model, plant.data)
+        mujoco.mj_objectAcceleration(plant.model, plant.data, mujoco.mjtObj.mjOBJ_XBODY, 1, theirs, 1)
+        assert np.linalg.norm(theirs[3:]) > 5.0
+        differences.append(reading.accelerometer - theirs[3:])
+    assert np.abs(differences).max() < 0.05
 
 
 def test_at_rest_the_accelerometer_feels_the_floor_not_gravity(solo12) -> None:

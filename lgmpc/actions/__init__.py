@@ -5,6 +5,7 @@ from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
+from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
@@ -27,6 +28,7 @@ __all__ = [
     "Dynamics",
     "ExternalWrench",
     "FreeForwardDynamics",
+    "HoldAction",
     "ImpulseAction",
     "Integrator",
     "KinodynamicAction",

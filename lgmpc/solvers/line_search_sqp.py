@@ -7,7 +7,9 @@ the exact penalty function
 
 whose penalty stays above the largest multiplier (Nocedal and Wright, "Numerical optimization", 2nd ed., ch. 18). The
 decrease is measured from the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
-so that full steps along curved constraints are not refused. The Hessian is the Gauss-Newton one.
+so that full steps along curved constraints are not refused. Where the linearised constraints contradict each other, a
+step removes a part of the gaps and violations only (Powell, "A fast algorithm for nonlinearly constrained optimization
+calculations", Lecture Notes in Mathematics 630, 1978). The Hessian is the Gauss-Newton one.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ from lgmpc.typing import Array
 
 __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 
+_KEPT = (0.0, 0.5, 0.9, 0.99)  # shares of gaps and violations that an infeasible subproblem may keep, one after another
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
     QpStatus.UNBOUNDED: Status.FAILED,
@@ -133,10 +136,7 @@ class LineSearchSqp(IterativeSolver):
 
     def _iterate(self) -> Status | None:
         f, s = self.functions, self.settings
-        start = time.perf_counter()
-        self.qp_solver.prepare()
-        status = self.qp_solver.solve(np.zeros(f.qp.structure.ndx))
-        self._clock[1] += time.perf_counter() - start
+        status, kept = self._subproblem()
         if status in _FAILED:
             return _FAILED[status]
         step = self.qp_solver.solution
@@ -144,7 +144,7 @@ class LineSearchSqp(IterativeSolver):
         if self._penalty < s.penalty_margin * largest:
             self._penalty = 2.0 * s.penalty_margin * largest
         self._last.append((self._cost, self._infeasibility))
-        slope = self._slope(step.dxs, step.dus) - self._penalty * self._infeasibility
+        slope = self._slope(step.dxs, step.dus) - (1.0 - kept) * self._penalty * self._infeasibility
         worst = max(cost + self._penalty * outside for cost, outside in self._last)
         # What rounding alone changes is no increase.
         worst += 1e-13 * (abs(worst) + self._penalty)
@@ -193,6 +193,23 @@ class LineSearchSqp(IterativeSolver):
             self._costates.copy(), self._multipliers.copy(), status, iterations, self._cost, gaps, kkt,
             Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
         )  # fmt: skip
+
+    def _subproblem(self) -> tuple[QpStatus, float]:
+        """Solve the subproblem; with a share of gaps and violations kept where they cannot all be removed at once."""
+        start = time.perf_counter()
+        qp = self.qp
+        gaps, lower, upper = qp.vector("b"), qp.vector("lower"), qp.vector("upper")
+        whole = gaps.copy(), lower.copy(), upper.copy()
+        for kept in _KEPT:
+            gaps[...] = (1.0 - kept) * whole[0]
+            lower[...] = whole[1] - kept * np.maximum(whole[1], 0.0)
+            upper[...] = whole[2] - kept * np.minimum(whole[2], 0.0)
+            self.qp_solver.prepare()
+            status = self.qp_solver.solve(np.zeros(qp.structure.ndx))
+            if status is not QpStatus.INFEASIBLE:
+                break
+        self._clock[1] += time.perf_counter() - start
+        return status, kept
 
     def _linearize(self, clock: int) -> None:
         """Expand around the functions' point, and measure it."""

@@ -71,6 +71,7 @@ class NlpSolver:
         if plugin == "ipopt":
             settings["iteration_callback"] = self._watch
         programme: Any = self._shooting.programme
+        self._values = ca.Function("values", [programme["x"], programme["p"]], [programme["f"], programme["g"]])
         name = f"nlp_{problem.actions[0].name}_{problem.nodes}"
         self._solver = ca.nlpsol(name, plugin, programme, settings)
         library = compile_programme(self._solver, progress=progress) if compiled else None
@@ -106,13 +107,20 @@ class NlpSolver:
         base = problem.check(problem.hold() if guess is None else guess)
         p = shooting.pack_parameters(problem, base)
         lower, upper = shooting.bounds(p)
+        if not self._finite_at(p):  # ipopt would say so; fatrop would never come back
+            return self._unsolved(base, Status.NOT_FINITE, start, throw)
+        if (lower.full() > upper.full()).any():  # CasADi refuses to begin
+            return self._unsolved(base, Status.INFEASIBLE, start, throw)
         self._watch.begin(start, time_limit, callback)
-        found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
+        try:
+            found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
+        except RuntimeError:  # thrown by fatrop, where it meets NaN on its way
+            return self._unsolved(base, Status.FAILED, start, throw)
         if self._watch.error is not None:
             raise self._watch.error
         stats = self._solver.stats()
         z = found["x"].full()[:, 0]
-        finite = bool(np.isfinite(p).all() and np.isfinite(z).all() and math.isfinite(float(found["f"])))
+        finite = bool(np.isfinite(z).all() and math.isfinite(float(found["f"])))
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED) if finite else Status.NOT_FINITE
         if self._watch.late and status is Status.STOPPED:
             status = Status.TIME_LIMIT
@@ -122,11 +130,34 @@ class NlpSolver:
             raise SolverError(self.name, status.name.lower(), solution.explain())
         return solution
 
+    def _finite_at(self, p: Any) -> bool:
+        """Whether data, cost and constraints are finite where a solve begins (bounds may be infinite)."""
+        values = [np.asarray(value.full()) for value in self._values(np.zeros(self._shooting.size), p)]
+        states_and_controls = p.size - self.problem.parameters.size
+        return not np.isnan(p).any() and all(np.isfinite(v).all() for v in (p[:states_and_controls], *values))
+
+    def _unsolved(self, base: Trajectory, status: Status, start: float, throw: bool) -> Solution:
+        """The guess itself, where the solver cannot begin or broke down."""
+        problem, ng = self.problem, max(self._shooting.ng)
+        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
+        p = self._shooting.pack_parameters(problem, base)
+        cost = float(self._values(np.zeros(self._shooting.size), p)[0])
+        solution = Solution(
+            problem.copy(), np.vstack([problem.x0, base.xs[1:]]), base.us.copy(), np.zeros((0, nu, ndx)),
+            np.zeros((0, nu)), np.zeros((n, ndx)), np.zeros((n, ng)), status, 0, cost,
+            np.full((n + 1, ndx), np.nan), KktResidual.unknown(), Timings(time.perf_counter() - start),
+        )  # fmt: skip
+        if status is not Status.NOT_FINITE:
+            solution = solution.measured()
+        if throw:
+            raise SolverError(self.name, status.name.lower(), solution.explain())
+        return solution
+
     def _solution(self, z: Any, p: Any, found: dict[str, Any], status: Status, stats: Any, start: float) -> Solution:
         shooting, problem = self._shooting, self.problem
         n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
         trajectory = shooting.unpack(z, p)
-        if np.isfinite(z).all() and np.isfinite(p).all():
+        if status is not Status.NOT_FINITE:
             costates, multipliers = shooting.unpack_multipliers(found["lam_g"].full()[:, 0], p, trajectory)
         else:
             costates, multipliers = np.full((n, ndx), np.nan), np.full((n, max(shooting.ng)), np.nan)

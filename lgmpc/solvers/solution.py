@@ -168,6 +168,10 @@ class Solution:
 
     def explain(self) -> str:
         """Say in a few lines how it ended, what to do, and which node holds convergence back in which condition."""
+        with np.errstate(invalid="ignore", over="ignore"):  # where there is NaN, the text says so
+            return self._explanation()
+
+    def _explanation(self) -> str:
         iterations = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
         lines = [f"{self.status.name.lower()} after {iterations}: {self.status.remedy}."]
         if not np.isfinite(self.problem.x0).all():
@@ -181,8 +185,13 @@ class Solution:
         ndx = self.problem.state.ndx
         defects, gradient, violation = np.abs(self.defects()), np.abs(self.stationarity()), self.constraint_violation()
         k, i = _where(defects)
-        owner = "the first state" if k == 0 else f"'{self.problem.actions[k - 1].name}'"
-        lines.append(f"dynamics: largest gap {defects[k, i]:.2e} before node {k} ({owner}), tangent entry {i}.")
+        if defects[k, i] == 0.0:
+            lines.append("dynamics: no gap anywhere.")
+        elif k == 0:
+            lines.append(f"dynamics: largest gap {defects[k, i]:.2e}, the first state's own, tangent entry {i}.")
+        else:
+            place = f"where interval {k - 1} ('{self.problem.actions[k - 1].name}') meets node {k}"
+            lines.append(f"dynamics: largest gap {defects[k, i]:.2e}, {place}, tangent entry {i}.")
         k, i = _where(gradient)
         entry = f"control {i - ndx}" if i >= ndx else f"tangent entry {i} of the state"
         name = self.problem.action_at(k).name

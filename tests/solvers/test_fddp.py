@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -275,9 +276,16 @@ def test_explain_names_the_worst_node(unicycle: ShootingProblem) -> None:
     guess.xs[12, 2] += 5.0
     solution = Fddp(unicycle).solve(guess, max_iterations=0)
     k, i = np.unravel_index(int(np.abs(solution.defects()).argmax()), (21, 3))
-    assert f"before node {k} ('unicycle'), tangent entry {i}" in solution.explain()
+    assert f"where interval {k - 1} ('unicycle') meets node {k}, tangent entry {i}" in solution.explain()
     k, i = np.unravel_index(int(np.abs(solution.stationarity()).argmax()), (21, 5))
     assert f"at node {k} ('unicycle')" in solution.explain()
+
+
+def test_explain_tells_a_trajectory_without_gaps_from_one_that_begins_elsewhere(unicycle: ShootingProblem) -> None:
+    solution = Fddp(unicycle).solve(unicycle.rollout(np.ones((20, 2))), max_iterations=0)
+    assert "dynamics: no gap anywhere." in solution.explain()
+    aside = replace(solution, xs=solution.xs + [0.0, 3.0, 0.0])  # the dynamics are the same everywhere
+    assert "largest gap 3.00e+00, the first state's own, tangent entry 1." in aside.explain()
 
 
 def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:

@@ -42,7 +42,7 @@ def test_explain_names_items(swing: ShootingProblem) -> None:
     guess.xs[7, 0] = -9.0
     text = solver.solve(guess, max_iterations=0).explain()
     assert "most of it at node 7" in text and "of which 'goal'" in text
-    assert "before node 7 ('swing'), tangent entry 0" in text or "before node 8 ('swing'), tangent entry 0" in text
+    assert "('swing') meets node 7, tangent entry 0" in text or "('swing') meets node 8, tangent entry 0" in text
 
 
 def test_explain_names_the_parameter_that_is_not_finite(swing: ShootingProblem) -> None:

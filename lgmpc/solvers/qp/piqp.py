@@ -92,6 +92,10 @@ class PiqpSolver:
             return QpStatus.NOT_FINITE
         m = a.equalities
         equality, inequality = (c.matrix for c in a.constraints)
+        free = np.isinf(a.lower[m:]) & np.isinf(a.upper[m:])
+        if free.any():  # PIQP does the same, and prints three lines about it
+            inequality.data[free[inequality.indices]] = 0.0
+            a.lower[m:][free], a.upper[m:][free] = -1.0, 1.0
         data = (a.hessian.matrix, a.gradient, equality, a.lower[:m], inequality, a.lower[m:], a.upper[m:])
         if self._solver is None:
             self._solver = self._module.SparseSolver()

@@ -1,0 +1,197 @@
+"""What holds for every solver of shooting problems: one problem, all of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from lgmpc.actions import Action
+from lgmpc.errors import InputError, SolverError
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers import (
+    BoxFddp,
+    Fddp,
+    FddpSettings,
+    LineSearchSqp,
+    LineSearchSqpSettings,
+    NlpSolver,
+    Solution,
+    Status,
+)
+
+Make = Callable[..., ShootingProblem]
+SOLVERS: dict[str, Callable[[ShootingProblem], Any]] = {
+    "fddp": lambda problem: Fddp(problem, FddpSettings(tolerance=1e-13)),
+    "box fddp": lambda problem: BoxFddp(problem, FddpSettings(tolerance=1e-13)),
+    "sqp": lambda problem: LineSearchSqp(problem, LineSearchSqpSettings(tolerance=1e-8)),
+    "ipopt": NlpSolver,
+    "fatrop": lambda problem: NlpSolver(problem, "fatrop"),
+}
+BOUNDED = ("box fddp", "sqp", "ipopt", "fatrop")
+STOPPABLE = ("fddp", "box fddp", "sqp", "ipopt")
+
+
+def lagrangian(solution: Solution, xs: np.ndarray, us: np.ndarray) -> float:
+    """Cost plus multipliers times constraints, from the actions' values alone."""
+    problem, total = solution.problem, 0.0
+    for k in range(problem.nodes):
+        point = problem.evaluate(k, xs[k], us[k])
+        gap = problem.state.diff(xs[k + 1], point.x_next)
+        total += point.cost + solution.costates[k] @ gap
+        total += solution.multipliers[k, : point.constraint.size] @ point.constraint
+    last = problem.terminal
+    return total + float(last.terminal_value_function(xs[-1], problem.parameters[-1, : last.parameters.size]))
+
+
+def lagrangian_slope(solution: Solution) -> float:
+    """Largest central difference of the Lagrangian at a solution, in tangent coordinates."""
+    state, h, largest = solution.problem.state, 1e-5, 0.0
+    for k in range(1, len(solution.xs)):
+        for step in h * np.eye(state.ndx):
+            ends = []
+            for sign in (1.0, -1.0):
+                xs = solution.xs.copy()
+                xs[k] = state.integrate(xs[k], sign * step)
+                ends.append(lagrangian(solution, xs, solution.us))
+            largest = max(largest, abs(ends[0] - ends[1]) / (2 * h))
+    for index in np.ndindex(*solution.us.shape):
+        ends = []
+        for sign in (h, -h):
+            us = solution.us.copy()
+            us[index] += sign
+            ends.append(lagrangian(solution, solution.xs, us))
+        largest = max(largest, abs(ends[0] - ends[1]) / (2 * h))
+    return largest
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("bounded", [False, True])
+def test_a_solution_satisfies_the_conditions_by_differences_of_values(
+    satellite: Make, name: str, bounded: bool
+) -> None:
+    """Nothing of the derivatives that the solvers use, nor of their own measurements."""
+    if bounded and name not in BOUNDED:
+        pytest.skip("takes no constraints")
+    problem = satellite(bounded=bounded, nodes=5)
+    solution = SOLVERS[name](problem).solve(problem.hold())
+    assert solution.status is Status.CONVERGED
+    assert lagrangian_slope(solution) < 2e-5
+    for k in range(5):
+        point = problem.evaluate(k, solution.xs[k], solution.us[k])
+        np.testing.assert_allclose(problem.state.diff(solution.xs[k + 1], point.x_next), 0.0, atol=1e-8)
+        if not bounded:
+            continue
+        mu = solution.multipliers[k]
+        assert point.violation < 1e-7  # fatrop loosens bounds by 1e-8 of their value
+        room = np.where(mu > 0.0, point.upper - point.constraint, point.constraint - point.lower)
+        assert np.minimum(np.abs(mu), room).max() < 1e-6  # a multiplier only where its bound holds
+    if bounded:
+        assert (np.abs(solution.multipliers) > 1e-3).any()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("where", ["xs", "us", "x0", "parameters"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_has_a_status(unicycle: ShootingProblem, name: str, where: str, value: float) -> None:
+    guess = unicycle.hold()
+    solver = SOLVERS[name](unicycle)
+    if where == "x0":
+        unicycle.x0[1] = value
+    elif where == "parameters":
+        unicycle.parameters[7] = value
+    else:
+        getattr(guess, where)[7, 1] = value
+    solution = solver.solve(guess)
+    assert solution.status is Status.NOT_FINITE
+    assert "NaN or infinity" in solution.explain()
+    with pytest.raises(SolverError, match="not_finite"):
+        solver.solve(guess, throw=True)
+
+
+class Cliff(Action):
+    """``x+ = x + sqrt(x) / 10 - u / 10``: NaN where a step makes x negative, and nowhere before."""
+
+    def __init__(self, base: Action) -> None:
+        self.name, self.state, self.nu, self.parameters = "brink", base.state, base.nu, base.parameters
+        self._base = base
+
+    def step(self, x, u, p):
+        return x + 0.1 * ca.sqrt(x) - 0.1 * u
+
+    def cost(self, x, u, p):
+        return self._base.cost(x, u, p)
+
+    def terminal_cost(self, x, p):
+        return self._base.terminal_cost(x, p)
+
+    def constraint(self, x, u, p):
+        return self._base.constraint(x, u, p)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_steps_into_what_is_not_finite_end(linear: Callable[..., Action], name: str) -> None:
+    problem = ShootingProblem(Cliff(linear(np.eye(2), np.eye(2), np.zeros(2))), 6)
+    problem.set("weight", 1e-4)
+    problem.set("goal", -0.5)  # beyond the brink
+    problem.set_initial_state([1.0, 2.0])
+    start = time.perf_counter()
+    solution = SOLVERS[name](problem).solve(problem.rollout(np.zeros((6, 2))))
+    assert time.perf_counter() - start < 20.0
+    if solution.status.solved:
+        assert solution.residual().largest < 1e-4
+    else:
+        assert len(solution.explain().splitlines()) >= 2
+    if solution.status is not Status.NOT_FINITE:
+        assert np.isfinite(solution.xs).all() and np.isfinite(solution.cost)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_wrong_shapes_are_named(unicycle: ShootingProblem, name: str) -> None:
+    solver = SOLVERS[name](unicycle)
+    for xs, us, match in (((20, 3), (20, 2), "xs: got shape"), ((21, 3), (20, 3), "us: got shape")):
+        with pytest.raises(InputError, match=match):
+            solver.solve(Trajectory(np.zeros(xs), np.zeros(us)))
+
+
+@pytest.mark.parametrize("name", STOPPABLE)
+def test_the_time_limit_is_kept_to_an_iteration(unicycle: ShootingProblem, name: str) -> None:
+    solver = SOLVERS[name](unicycle)
+    free = solver.solve()
+    told: list[float] = []
+
+    def slow(progress: Any) -> None:
+        told.append(progress.elapsed)
+        time.sleep(0.05)
+
+    start = time.perf_counter()
+    solution = solver.solve(time_limit=0.08, callback=slow)
+    assert solution.status is Status.TIME_LIMIT
+    assert solution.iterations < free.iterations
+    assert told[-1] < 0.08 + 0.05 and time.perf_counter() - start < 0.5
+    assert np.isfinite(solution.xs).all()
+    assert "time_limit" in solution.explain()
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_bounds_that_contradict_each_other_are_infeasible(satellite: Make, name: str) -> None:
+    problem = satellite(bounded=True, nodes=4)
+    problem.set("limit", -1.0)
+    solution = SOLVERS[name](problem).solve()
+    assert solution.status is Status.INFEASIBLE
+    assert "check bounds" in solution.explain()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_one_interval_is_enough(linear: Callable[..., Action], name: str) -> None:
+    problem = ShootingProblem(linear(np.eye(2), np.eye(2), np.zeros(2)), 1)
+    problem.set("goal", 1.0)
+    problem.set("weight", 0.5)
+    solution = SOLVERS[name](problem).solve()
+    assert solution.status is Status.CONVERGED
+    # minimise 0.5 u^2 / 2 + 10 (u - 1)^2 / 2
+    np.testing.assert_allclose(solution.us, 10.0 / 10.5, atol=1e-7)

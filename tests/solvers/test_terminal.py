@@ -1,0 +1,91 @@
+"""Constraints on the last state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import FreeForwardDynamics, HoldAction, MultibodyAction
+from lgmpc.costs import ConstraintItem, CostItem, MissingQuantityError
+from lgmpc.costs.library import Control, FrameTranslation, StateError
+from lgmpc.errors import InputError
+from lgmpc.ocp import ShootingProblem, check_derivatives
+from lgmpc.solvers import Fddp, LineSearchSqp, NlpSolver, Status
+
+
+@pytest.fixture
+def reach(monkeypatch: pytest.MonkeyPatch) -> ShootingProblem:
+    """An arm of two joints with bounded motors, whose hand has to be at a place at the end, at rest."""
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    model = pin.Model()
+    for k, joint in enumerate((pin.JointModelRY(), pin.JointModelRY())):
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4 * (k > 0)]))
+        index = model.addJoint(k, joint, place, f"joint_{k}")
+        model.appendBodyToJoint(
+            index, pin.Inertia(0.5, np.array([0.0, 0.0, -0.2]), 0.01 * np.eye(3)), pin.SE3.Identity()
+        )
+    model.addFrame(pin.Frame("hand", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4])), pin.FrameType.OP_FRAME))
+    dynamics = FreeForwardDynamics(model)
+    motors, still = ConstraintItem("motors", Control(2), -1.05, 1.05), StateError(dynamics.state)
+    costs = [CostItem("effort", Control(2), 0.1), CostItem("motion", still, [0.1, 0.1, 0.3, 0.3])]
+    move = MultibodyAction("move", dynamics, costs, [motors])
+    arrive = HoldAction(
+        "arrive",
+        model,
+        [CostItem("rest", still, [0.0, 0.0, 0.1, 0.1])],
+        [
+            ConstraintItem("hand", FrameTranslation("hand", [0.5, 0.0, -0.5]), [0.0, -np.inf, 0.0], [0.0, np.inf, 0.0]),
+            ConstraintItem("speed", still, [-np.inf, -np.inf, -0.02, -0.02], [np.inf, np.inf, 0.02, 0.02]),
+        ],
+    )
+    problem = ShootingProblem([move] * 15 + [arrive])
+    problem.set("duration", 0.05)
+    problem.set_initial_state([0.1, -0.3, 0.0, 0.0])
+    return problem
+
+
+def test_sqp_ipopt_and_fatrop_keep_to_it(reach: ShootingProblem) -> None:
+    assert check_derivatives(reach).passed
+    solution = LineSearchSqp(reach).solve(max_iterations=200)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    np.testing.assert_array_equal(solution.xs[-1], solution.xs[-2])
+    model = reach.actions[0].dynamics.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, solution.xs[-1, :2])
+    hand = data.oMf[model.getFrameId("hand")].translation
+    np.testing.assert_allclose(hand[[0, 2]], [0.5, -0.5], atol=1e-6)
+    assert np.abs(solution.xs[-1, 2:]).max() == pytest.approx(0.02, abs=1e-6)
+    assert np.abs(solution.us[:15]).max() == pytest.approx(1.05, abs=1e-6)
+    assert (np.abs(solution.multipliers[15]) > 1e-4).sum() >= 3
+    assert solution.residual().largest <= 1e-6
+    for plugin in ("ipopt", "fatrop"):
+        reference = NlpSolver(reach, plugin).solve(solution.trajectory)
+        assert reference.status is Status.CONVERGED
+        assert solution.cost == pytest.approx(reference.cost, rel=1e-6)
+        np.testing.assert_allclose(solution.us, reference.us, atol=1e-4)
+        np.testing.assert_allclose(solution.multipliers[15], reference.multipliers[15], atol=1e-3)
+
+
+def test_the_last_cost_is_paid_once(reach: ShootingProblem) -> None:
+    x = np.array([0.3, 0.2, 1.0, -2.0])
+    arrive = reach.actions[-1]
+    p = reach.parameters[-1, : arrive.parameters.size]
+    assert arrive.evaluate(x, np.zeros(0), p).cost == 0.0
+    assert float(arrive.terminal_value_function(x, p)) == pytest.approx(0.05 * 5.0)
+
+
+def test_what_cannot_be_reached_is_named(reach: ShootingProblem) -> None:
+    reach.set("hand_reference", [0.9, 0.0, 0.0])  # longer than the arm
+    solution = LineSearchSqp(reach).solve(max_iterations=100)
+    assert not solution.status.solved
+    assert "at node 15, 'hand' row" in solution.explain()
+
+
+def test_it_is_refused_where_it_could_not_hold(reach: ShootingProblem) -> None:
+    with pytest.raises(InputError, match="'arrive', which has path constraints"):
+        Fddp(ShootingProblem([MultibodyAction("free", reach.actions[0].dynamics)] * 3 + [reach.actions[-1]]))
+    model = reach.actions[0].dynamics.model
+    bound = HoldAction("bound", model, (), [ConstraintItem("motors", Control(2), -1.0, 1.0)])
+    with pytest.raises(MissingQuantityError, match="u: got a node without it"):
+        bound.value_function  # noqa: B018

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.estimation.checks import duration_of
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
 from lgmpc.estimation.legs import ContactDetector, LegSensing
@@ -102,8 +103,6 @@ class LeggedEstimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         settings = LeggedEstimatorSettings() if settings is None else settings
-        if not 0.0 < period < math.inf:
-            raise InputError("period", period, "a positive number of seconds")
         start = np.asarray(robot.q_reference[:7] if start is None else start, dtype=np.float64)
         if start.shape != (7,) or not np.isfinite(start).all():
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
@@ -120,7 +119,7 @@ class LeggedEstimator:
         self.failures = 0
         self.spent = 0.0
         self._detector = ContactDetector(robot.nc, settings.touch_force, settings.release_force)
-        self.settings, self._period = settings, period
+        self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
         self._start = np.eye(5)
         self._start[:3, :3] = quaternion.to_matrix(start[3:])

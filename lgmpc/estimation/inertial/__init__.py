@@ -8,6 +8,7 @@ from lgmpc.estimation.inertial.increments import (
 )
 from lgmpc.estimation.inertial.kinematics import (
     error_dynamics,
+    flow_differential,
     free_flow,
     gravity_increment,
     propagate,
@@ -23,6 +24,7 @@ __all__ = [
     "Preintegration",
     "error_dynamics",
     "exponential_increment",
+    "flow_differential",
     "free_flow",
     "gravity_increment",
     "propagate",

@@ -16,14 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.errors import InputError
-from lgmpc.lie import checks, so3
+from lgmpc.estimation.checks import duration_of, three
+from lgmpc.lie import so3
 from lgmpc.lie.coefficients import b_c, beta_gamma, e_epsilon
 from lgmpc.typing import Array
 
 __all__ = ["Increment", "IncrementRule", "exponential_increment", "zero_order_hold_increment"]
-
-_three = checks.tangent(3)
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,7 @@ def zero_order_hold_increment(gyro: Array, accelerometer: Array, duration: float
 
 
 def _checked(gyro: Array, accelerometer: Array, duration: float) -> tuple[Array, Array, float]:
-    if not (math.isfinite(duration) and duration > 0.0):
-        raise InputError("duration", duration, "a positive number of seconds")
-    vectors = _three("gyro", gyro), _three("accelerometer", accelerometer)
-    for name, value in zip(("gyro", "accelerometer"), vectors, strict=True):
-        if value.ndim != 1:
-            raise InputError(name, f"shape {value.shape}", "shape (3,)")
-    return *vectors, float(duration)
+    return three("gyro", gyro), three("accelerometer", accelerometer), duration_of("duration", duration)
 
 
 def _pose(phi: Array, velocity: Array, position: Array) -> Array:

@@ -17,12 +17,11 @@ import math
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.estimation.checks import three
 from lgmpc.lie import checks, so3
 from lgmpc.typing import Array
 
-__all__ = ["error_dynamics", "free_flow", "gravity_increment", "propagate", "vector_field"]
-
-_three = checks.tangent(3)
+__all__ = ["error_dynamics", "flow_differential", "free_flow", "gravity_increment", "propagate", "vector_field"]
 
 
 def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array) -> Array:
@@ -40,8 +39,8 @@ def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array)
     pose = _extended("pose", pose)
     rate = np.zeros_like(pose)
     rotation = pose[:3, :3]
-    rate[:3, :3] = rotation @ so3.hat(_three("gyro", gyro))
-    rate[:3, 3] = rotation @ _three("accelerometer", accelerometer) + _three("gravity", gravity)
+    rate[:3, :3] = rotation @ so3.hat(three("gyro", gyro))
+    rate[:3, 3] = rotation @ three("accelerometer", accelerometer) + three("gravity", gravity)
     rate[:3, 4] = pose[:3, 3]
     return rate
 
@@ -65,7 +64,7 @@ def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Arra
     """
     if columns < 2:
         raise InputError("columns", columns, "at least 2: velocity and position")
-    gravity, duration = _three("gravity", gravity), _time("duration", duration)
+    gravity, duration = three("gravity", gravity), _time("duration", duration)
     result = np.eye(3 + columns)
     result[:3, 3] = duration * gravity
     result[:3, 4] = 0.5 * duration**2 * gravity
@@ -107,7 +106,7 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
     if columns < 2:
         raise InputError("columns", columns, "at least 2: velocity and position")
     result = np.zeros((3 + 3 * columns, 3 + 3 * columns))
-    result[3:6, :3] = so3.hat(_three("gravity", gravity))
+    result[3:6, :3] = so3.hat(three("gravity", gravity))
     result[6:9, 3:6] = np.eye(3)
     return result
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.estimation.checks import three
 from lgmpc.estimation.inertial.increments import IncrementRule, exponential_increment
 from lgmpc.estimation.inertial.kinematics import flow_differential, free_flow, gravity_increment
 from lgmpc.estimation.inertial.noise import ImuNoise
@@ -12,8 +13,6 @@ from lgmpc.lie import checks, sek3
 from lgmpc.typing import Array
 
 __all__ = ["Preintegration"]
-
-_three = checks.tangent(3)
 
 
 class Preintegration:
@@ -72,7 +71,7 @@ class Preintegration:
             InputError: a sample that is not finite, or a duration that is not positive.
         """
         bias = self._bias
-        step = self._rule(_three("gyro", gyro) - bias[:3], _three("accelerometer", accelerometer) - bias[3:], duration)
+        step = self._rule(three("gyro", gyro) - bias[:3], three("accelerometer", accelerometer) - bias[3:], duration)
         self.pose = free_flow(self.pose, duration) @ step.pose
         transition = sek3.adjoint.unchecked(sek3.inverse.unchecked(step.pose)) @ flow_differential(duration)
         self.bias_jacobian = transition @ self.bias_jacobian - step.jacobian
@@ -108,7 +107,7 @@ class Preintegration:
 
 
 def _biases(gyro: Array, accelerometer: Array) -> Array:
-    biases = _three("gyro_bias", gyro), _three("accelerometer_bias", accelerometer)
+    biases = three("gyro_bias", gyro), three("accelerometer_bias", accelerometer)
     return np.concatenate(biases)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
+from lgmpc.estimation.checks import duration_of, three
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
 from lgmpc.estimation.invariant_ekf.programme import augmentation, correction, prediction
@@ -83,9 +84,9 @@ class InvariantEkf:
         self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
         self._touching = np.zeros(contacts, dtype=np.bool_)
         self._new_point, self._new_noise = np.zeros(3), np.zeros((3, 3))
-        offset = _vector("contact_offset", contact_offset)
+        offset = three("contact_offset", contact_offset)
         densities = (noise.gyro, noise.accelerometer, noise.gyro_bias_walk, noise.accelerometer_bias_walk, slip)
-        self._parameters = np.concatenate([[0.0], _vector("gravity", gravity), offset, np.square(densities)])
+        self._parameters = np.concatenate([[0.0], three("gravity", gravity), offset, np.square(densities)])
 
         # A symmetric matrix is the same column by column and row by row; the pose is the one that is not.
         held = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
@@ -154,7 +155,7 @@ class InvariantEkf:
         deviations = checks.finite("deviations", deviations)
         if deviations.shape != (15,) or (deviations < 0.0).any():
             raise InputError("deviations", deviations, "15 numbers that are not negative")
-        biases = _vector("gyro_bias", gyro_bias), _vector("accelerometer_bias", accelerometer_bias)
+        biases = three("gyro_bias", gyro_bias), three("accelerometer_bias", accelerometer_bias)
         self._pose[:] = np.eye(len(self._pose))
         self._pose[:5, :5] = pose
         self._bias[:] = np.concatenate(biases)
@@ -182,9 +183,7 @@ class InvariantEkf:
         _write("accelerometer", accelerometer, self._sample[3:])
         if foot_rates is not None:
             _write("foot_rates", foot_rates, self._rolling)
-        if not 0.0 < duration < math.inf:
-            raise InputError("duration", duration, "a positive number of seconds")
-        self._parameters[0] = duration
+        self._parameters[0] = duration_of("duration", duration)
         self._next_bias[:] = self._bias
         self._predict()
         self._state[:] = self._scratch
@@ -277,13 +276,6 @@ def _read_only(array: Array) -> Array:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _vector(name: str, value: object) -> Array:
-    vector = checks.tangent(3)(name, value)
-    if vector.ndim != 1:
-        raise InputError(name, f"shape {vector.shape}", "shape (3,)")
-    return vector
 
 
 def _write(name: str, value: Array, buffer: Array) -> None:

@@ -1,7 +1,7 @@
 r"""What an extended Kalman filter calls its error: right-invariant, left-invariant, or that of the quaternion filter.
 
 The three filters are one programme (:mod:`lgmpc.estimation.invariant_ekf.programme`); all that tells them apart is the
-error ``xi`` between estimate and truth, hence the three linearisations of the same motion and the same measurement:
+error ``xi`` between estimate and truth, hence the linearisations of one motion and one measurement (biases aside):
 
 ============== ============================================ ==================== =======================
 form           error of the extended pose                   transition           observation matrix

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bench_optimiser import constrained
+from paired_problems import Stance
 
 from lgmpc.compile import compile_function
 from lgmpc.errors import InputError
-from lgmpc.ocp import Block, KktResidual, OcpQp, OcpQpStructure
+from lgmpc.ocp import Block, KktResidual, OcpQp, OcpQpStructure, Trajectory
 from lgmpc.ocp.quadratic import kkt_function
+from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
     OsqpSettings,
@@ -219,3 +222,23 @@ def test_settings_that_cannot_work_are_refused() -> None:
     for name in ("tolerance", "penalty"):
         with pytest.raises(InputError, match=name):
             StructuredSettings(**{name: 0.0})
+
+
+@pytest.mark.slow
+def test_a_pushed_quadruped_with_friction_and_torque_limits_is_solved_as_with_piqp() -> None:
+    stance = Stance()
+    problem = constrained(stance)
+    guess = Trajectory(np.tile(problem.x0, (21, 1)), stance.guess().us)
+    sqp = LineSearchSqp(problem)
+    assert isinstance(sqp.qp_solver, StructuredSolver)
+    taken: list[int] = []
+    solution = sqp.solve(guess, callback=lambda _: taken.append(sqp.qp_solver.iterations))
+    assert solution.status is Status.CONVERGED and not sqp.qp_solver.took_over
+    assert solution.residual().largest <= 1e-6
+    assert (np.abs(solution.multipliers) > 1e-6).sum() > 80
+    assert max(taken) <= 20 and taken[-3:] == [1, 1, 1]
+    accurate = PiqpSettings("sparse_multistage", tolerance=1e-11, max_iterations=200)
+    other = LineSearchSqp(problem, qp_solver=lambda qp: PiqpSolver(qp, accurate)).solve(guess)
+    assert other.iterations == solution.iterations
+    assert solution.cost == pytest.approx(other.cost, rel=1e-8)
+    np.testing.assert_allclose(solution.us, other.us, atol=1e-6)

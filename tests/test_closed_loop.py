@@ -120,7 +120,7 @@ def test_it_balances_on_what_imu_encoders_and_currents_tell(plant: str) -> None:
     assert errors.max_tilt_deg < 0.25  # 0.1: the accelerometer's bias
     assert errors.max_yaw_deg < 0.2  # 0.06
     assert errors.rms_velocity_m_s < 0.003  # 0.7 mm/s
-    assert errors.wrong_contact_fraction < 0.001  # the first tick
+    assert errors.wrong_contact_fraction < 0.001  # measured 0
 
 
 @pytest.mark.slow

@@ -175,8 +175,21 @@ _BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
 
 def _at_its_key(config: SolveConfig, error: InputError) -> ConfigError:
     """Say where in the config the argument that a builder refused comes from."""
-    words = [key for key in type(config.problem).model_fields if key == error.argument]
-    words += [key for key in type(config.problem).model_fields if key.startswith(f"{error.argument}_")]
-    key = f"problem.{words[0]}" if words else "robot" if error.argument == "robot" else "problem"
-    expected = error.expected if words or key == "robot" else f"{error.expected} ({error.argument})"
+    found = _key_of(type(config.problem), error.argument)
+    key = f"problem.{found}" if found else "robot" if error.argument == "robot" else "problem"
+    expected = error.expected if found or key == "robot" else f"{error.expected} ({error.argument})"
     return config.error(key, error.got, expected, error.choices)
+
+
+def _key_of(section: type[Section], argument: str) -> str | None:
+    """Find the key of a section, or of a section within it, that is called as an argument, but for its unit."""
+    fields = section.model_fields
+    for key in sorted(fields, key=lambda key: key != argument):
+        if key == argument or key.startswith(f"{argument}_"):
+            return key
+    for key, field in fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Section):
+            inner = _key_of(field.annotation, argument)
+            if inner is not None:
+                return f"{key}.{inner}"
+    return None

@@ -71,8 +71,8 @@ class FlightSettings:
         start: (3,) where it hovers at first, level, world axes, m.
         waypoints: in the order of their times; at the last it comes to rest.
         node_duration: length of each interval, s.
-        integrator: of the motion; Runge and Kutta's unless given. In a loop at 5 rad/s and 30 ms a step it ends within
-            1 mm of the exact motion, semi-implicit Euler's method metres away, and one body's stage is so small
+        integrator: of the motion; Runge and Kutta's unless given. In a loop at up to 10 rad/s and 30 ms a step it ends
+            within 1 mm of the exact motion, semi-implicit Euler's method metres away, and one body's stage is so small
             that four evaluations cost microseconds.
         weights: of the cost.
     """
@@ -163,7 +163,7 @@ def _nodes(s: FlightSettings) -> tuple[int, ...]:
     for waypoint in s.waypoints:
         node = round(waypoint.time / s.node_duration)
         if not abs(node * s.node_duration - waypoint.time) < 1e-6:
-            expected = f"a multiple of node_duration, {s.node_duration:g} s"
+            expected = f"a multiple of the intervals' length, {s.node_duration:g} s"
             raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time:g} s", expected)
         if node <= last:
             expected = f"later than {last * s.node_duration:g} s, the one before"

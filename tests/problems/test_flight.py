@@ -179,7 +179,10 @@ def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() 
     ("change", "message"),
     [
         ({"waypoints": ()}, "waypoints: got none"),
-        ({"waypoints": (FlightWaypoint("a", 0.1, (0.0, 0.0, 0.0)),)}, "'a' at 0.1 s; expected a multiple of node_dur"),
+        (
+            {"waypoints": (FlightWaypoint("a", 0.1, (0.0, 0.0, 0.0)),)},
+            "'a' at 0.1 s; expected a multiple of the intervals' length, 0.03 s",
+        ),
         ({"waypoints": LOOP.waypoints[::-1]}, "'exit' at 2.25 s; expected later than 3 s"),
         ({"node_duration": 0.0}, "node_duration"),
         ({"rotors": replace(ROTORS, max_thrust=3.0)}, "max_thrust: got 3.0; expected above 3.76 N"),

@@ -108,9 +108,10 @@ class OcpQp:
     def dense(self, name: str) -> Array:
         """Copy (N, rows, columns) of a stage matrix or vector with its zeros."""
         block = self.structure.blocks[name]
-        out = np.zeros((self.structure.nodes, *block.shape))
-        out[:, block.rows, block.columns] = self.values[:, block.where]
-        return out
+        rows, columns = block.shape
+        out = np.zeros((self.structure.nodes, rows * columns))
+        out[:, block.rows * columns + block.columns] = self.values[:, block.where]
+        return out.reshape(self.structure.nodes, rows, columns)
 
     def dense_terminal(self, name: str) -> Array:
         """Copy (rows, columns) of a matrix or vector of the last node."""

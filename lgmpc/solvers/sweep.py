@@ -25,7 +25,8 @@ __all__ = ["BackwardSweep", "all_finite"]
 
 def all_finite(*arrays: Array) -> bool:
     """Whether no number is NaN or infinite (or too large to square); one pass, no warnings."""
-    return all(math.isfinite(np.vdot(array, array)) for array in arrays)
+    # Of rows that do not lie side by side, the dot product would make a copy.
+    return all(math.isfinite(np.vdot(array, array) if array.flags.c_contiguous else array.sum()) for array in arrays)
 
 
 class BackwardSweep:

@@ -45,8 +45,10 @@ class Planner:
 
     Every tick the observer compares the change of the centroidal momentum with what the whole-body QP asked for; every
     ``settings.every`` ticks the predictor plans anew from the measured state under the observed wrench; in between the
-    plan is interpolated. A plan that is stale is not followed: the whole-body QP then regulates the centre of mass, the
-    angular momentum and the posture by itself.
+    plan is interpolated. Whatever the model, it is followed through the whole-body QP, also where it holds torques: the
+    QP closes the loop at every tick with hard friction cones, which torques with a feedback gain held for 20 ms do not.
+    A plan that is stale is not followed: the whole-body QP then regulates the centre of mass, the angular momentum and
+    the posture by itself.
 
     Args:
         predictor: the receding-horizon controller, of any model.

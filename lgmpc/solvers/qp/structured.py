@@ -48,7 +48,7 @@ class StructuredSettings:
         tolerance: largest residual of the optimality conditions.
         max_sweeps: regulators that confirm or correct one guess of the active rows.
         max_iterations: of the interior point method.
-        penalty: of active rows, as a multiple of the largest control weight: large, so that one round of multipliers is
+        penalty: of active rows, as a multiple of the median control weight: large, so that one round of multipliers is
             enough, and not so large that rounding shows in them.
     """
 
@@ -124,7 +124,8 @@ class StructuredSolver:
         bounds = qp.structure.blocks["lower"].where.start, qp.structure.blocks["upper"].where.stop
         finite = all_finite(qp.values[:, : bounds[0]], qp.values[:, bounds[1] :], qp.terminal_values)
         possible = bool((self._lower <= self._upper).all())  # also False where one is NaN
-        self._scale = float(qp.values[:, self._control_weights].max(initial=0.0))
+        # Of intervals without control the weights are ones, which mean nothing.
+        self._scale = float(np.median(qp.values[:, self._control_weights])) if finite else 0.0
         self._rho = self.settings.penalty * self._scale
         self._ready = self._regulator.available and finite and possible and self._scale > 0.0
         if self._ready:
@@ -134,7 +135,8 @@ class StructuredSolver:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.iterations = 0
         self._regulator.dx0[...] = dx0
-        self.took_over = not (self._ready and all_finite(dx0) and self._solve())
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # a path that leads nowhere is left
+            self.took_over = not (self._ready and all_finite(dx0) and self._solve())
         if not self.took_over:
             return QpStatus.SOLVED
         self._fallback.prepare()
@@ -155,7 +157,7 @@ class StructuredSolver:
 
     def _piqp(self, qp: OcpQp) -> QpSolver:
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
-        return PiqpSolver(qp, PiqpSettings("sparse_multistage", 1e-2 * self.settings.tolerance, 200))
+        return PiqpSolver(qp, PiqpSettings("sparse_multistage", 1e-2 * self.settings.tolerance))
 
     def _active_set(self, rows: Array, mu: Array) -> bool:
         """Penalise the rows outside their shifted bounds until they stay the same; False if they do not soon."""

@@ -29,7 +29,7 @@ def build_gait(robot: Robot, settings: GaitSettings | None = None) -> Scenario:
         InputError: as :func:`build_legged`, or a ramp longer than half of the time in which feet swing.
     """
     s = GaitSettings() if settings is None else settings
-    _check_feet(robot)
+    _check_robot(robot)
     gait = s.gait(robot)
     stop = gait.duration - s.settle
     path = BasePath.walking(s.velocity, s.yaw_rate, s.settle, stop, s.ramp)
@@ -43,7 +43,7 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
         InputError: as :func:`build_legged`.
     """
     s = JumpSettings() if settings is None else settings
-    _check_feet(robot)
+    _check_robot(robot)
     leap = BaseLeap(np.array(s.displacement), s.yaw, s.takeoff, s.takeoff + s.flight, LeggedScale.of(robot).gravity)
     return build_legged("jump", robot, s.gait(robot), leap, s.common)
 
@@ -63,7 +63,7 @@ def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settin
     Raises:
         InputError: a robot without free base or feet, or a gait that does not fit.
     """
-    _check_feet(robot)
+    _check_robot(robot)
     if gait.feet != robot.contact_frames:
         raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
     grid = gait.grid(settings.step)
@@ -90,9 +90,11 @@ def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settin
     )
 
 
-def _check_feet(robot: Robot) -> None:
+def _check_robot(robot: Robot) -> None:
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
+    if robot.nq - 7 != robot.nu:
+        raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which has limits")
 
 
 def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:

@@ -24,7 +24,7 @@ from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
 from lgmpc.robot import Robot, RobotSpec, load_robot
-from lgmpc.solvers import BoxFddp, LineSearchSqp, Solution, Status
+from lgmpc.solvers import BoxFddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, Solution, Status
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
@@ -278,6 +278,17 @@ def test_a_disturbed_guess_leads_to_the_same_trot() -> None:
     other = BoxFddp(scenario.problem).solve(Trajectory(xs, scenario.guess.us))
     assert other.status is Status.CONVERGED
     assert other.cost == pytest.approx(trotted().cost, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_two_solvers_find_the_same_trot() -> None:
+    """To what is left to gain, 1e-14, belongs a distance of its root; the FDDP's own 1e-9 would leave 1e-4 m."""
+    fddp = BoxFddp(trot().problem, FddpSettings(tolerance=1e-14)).solve(trot().guess)
+    sqp = LineSearchSqp(trot().problem, LineSearchSqpSettings(tolerance=1e-7)).solve(trot().guess)
+    assert fddp.status is Status.CONVERGED and sqp.status is Status.CONVERGED
+    assert sqp.residual().largest < 1e-7
+    assert fddp.cost == pytest.approx(sqp.cost, rel=1e-11)
+    np.testing.assert_allclose(fddp.xs[:, :19], sqp.xs[:, :19], atol=1e-5)
 
 
 @pytest.mark.slow

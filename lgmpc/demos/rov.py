@@ -7,13 +7,15 @@ from scipy.special import ellipk
 
 from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3, so3
+from lgmpc.mechanics import Motion, discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
-from lgmpc.mechanics.variational import Trajectory, discrete_euler_poincare, lie_runge_kutta, simulate
 from lgmpc.typing import Array
 
 __all__ = ["DEMO"]
 
+STEP, DURATION = 5e-3, 20.0
+"""s."""
 FRAME, SCENE = 0.02, 6.0
 """s between two pictures, and s of them."""
 
@@ -36,15 +38,7 @@ def _run() -> Outcome:
     swing = _swing(rows)
     torpedo, growth, straight = _torpedo(rows)
     slip = np.abs(torpedo.velocities[:, 1])
-    momentum = torpedo.spatial_momentum()[:, :3]
-    norms = np.linalg.norm(torpedo.momenta[:, :3], axis=1)
-    helicity = np.einsum("ni,ni->n", torpedo.momenta[:, :3], torpedo.momenta[:, 3:])
-    rows += [
-        Row("torpedo: Casimir |p|, relative drift", 0.0, float(np.abs(norms / norms[0] - 1.0).max()), 1e-12),
-        Row("torpedo: Casimir p.l, drift", 0.0, float(np.abs(helicity - helicity[0]).max()), 1e-10, "N2.s2.m"),
-        Row("torpedo: spatial momentum, drift", 0.0, float(np.abs(momentum - momentum[0]).max()), 1e-10, "N.s"),
-    ]
-    shown = slice(0, round(SCENE / torpedo.step) + 1, round(FRAME / torpedo.step))
+    shown = slice(0, round(SCENE / STEP) + 1, round(FRAME / STEP))
     times = torpedo.times[shown]
     return Outcome(
         tuple(rows),
@@ -54,7 +48,7 @@ def _run() -> Outcome:
                 "Righting moment: roll of the robot, undamped",
                 "time, s",
                 "roll, deg",
-                (Curve("", swing.times, np.degrees(_roll(swing.elements))),),
+                (Curve("", swing.times, np.degrees(_roll(swing.poses))),),
             ),
             Panel(
                 "Munk instability of the torpedo",
@@ -70,12 +64,12 @@ def _run() -> Outcome:
                 "Path of the torpedo",
                 "x, m",
                 "y, m",
-                (Curve("", torpedo.elements[:, 0, 3], torpedo.elements[:, 1, 3]),),
+                (Curve("", torpedo.poses[:, 0, 3], torpedo.poses[:, 1, 3]),),
             ),
         ),
         times=times,
-        bodies=_scene(rise, torpedo.elements[shown], times),
-        paths=(Path("torpedo's path", torpedo.elements[shown, :3, 3], 0xE45756),),
+        bodies=_scene(rise, torpedo.poses[shown], times),
+        paths=(Path("torpedo's path", torpedo.poses[shown, :3, 3], 0xE45756),),
         remarks=(
             "Long bodies in ideal fluid turn broadside on: the water that moves along is heavier across than along.",
             "The torpedo, without fins or damping, swaps its ends again and again; Kirchhoff's Casimirs stay.",
@@ -83,13 +77,12 @@ def _run() -> Outcome:
     )
 
 
-def _rise(rows: list[Row]) -> Trajectory:
+def _rise(rows: list[Row]) -> Motion:
     """The robot, 2 N light, let go at rest."""
     force = 2.0
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, LINEAR, QUADRATIC, MASS * GRAVITY + force, np.array([0.0, 0.0, 0.02]))
-    system = robot.system()
-    motion = simulate(lie_runge_kutta(system), system, system.start(np.eye(4), np.zeros(6)), 5e-3, 20.0)
+    motion = robot.system().simulate(np.eye(4), np.zeros(6), step=STEP, steps=round(DURATION / STEP))
     speeds = motion.velocities[:, 2]
     closed = speed_under_force(motion.times, MASS + ADDED[2], force, LINEAR[2], QUADRATIC[2])
     final = terminal_speed(force, LINEAR[2], QUADRATIC[2])
@@ -100,22 +93,21 @@ def _rise(rows: list[Row]) -> Trajectory:
     return motion
 
 
-def _swing(rows: list[Row]) -> Trajectory:
+def _swing(rows: list[Row]) -> Motion:
     """The robot, neutral and undamped, let go at a roll of 60 degrees."""
     weight, height, start = MASS * GRAVITY, 0.02, np.radians(60.0)
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, buoyancy=weight, center_of_buoyancy=np.array([0.0, 0.0, height]))
     omega = np.sqrt(weight * height / (ROLL_INERTIA + ADDED[3]))
     period = float(4.0 * ellipk(np.sin(start / 2.0) ** 2) / omega)
-    system = robot.system()
     pose = se3.from_parts(so3.exp(np.array([start, 0.0, 0.0])), np.zeros(3))
-    motion = simulate(lie_runge_kutta(system), system, system.start(pose, np.zeros(6)), period / 2000.0, 2.0 * period)
-    back = float(np.degrees(_roll(motion.elements)[2000]))
+    motion = robot.system().simulate(pose, np.zeros(6), step=period / 2000.0, steps=4000)
+    back = float(np.degrees(_roll(motion.poses)[2000]))
     rows.append(Row(f"robot: roll after the pendulum's period, {period:.3f} s", 60.0, back, 1e-6, "deg"))
     return motion
 
 
-def _torpedo(rows: list[Row]) -> tuple[Trajectory, float, Trajectory]:
+def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
     """A neutral spheroid in ideal fluid, a little off its long axis: the motion, its growth rate and its beginning."""
     a, b = LENGTH / 2.0, DIAMETER / 2.0
     mass = 4.0 / 3.0 * np.pi * 1000.0 * a * b**2
@@ -130,11 +122,18 @@ def _torpedo(rows: list[Row]) -> tuple[Trajectory, float, Trajectory]:
     system = vehicle.system()
     # On the growing mode, and turning a little about the long axis.
     slip = TILT * SPEED
-    start = system.start(np.eye(4), [SPEED, slip, 0.0, 1e-3, 0.0, -growth * m2 * slip / (m1 * SPEED)])
-    motion = simulate(discrete_euler_poincare(system), system, start, 5e-3, 20.0)
-    early = simulate(lie_runge_kutta(system), system, start, 5e-3, 3.0 / growth)
+    start = np.eye(4), np.array([SPEED, slip, 0.0, 1e-3, 0.0, -growth * m2 * slip / (m1 * SPEED)])
+    motion = system.simulate(*start, step=STEP, steps=round(DURATION / STEP), method=discrete_euler_poincare)
+    early = system.simulate(*start, step=STEP, steps=round(3.0 / growth / STEP))
     grown = np.log(early.velocities[-1, 1] / slip) / early.times[-1]
-    rows.append(Row("torpedo: growth rate of the slip, simulated", growth, float(grown), 1e-3 * growth, "1/s"))
+    body, space = system.momenta(motion), system.noether_momenta(motion)[:, :3]
+    norms, helicity = np.linalg.norm(body[:, :3], axis=1), np.einsum("ni,ni->n", body[:, :3], body[:, 3:])
+    rows += [
+        Row("torpedo: growth rate of the slip, simulated", growth, float(grown), 1e-3 * growth, "1/s"),
+        Row("torpedo: Casimir |p|, relative drift", 0.0, float(np.abs(norms / norms[0] - 1.0).max()), 1e-12),
+        Row("torpedo: Casimir p.l, drift", 0.0, float(np.abs(helicity - helicity[0]).max()), 1e-10, "N2.s2.m"),
+        Row("torpedo: spatial momentum, drift", 0.0, float(np.abs(space - space[0]).max()), 1e-10, "N.s"),
+    ]
     return motion, growth, early
 
 
@@ -143,7 +142,7 @@ def _roll(placements: Array) -> Array:
     return angles
 
 
-def _rise_panel(motion: Trajectory) -> Panel:
+def _rise_panel(motion: Motion) -> Panel:
     final = terminal_speed(2.0, LINEAR[2], QUADRATIC[2])
     ends = motion.times[[0, -1]]
     curves = (
@@ -153,8 +152,8 @@ def _rise_panel(motion: Trajectory) -> Panel:
     return Panel("The robot, 2 N light, let go", "time, s", "speed upwards, m/s", curves)
 
 
-def _scene(rise: Trajectory, torpedo: Array, times: Array) -> tuple[Body, ...]:
-    index = np.minimum(np.round(times / rise.step).astype(int), len(rise.states) - 1)
+def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:
+    index = np.minimum(np.round(times / STEP).astype(int), len(rise.times) - 1)
     robot = (
         Shape("box", (0.46, 0.34, 0.12), (0.0, 0.0, 0.08), 0x4C78A8),
         Shape("box", (0.4, 0.3, 0.1), (0.0, 0.0, -0.05), 0x333333),
@@ -166,7 +165,7 @@ def _scene(rise: Trajectory, torpedo: Array, times: Array) -> tuple[Body, ...]:
     )
     aside = np.array([2.0, 1.0, 0.0])
     return (
-        Body("robot", robot, rise.elements[index, :3, 3] + aside, rise.elements[index, :3, :3]),
+        Body("robot", robot, rise.poses[index, :3, 3] + aside, rise.poses[index, :3, :3]),
         Body("torpedo", hull, torpedo[:, :3, 3], torpedo[:, :3, :3]),
     )
 

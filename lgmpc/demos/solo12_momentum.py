@@ -13,8 +13,8 @@ from scipy.integrate import simpson
 
 from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3
-from lgmpc.mechanics.centroidal import CentroidalTerms, centroidal_terms, wrench_about
-from lgmpc.mechanics.floating_base import FloatingBaseDynamics
+from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
+from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.typing import Array
 

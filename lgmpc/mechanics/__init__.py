@@ -1,25 +1,70 @@
 """Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control.
 
-:mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.featherstone` are rooms of their own: import them by name.
+    reduction     Euler-Poincare and Lie-Poisson equations on any group, momentum maps, Noether's theorem
+    integrators   Lie-group Runge-Kutta, variational, and their drifts side by side
+    rigid_body    free bodies and heavy tops as Euler-Poincare systems
+    tops          closed forms: torque-free body, Poinsot, Lagrange's top
+    multibody     floating-base and centroidal dynamics, Featherstone's vectors
+    phases        cat, beanie, three links, Montgomery's formula
+    underwater    added mass, damping, buoyancy
+    quadrotor     geometric control on SE(3), and an Euler-angle PID
+
+What is used most is named here; :mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.multibody.featherstone` are
+imported by name.
 """
 
-from lgmpc.mechanics.articulated import ArticulatedBody
-from lgmpc.mechanics.benchmarks import BRULS_TOP, SIMO_WONG_TOP, HeavyTopBenchmark
-from lgmpc.mechanics.centroidal import CentroidalTerms, centroidal_terms, wrench_about
-from lgmpc.mechanics.euler_poincare import EulerPoincare, LeftEulerPoincare, RightEulerPoincare
-from lgmpc.mechanics.floating_base import EquationsOfMotion, FloatingBaseDynamics
-from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
-from lgmpc.mechanics.lagrange_top import LagrangeTop
-from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, Flow, LiePoisson, extended_poses_dual
-from lgmpc.mechanics.momentum_maps import body_momentum, conserved_dimension, spatial_momentum
+from lgmpc.mechanics.checks import check_inertia
+from lgmpc.mechanics.integrators import (
+    compare_integrators,
+    discrete_euler_poincare,
+    drift_table,
+    moser_veselov,
+    munthe_kaas,
+)
+from lgmpc.mechanics.multibody import (
+    ArticulatedBody,
+    CentroidalTerms,
+    EquationsOfMotion,
+    FloatingBaseDynamics,
+    centroidal_terms,
+    wrench_about,
+)
 from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_body_phase
-from lgmpc.mechanics.poinsot import Poinsot
-from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, check_inertia, free_body, heavy_top, torque_free_body
-from lgmpc.mechanics.symmetry import LeftSymmetry
-from lgmpc.mechanics.terms import Advected, Motion, Symbols
-from lgmpc.mechanics.torque_free import EulerTop, symmetric_top_precession
+from lgmpc.mechanics.reduction import (
+    SE3,
+    SE3_DUAL,
+    SEMIDIRECT,
+    SEMIDIRECT_DUAL,
+    SO3,
+    SO3_DUAL,
+    Advected,
+    EulerPoincare,
+    Flow,
+    LeftEulerPoincare,
+    LeftSymmetry,
+    LieGroup,
+    LiePoisson,
+    Motion,
+    RightEulerPoincare,
+    Symbols,
+    body_momentum,
+    conserved_dimension,
+    extended_poses,
+    extended_poses_dual,
+    spatial_momentum,
+    translations,
+)
+from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, free_body, heavy_top, torque_free_body
+from lgmpc.mechanics.tops import (
+    BRULS_TOP,
+    SIMO_WONG_TOP,
+    EulerTop,
+    HeavyTopBenchmark,
+    LagrangeTop,
+    Poinsot,
+    symmetric_top_precession,
+)
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
-from lgmpc.mechanics.variational import GroupSystem, Trajectory, compare_integrators, drift_table
 
 __all__ = [
     "BRULS_TOP",
@@ -43,7 +88,6 @@ __all__ = [
     "EulerTop",
     "FloatingBaseDynamics",
     "Flow",
-    "GroupSystem",
     "HeavyTopBenchmark",
     "LagrangeTop",
     "LeftEulerPoincare",
@@ -56,18 +100,20 @@ __all__ = [
     "SpatialInertia",
     "Symbols",
     "ThreeLink",
-    "Trajectory",
     "UnderwaterVehicle",
     "body_momentum",
     "centroidal_terms",
     "check_inertia",
     "compare_integrators",
     "conserved_dimension",
+    "discrete_euler_poincare",
     "drift_table",
     "extended_poses",
     "extended_poses_dual",
     "free_body",
     "heavy_top",
+    "moser_veselov",
+    "munthe_kaas",
     "rigid_body_phase",
     "spatial_momentum",
     "speed_under_force",

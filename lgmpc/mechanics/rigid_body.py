@@ -11,22 +11,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.errors import InputError
-from lgmpc.lie import checks, so3
+from lgmpc.lie import so3
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
-from lgmpc.mechanics.groups import SE3, SO3
-from lgmpc.mechanics.terms import Advected, Expression
+from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector
+from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.reduction.groups import SE3, SO3
+from lgmpc.mechanics.reduction.terms import Advected, Expression
 from lgmpc.typing import Array
 
 __all__ = [
     "HEIGHT",
     "UP",
     "SpatialInertia",
-    "check_inertia",
-    "check_positive",
-    "check_positive_definite",
     "free_body",
     "heavy_top",
     "torque_free_body",
@@ -40,54 +37,6 @@ UP = np.array([0.0, 0.0, 1.0])
 
 HEIGHT = np.array([0.0, 0.0, 1.0, 0.0])
 """The height of a point above the ground as a covector on [point; 1] in the world, m."""
-
-_TOLERANCE = 1e-9
-
-
-def check_positive_definite(name: str, value: object, size: int) -> Array:
-    """Convert a symmetric positive definite matrix (size, size).
-
-    Raises:
-        InputError: misshapen, not finite, not symmetric or not positive definite.
-    """
-    array = checks.matrix(size)(name, value)
-    if array.shape != (size, size):
-        raise InputError(name, f"shape {array.shape}", f"shape {(size, size)}")
-    scale = float(np.abs(array).max())
-    skew = float(np.abs(array - array.T).max())
-    if skew > _TOLERANCE * scale:
-        raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")
-    moments: Array = np.linalg.eigvalsh(array).astype(np.float64)
-    if not moments[0] > 0.0:
-        raise InputError(name, f"eigenvalues {_listed(moments)}", "a positive definite matrix")
-    return array
-
-
-def check_inertia(name: str, value: object) -> Array:
-    """Convert a rotational inertia (3, 3), kg.m^2.
-
-    Raises:
-        InputError: misshapen, not finite, not symmetric, not positive definite, or with a principal moment above the
-            sum of the other two, as no mass distribution has.
-    """
-    array = check_positive_definite(name, value, 3)
-    low, middle, high = np.linalg.eigvalsh(array)
-    if high > (low + middle) * (1.0 + _TOLERANCE):
-        got = f"principal moments {_listed(np.array([low, middle, high]))}"
-        raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
-    return array
-
-
-def check_positive(name: str, value: float, unit: str) -> float:
-    """Convert a positive, finite number.
-
-    Raises:
-        InputError: it is not.
-    """
-    array = checks.finite(name, value)
-    if array.ndim or not array > 0.0:
-        raise InputError(name, value, f"a positive number, {unit}")
-    return float(array)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +57,8 @@ class SpatialInertia:
     rotational: Array
 
     def __post_init__(self) -> None:
-        center = checks.finite("center", self.center)
-        if center.shape != (3,):
-            raise InputError("center", f"shape {center.shape}", "shape (3,)")
         object.__setattr__(self, "mass", check_positive("mass", self.mass, "kg"))
-        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "center", check_vector("center", self.center, 3))
         object.__setattr__(self, "rotational", check_inertia("rotational", self.rotational))
 
     @property
@@ -166,7 +112,7 @@ def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEu
     Raises:
         InputError: an inertia that no body has, a moment of another shape, or gravity that is no finite number.
     """
-    weight = _number("gravity", gravity) * SO3.check_tangent("moment", moment)
+    weight = check_number("gravity", gravity, "m/s^2") * SO3.check_tangent("moment", moment)
     return LeftEulerPoincare(
         "heavy_top",
         SO3,
@@ -200,7 +146,7 @@ def free_body(
     Raises:
         InputError: gravity that is no finite number.
     """
-    weight = inertia.mass * _number("gravity", gravity) * np.append(inertia.center, 1.0)
+    weight = inertia.mass * check_number("gravity", gravity, "m/s^2") * np.append(inertia.center, 1.0)
     return LeftEulerPoincare(
         "free_body",
         SE3,
@@ -216,14 +162,3 @@ def free_body(
 def _quadratic(velocity: Any, parameters: Any, size: int) -> Any:
     matrix = ca.reshape(parameters[: size * size], size, size)
     return 0.5 * ca.dot(velocity, matrix @ velocity)
-
-
-def _number(name: str, value: float) -> float:
-    array = checks.finite(name, value)
-    if array.ndim:
-        raise InputError(name, f"shape {array.shape}", "one number, m/s^2")
-    return float(array)
-
-
-def _listed(values: Array) -> str:
-    return ", ".join(f"{value:.6g}" for value in values)

@@ -23,8 +23,11 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
-from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia, check_positive
-from lgmpc.mechanics.variational import GroupSystem, Wrench
+from lgmpc.mechanics.checks import check_positive, check_vector
+from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.reduction.groups import SE3
+from lgmpc.mechanics.reduction.terms import Expression, Symbols
+from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
 from lgmpc.typing import Array
 
 __all__ = ["UnderwaterVehicle", "speed_under_force", "spheroid_added_mass", "terminal_speed"]
@@ -70,13 +73,13 @@ class UnderwaterVehicle:
             least = float(np.linalg.eigvalsh(matrix)[0])
             if least < -1e-9 * float(np.abs(matrix).max()):
                 raise InputError(name, f"smallest eigenvalue {least:.3g}", "no negative eigenvalue")
-        quadratic = _vector("quadratic_damping", self.quadratic_damping, 6)
+        quadratic = check_vector("quadratic_damping", self.quadratic_damping, 6)
         if quadratic.min() < 0.0:
             raise InputError("quadratic_damping", quadratic, "no negative entry")
         for name in ("buoyancy", "gravity"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(name, getattr(self, name), "a number that is not negative")
-        center = _vector("center_of_buoyancy", self.center_of_buoyancy, 3)
+        center = check_vector("center_of_buoyancy", self.center_of_buoyancy, 3)
         for name, value in (
             ("added_mass", added),
             ("linear_damping", linear),
@@ -104,7 +107,7 @@ class UnderwaterVehicle:
         Raises:
             InputError: another shape, or not finite.
         """
-        linear, angular = np.split(self.mass_matrix @ _vector("velocity", velocity, 6), 2)
+        linear, angular = np.split(self.mass_matrix @ check_vector("velocity", velocity, 6), 2)
         return np.block([[np.zeros((3, 3)), -so3.hat(linear)], [-so3.hat(linear), -so3.hat(angular)]])
 
     def damping(self, velocity: ArrayLike) -> Array:
@@ -113,7 +116,7 @@ class UnderwaterVehicle:
         Raises:
             InputError: a velocity of another shape, or not finite.
         """
-        return self.linear_damping + np.diag(self.quadratic_damping * np.abs(_vector("velocity", velocity, 6)))
+        return self.linear_damping + np.diag(self.quadratic_damping * np.abs(check_vector("velocity", velocity, 6)))
 
     def restoring(self, rotation: ArrayLike) -> Array:
         """Return (6,) g(eta): the wrench that holds the vehicle against weight and buoyancy.
@@ -134,7 +137,7 @@ class UnderwaterVehicle:
         Raises:
             InputError: no rotation, or vectors of another shape.
         """
-        nu, tau = _vector("velocity", velocity, 6), _vector("wrench", wrench, 6)
+        nu, tau = check_vector("velocity", velocity, 6), check_vector("wrench", wrench, 6)
         force = tau - self.coriolis(nu) @ nu - self.damping(nu) @ nu - self.restoring(rotation)
         return np.linalg.solve(self.mass_matrix, force).astype(np.float64)
 
@@ -149,7 +152,7 @@ class UnderwaterVehicle:
         Raises:
             InputError: another shape, or not finite.
         """
-        linear = _vector("velocity", velocity, 3)
+        linear = check_vector("velocity", velocity, 3)
         return np.cross(self.added_mass[:3, :3] @ linear, linear)
 
     def linearization(self, velocity: ArrayLike) -> Array:
@@ -161,30 +164,41 @@ class UnderwaterVehicle:
         Raises:
             InputError: another shape, or not finite.
         """
-        nu, mass = _vector("velocity", velocity, 6), self.mass_matrix
+        nu, mass = check_vector("velocity", velocity, 6), self.mass_matrix
         momentum = mass @ nu
         turning = np.column_stack([se3.coadjoint(unit) @ momentum for unit in np.eye(6)])
         damping = self.linear_damping + 2.0 * np.diag(self.quadratic_damping * np.abs(nu))
         return np.linalg.solve(mass, se3.coadjoint(nu) @ mass + turning - damping).astype(np.float64)
 
-    def system(self, wrench: Wrench | None = None) -> GroupSystem:
-        """Return the vehicle for the integrators of :mod:`lgmpc.mechanics.variational`.
+    def system(self, wrench: Expression | None = None) -> LeftEulerPoincare:
+        """Return the vehicle as an Euler-Poincare system on SE(3); other vehicles compile nothing anew.
 
         Args:
-            wrench: tau (6,) as an expression of pose (4, 4) and nu (6,); none unless given.
+            wrench: tau (6,), N and N.m; none unless given.
         """
-        lever = ca.DM(self.weight * self.body.center - self.buoyancy * self.center_of_buoyancy)
-        net = self.weight - self.buoyancy
-        linear, quadratic = ca.DM(self.linear_damping), ca.DM(self.quadratic_damping)
+        lever = self.weight * self.body.center - self.buoyancy * self.center_of_buoyancy
+        net = [self.weight - self.buoyancy]
+        matrices = np.concatenate((self.mass_matrix.ravel(), self.linear_damping.ravel(order="F")))
 
-        def height(g: Any) -> Any:
-            return net * g[2, 3] + g[2, :3] @ lever
+        def lagrangian(s: Symbols) -> Any:
+            return 0.5 * ca.dot(s.velocity, ca.reshape(s.parameters[:36], 6, 6) @ s.velocity)
 
-        def push(g: Any, nu: Any) -> Any:
-            drag = -linear @ nu - quadratic * ca.fabs(nu) * nu
-            return drag if wrench is None else drag + wrench(g, nu)
+        def potential(s: Symbols) -> Any:
+            return s.parameters[81] * s.pose[2, 3] + s.pose[2, :3] @ s.parameters[78:81]
 
-        return GroupSystem(self.mass_matrix, height, push)
+        def push(s: Symbols) -> Any:
+            drag = ca.reshape(s.parameters[36:72], 6, 6) @ s.velocity
+            drag += s.parameters[72:78] * ca.fabs(s.velocity) * s.velocity
+            return -drag if wrench is None else wrench(s) - drag
+
+        return LeftEulerPoincare(
+            "underwater_vehicle",
+            SE3,
+            lagrangian,
+            potential=potential,
+            body_force=push,
+            parameters=np.concatenate((matrices, self.quadratic_damping, lever, net)),
+        )
 
 
 def terminal_speed(force: float, linear: float, quadratic: float) -> float:
@@ -249,13 +263,6 @@ def _root(force: float, linear: float, quadratic: float) -> float:
     if linear == quadratic == 0.0:
         raise InputError("linear, quadratic", "0, 0", "damping: without it no speed is the last")
     return math.sqrt(linear**2 + 4.0 * quadratic * force)
-
-
-def _vector(name: str, value: ArrayLike, size: int) -> Array:
-    array = checks.finite(name, value)
-    if array.shape != (size,):
-        raise InputError(name, f"shape {array.shape}", f"shape ({size},)")
-    return array
 
 
 def _square(name: str, value: ArrayLike) -> Array:

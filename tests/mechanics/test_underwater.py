@@ -13,6 +13,7 @@ from scipy.special import ellipk
 from lgmpc.actions import FreeForwardDynamics, MultibodyAction, RungeKutta4, Unknowns
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
+from lgmpc.mechanics.integrators import discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.mechanics.underwater import (
     UnderwaterVehicle,
@@ -20,7 +21,6 @@ from lgmpc.mechanics.underwater import (
     spheroid_added_mass,
     terminal_speed,
 )
-from lgmpc.mechanics.variational import discrete_euler_poincare, lie_runge_kutta, simulate
 
 BODY = SpatialInertia(11.5, np.array([0.02, -0.01, -0.05]), np.diag([0.16, 0.2, 0.25]))
 FULL = np.diag([5.5, 12.7, 14.6, 0.12, 0.13, 0.14]) + 0.05 * np.ones((6, 6))
@@ -79,13 +79,12 @@ def test_accelerations_are_those_of_the_free_forward_dynamics() -> None:
 def test_a_second_of_motion_is_that_of_the_action() -> None:
     action, p = fluid_action()
     pose, nu, tau = se3.exp([0.1, 0.2, -0.3, 0.5, -0.4, 0.3]), np.array([1.0, 0.3, -0.2, 0.4, -0.5, 0.6]), np.ones(6)
-    system = DIAGONAL.system(lambda g, velocity: ca.DM(tau))
-    motion = simulate(lie_runge_kutta(system), system, system.start(pose, nu), 1e-3, 1.0)
+    motion = DIAGONAL.system(lambda s: ca.DM(tau)).simulate(pose, nu, step=1e-3, steps=1000)
     x = np.r_[pin.SE3ToXYZQUAT(pin.SE3(pose)), nu]
     p[action.parameters["duration"]] = 1e-3
     for _ in range(1000):
         x = action.value_function(x, tau, p)[0].full().ravel()
-    np.testing.assert_allclose(pin.XYZQUATToSE3(x[:7]).homogeneous, motion.elements[-1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(pin.XYZQUATToSE3(x[:7]).homogeneous, motion.poses[-1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(x[7:], motion.velocities[-1], rtol=0, atol=1e-9)
 
 
@@ -101,11 +100,9 @@ def test_coriolis_is_skew_and_the_coadjoint_of_the_momentum() -> None:
 
 def test_the_system_has_the_vehicles_accelerations() -> None:
     system, rng = VEHICLE.system(), np.random.default_rng(2)
-    x = ca.SX.sym("x", system.nx)
-    rate = ca.Function("rate", [x], [system.rate(*system.split(x))[1]])
     for _ in range(5):
         pose, nu = se3.exp(rng.normal(size=6)), rng.normal(size=6)
-        found = np.linalg.solve(VEHICLE.mass_matrix, rate(system.start(pose, nu)).full().ravel())
+        found = system.acceleration(0.0, pose, nu, np.zeros(0), system.parameters).full().ravel()
         np.testing.assert_allclose(found, VEHICLE.acceleration(pose[:3, :3], nu, np.zeros(6)), rtol=0, atol=1e-12)
 
 
@@ -114,26 +111,32 @@ def test_casimirs_of_kirchhoffs_equations_are_kept_without_damping() -> None:
     body = SpatialInertia(mass, np.zeros(3), BODY.rotational)
     vehicle = UnderwaterVehicle(body, FULL, buoyancy=mass * 9.81)  # neutral, centres together
     system = vehicle.system()
-    start = system.start(np.eye(4), [0.8, 0.1, -0.2, 0.3, 0.5, -0.4])
-    motion = simulate(discrete_euler_poincare(system), system, start, 0.02, 200.0)
-    p, angular = motion.momenta[:, :3], motion.momenta[:, 3:]
+    start = np.array([0.8, 0.1, -0.2, 0.3, 0.5, -0.4])
+    motion = system.simulate(np.eye(4), start, step=0.02, steps=10_000, method=discrete_euler_poincare)
+    p, angular = np.hsplit(system.momenta(motion), 2)
     norm, helicity = np.linalg.norm(p, axis=1), np.einsum("ni,ni->n", p, angular)
     np.testing.assert_allclose(norm, norm[0], rtol=1e-12)
     np.testing.assert_allclose(helicity, helicity[0], rtol=0, atol=1e-11)
     assert np.abs(p - p[0]).max() > 1.0  # each component for itself is not
-    energy = motion.energy()
+    energy = system.energies(motion)
     assert np.abs(energy / energy[0] - 1).max() < 2e-3
     damped = UnderwaterVehicle(body, FULL, 4.0 * np.ones(6), buoyancy=mass * 9.81).system()
-    slowed = simulate(discrete_euler_poincare(damped), damped, start, 0.02, 5.0).momenta
+    slowed = damped.momenta(damped.simulate(np.eye(4), start, step=0.02, steps=250, method=discrete_euler_poincare))
     assert np.linalg.norm(slowed[-1, :3]) < 0.9 * norm[0]
 
 
 def test_damping_leaves_the_order_of_the_variational_integrator_at_two() -> None:
-    system = VEHICLE.system(lambda g, nu: ca.DM([30.0, 5.0, 0.0, 1.0, 0.5, 2.0]))
-    start = system.start(se3.exp([0, 0, 0, 0.4, -0.3, 0.2]), [0.8, 0.1, 0.2, 0.3, 0.5, 0.4])
-    truth = simulate(lie_runge_kutta(system), system, start, 1e-4, 0.2)
-    step = discrete_euler_poincare(system)
-    errors = [simulate(step, system, start, h, 0.2).difference(truth) for h in (0.01, 0.005)]
+    system = VEHICLE.system(lambda s: ca.DM([30.0, 5.0, 0.0, 1.0, 0.5, 2.0]))
+    start = se3.exp([0, 0, 0, 0.4, -0.3, 0.2]), np.array([0.8, 0.1, 0.2, 0.3, 0.5, 0.4])
+    truth = system.simulate(*start, step=1e-4, steps=2000)
+    errors = []
+    for steps in (20, 40):
+        found = system.simulate(*start, step=0.2 / steps, steps=steps, method=discrete_euler_poincare)
+        errors.append(
+            np.linalg.norm(
+                np.r_[(found.poses - truth.poses[-1])[-1].ravel(), found.velocities[-1] - truth.velocities[-1]]
+            )
+        )
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
@@ -147,8 +150,8 @@ def test_munk_instability_grows_at_the_linearised_rate() -> None:
     system = vehicle.system()
     # Along the growing mode: m2 v' = -m1 U r.
     tiny = 1e-7
-    start = system.start(np.eye(4), [speed, tiny, 0, 0, 0, -growth * m2 * tiny / (m1 * speed)])
-    motion = simulate(lie_runge_kutta(system), system, start, 1e-3, 6.0 / growth)
+    start = np.array([speed, tiny, 0, 0, 0, -growth * m2 * tiny / (m1 * speed)])
+    motion = system.simulate(np.eye(4), start, step=6e-3 / growth, steps=1000)
     drift = np.log(motion.velocities[:, 1] / tiny)
     assert drift[-1] / motion.times[-1] == pytest.approx(growth, rel=1e-4)
     # And the moment itself, of a body moving at an angle: (m1 - m2) u v about z.
@@ -168,8 +171,7 @@ def test_a_sinking_vehicle_follows_the_closed_form(linear: float, quadratic: flo
     vehicle = UnderwaterVehicle(
         body, [5, 6, 14.0, 0.1, 0.1, 0.1], linear * np.ones(6), quadratic * np.ones(6), 100.0, [0.0, 0.0, 0.02]
     )
-    system = vehicle.system()
-    motion = simulate(lie_runge_kutta(system), system, system.start(np.eye(4), np.zeros(6)), 1e-3, 10.0)
+    motion = vehicle.system().simulate(np.eye(4), np.zeros(6), step=1e-3, steps=10_000)
     force = 12.0 * 9.81 - 100.0
     expected = speed_under_force(motion.times, 26.0, force, linear, quadratic)
     np.testing.assert_allclose(-motion.velocities[:, 2], expected, rtol=0, atol=1e-9)
@@ -184,9 +186,10 @@ def test_a_righting_vehicle_swings_as_a_pendulum() -> None:
     system = vehicle.system()
     omega = np.sqrt(weight * height / (BODY.rotational[0, 0] + 0.1))
     period = 4 * ellipk(np.sin(swing / 2) ** 2) / omega
-    start = system.start(se3.from_parts(so3.exp([swing, 0, 0]), np.zeros(3)), np.zeros(6))
-    motion = simulate(lie_runge_kutta(system), system, start, period / 4000, period)
-    np.testing.assert_allclose(motion.states[-1], start, rtol=0, atol=1e-9)
+    start = se3.from_parts(so3.exp([swing, 0, 0]), np.zeros(3))
+    motion = system.simulate(start, np.zeros(6), step=period / 4000, steps=4000)
+    np.testing.assert_allclose(motion.poses[-1], start, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(motion.velocities[-1], 0.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

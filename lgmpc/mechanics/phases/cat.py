@@ -21,8 +21,8 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.lie.symbolic import so3 as symbolic
+from lgmpc.mechanics.checks import check_positive
 from lgmpc.mechanics.phases.connection import Connection, Loop
-from lgmpc.mechanics.rigid_body import check_positive
 from lgmpc.typing import Array
 
 __all__ = ["Cat", "flip"]

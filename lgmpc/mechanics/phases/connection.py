@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.mechanics.rigid_body import check_positive
+from lgmpc.mechanics.checks import check_positive
 from lgmpc.typing import Array
 
 __all__ = ["Connection", "KineticEnergy", "Loop", "circle"]

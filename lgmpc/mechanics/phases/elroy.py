@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from lgmpc.mechanics.checks import check_positive
 from lgmpc.mechanics.phases.connection import Connection
-from lgmpc.mechanics.rigid_body import check_positive
 
 __all__ = ["Beanie"]
 

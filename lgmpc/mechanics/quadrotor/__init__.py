@@ -6,7 +6,7 @@ Everything takes leading batch axes, so that a Monte Carlo study over thousands 
 from lgmpc.mechanics.quadrotor.euler_angles import EulerAnglePid, EulerGains
 from lgmpc.mechanics.quadrotor.geometric import AttitudeCommand, GeometricController, GeometricGains, attitude_error
 from lgmpc.mechanics.quadrotor.model import Flight, Quadrotor, QuadrotorState, fly
-from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, Hover, Lissajous, Trajectory
+from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory, Hover, Lissajous
 
 __all__ = [
     "AttitudeCommand",
@@ -20,7 +20,7 @@ __all__ = [
     "Lissajous",
     "Quadrotor",
     "QuadrotorState",
-    "Trajectory",
+    "FlatTrajectory",
     "attitude_error",
     "fly",
 ]

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.mechanics.quadrotor.model import GRAVITY, Quadrotor, QuadrotorState
-from lgmpc.mechanics.quadrotor.trajectory import Trajectory
+from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
+from lgmpc.mechanics.quadrotor.trajectory import FlatTrajectory
+from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array
 
 __all__ = ["EulerAnglePid", "EulerGains"]
@@ -47,7 +48,7 @@ class EulerAnglePid:
         gains: see there.
     """
 
-    def __init__(self, quadrotor: Quadrotor, trajectory: Trajectory, gains: EulerGains | None = None) -> None:
+    def __init__(self, quadrotor: Quadrotor, trajectory: FlatTrajectory, gains: EulerGains | None = None) -> None:
         self.quadrotor = quadrotor
         self.trajectory = trajectory
         self.gains = EulerGains() if gains is None else gains

@@ -13,9 +13,10 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
-from lgmpc.mechanics.quadrotor.model import GRAVITY, Quadrotor, QuadrotorState
-from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, Trajectory
+from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
+from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory
 from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
+from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array
 
 __all__ = ["AttitudeCommand", "GeometricController", "GeometricGains", "attitude_error"]
@@ -99,7 +100,7 @@ class GeometricController:
         gains: of the errors; the paper's, scaled with the mass, unless given.
     """
 
-    def __init__(self, quadrotor: Quadrotor, trajectory: Trajectory, gains: GeometricGains | None = None) -> None:
+    def __init__(self, quadrotor: Quadrotor, trajectory: FlatTrajectory, gains: GeometricGains | None = None) -> None:
         self.quadrotor = quadrotor
         self.trajectory = trajectory
         self.gains = GeometricGains.of_the_paper(quadrotor.mass) if gains is None else gains

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
+from lgmpc.mechanics.checks import check_inertia, check_positive
 from lgmpc.mechanics.quadrotor.vectors import cross, rotate
+from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Controller", "Flight", "Quadrotor", "QuadrotorState", "fly"]
-
-GRAVITY = 9.81
-"""m/s2, along the world's -z."""
 
 _FASTEST = 0.5
 """rad per step: a vehicle that turns more is lost, and so would be the method."""
@@ -40,7 +39,7 @@ class Quadrotor:
         moment: largest moment about each body axis, N.m.
 
     Raises:
-        InputError: mass or moment not positive, inertia not symmetric and positive definite, or no range of thrust.
+        InputError: mass or moment not positive, an inertia that no body has, or no range of thrust.
     """
 
     mass: float
@@ -49,13 +48,8 @@ class Quadrotor:
     moment: float = math.inf
 
     def __post_init__(self) -> None:
-        inertia = np.array(self.inertia, dtype=np.float64)
-        if not (math.isfinite(self.mass) and self.mass > 0):
-            raise InputError("mass", self.mass, "a positive number, kg")
-        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or np.abs(inertia - inertia.T).max() > 1e-12:
-            raise InputError("inertia", inertia.tolist(), "a symmetric (3, 3) matrix, kg.m2")
-        if not np.linalg.eigvalsh(inertia)[0] > 0:
-            raise InputError("inertia", f"eigenvalues {np.linalg.eigvalsh(inertia)}", "positive eigenvalues")
+        check_positive("mass", self.mass, "kg")
+        inertia = check_inertia("inertia", self.inertia).copy()
         if not self.thrust[0] < self.thrust[1]:
             raise InputError("thrust", self.thrust, "(lowest, highest), rising, N")
         if not self.moment > 0:
@@ -168,8 +162,7 @@ def fly(
         InputError: duration or step not positive.
     """
     for name, value in (("duration", duration), ("step", step)):
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(name, value, "a positive number, s")
+        check_positive(name, value, "s")
     count = round(duration / step)
     times: Array = step * np.arange(count + 1, dtype=np.float64)
     shape = (count + 1, *start.position.shape)

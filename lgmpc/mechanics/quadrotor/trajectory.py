@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["FlatOutput", "Hover", "Lissajous", "Trajectory"]
+__all__ = ["FlatOutput", "Hover", "Lissajous", "FlatTrajectory"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class FlatOutput:
     heading: Array
 
 
-class Trajectory(Protocol):
+class FlatTrajectory(Protocol):
     """A curve to follow."""
 
     def at(self, time: float) -> FlatOutput:

@@ -1,0 +1,87 @@
+"""What mechanics asks of numbers that come from outside: positive masses, inertias that bodies can have, vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks
+from lgmpc.typing import Array
+
+__all__ = ["check_inertia", "check_number", "check_positive", "check_positive_definite", "check_vector"]
+
+_TOLERANCE = 1e-9
+
+
+def check_number(name: str, value: object, unit: str) -> float:
+    """Convert a finite number.
+
+    Raises:
+        InputError: it is not.
+    """
+    array = checks.finite(name, value)
+    if array.ndim:
+        raise InputError(name, f"shape {array.shape}", f"one number, {unit}")
+    return float(array)
+
+
+def check_positive(name: str, value: object, unit: str) -> float:
+    """Convert a positive, finite number.
+
+    Raises:
+        InputError: it is not.
+    """
+    array = checks.finite(name, value)
+    if array.ndim or not array > 0.0:
+        raise InputError(name, value, f"a positive number, {unit}")
+    return float(array)
+
+
+def check_vector(name: str, value: object, size: int) -> Array:
+    """Convert a vector (size,) of finite numbers.
+
+    Raises:
+        InputError: another shape, or not finite.
+    """
+    array = checks.finite(name, value)
+    if array.shape != (size,):
+        raise InputError(name, f"shape {array.shape}", f"shape {(size,)}")
+    return array
+
+
+def check_positive_definite(name: str, value: object, size: int) -> Array:
+    """Convert a symmetric positive definite matrix (size, size).
+
+    Raises:
+        InputError: misshapen, not finite, not symmetric or not positive definite.
+    """
+    array = checks.matrix(size)(name, value)
+    if array.shape != (size, size):
+        raise InputError(name, f"shape {array.shape}", f"shape {(size, size)}")
+    scale = float(np.abs(array).max())
+    skew = float(np.abs(array - array.T).max())
+    if skew > _TOLERANCE * scale:
+        raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")
+    moments: Array = np.linalg.eigvalsh(array).astype(np.float64)
+    if not moments[0] > 0.0:
+        raise InputError(name, f"eigenvalues {_listed(moments)}", "a positive definite matrix")
+    return array
+
+
+def check_inertia(name: str, value: object) -> Array:
+    """Convert a rotational inertia (3, 3), kg.m^2.
+
+    Raises:
+        InputError: misshapen, not finite, not symmetric, not positive definite, or with a principal moment above the
+            sum of the other two, as no mass distribution has.
+    """
+    array = check_positive_definite(name, value, 3)
+    low, middle, high = np.linalg.eigvalsh(array)
+    if high > (low + middle) * (1.0 + _TOLERANCE):
+        got = f"principal moments {_listed(np.array([low, middle, high]))}"
+        raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
+    return array
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)

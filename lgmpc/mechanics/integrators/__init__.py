@@ -1,0 +1,26 @@
+"""Integrators of Euler-Poincare systems: Lie-group Runge-Kutta, variational, and what is lost without either.
+
+    body = torque_free_body(np.diag([1.0, 2.0, 3.0]))
+    motion = body.simulate(np.eye(3), np.array([1.0, 0.0, 0.8]), step=0.1, steps=10_000, method=moser_veselov)
+    print(drift_table(compare_integrators(body, np.eye(3), np.array([1.0, 0.0, 0.8]), step=0.1, steps=10_000)))
+
+Robots of many bodies have their variational integrator in :class:`lgmpc.actions.Variational`.
+"""
+
+from lgmpc.mechanics.integrators.comparison import Drift, compare_integrators, drift_table
+from lgmpc.mechanics.integrators.rollout import Rollout, runge_kutta4
+from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, munthe_kaas, projected_runge_kutta
+from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
+
+__all__ = [
+    "Drift",
+    "Rollout",
+    "compare_integrators",
+    "discrete_euler_poincare",
+    "drift_table",
+    "matrix_runge_kutta",
+    "moser_veselov",
+    "munthe_kaas",
+    "projected_runge_kutta",
+    "runge_kutta4",
+]

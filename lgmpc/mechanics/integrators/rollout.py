@@ -1,0 +1,107 @@
+"""Classical Runge-Kutta on expressions, and roll-outs of a compiled step: thousands of steps in a call of C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.compile import StageKernel
+from lgmpc.errors import InputError, SolverError
+from lgmpc.typing import Array
+
+if TYPE_CHECKING:
+    from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
+    from lgmpc.mechanics.reduction.terms import Symbols
+
+__all__ = ["Rollout", "check_grid", "runge_kutta4", "step_of"]
+
+CHUNK = 4096
+"""Steps kept in memory between two stored rows at least, so that one call does many."""
+
+
+def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
+    """Return ``y`` after one classical Runge-Kutta step of length ``h`` along ``y' = field(elapsed, y)``."""
+    k1 = field(0.0, y)
+    k2 = field(h / 2, y + h / 2 * k1)
+    k3 = field(h / 2, y + h / 2 * k2)
+    k4 = field(h, y + h * k3)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def step_of(
+    method: str, system: EulerPoincare, s: Symbols, h: Any, pose: Any, velocity: Any, advected: Any
+) -> ca.Function:
+    """Return a method's step as a function (time, step, x, p) -> x_next, ``x = [vec(pose); velocity; advected]``."""
+    x = ca.vertcat(ca.vec(s.pose), s.velocity, s.advected)
+    x_next = ca.vertcat(ca.vec(ca.densify(pose)), velocity, advected)
+    inputs, name = [s.time, h, x, s.parameters], f"{system.name}_{method}"
+    return ca.Function(name, inputs, [ca.densify(x_next)], ["time", "step", "x", "p"], ["x_next"])
+
+
+def check_grid(step: float, steps: int, every: int) -> None:
+    """Refuse a step that is not positive and finite, or counts that leave nothing to do.
+
+    Raises:
+        InputError: as said.
+    """
+    if not (math.isfinite(step) and step > 0.0):
+        raise InputError("step", step, "a positive length of time, s")
+    if steps < 1:
+        raise InputError("steps", steps, "at least one")
+    if every < 1 or steps % every:
+        raise InputError("every", every, f"a divisor of the number of steps, {steps}")
+
+
+class Rollout:
+    """A step of some integrator, compiled, to be repeated.
+
+    Args:
+        function: inputs ``time`` (1), ``step`` (1), ``x`` (n), ``p`` (m); output ``x_next`` (n).
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._kernel = StageKernel(function)
+        self.name = function.name()
+
+    def __call__(
+        self, start: Array, step: float, steps: int, every: int, parameters: Array, begin: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the times (rows,) and the states (rows, n) of every so manieth step, the first included.
+
+        Args:
+            start: (n,) state at ``begin``.
+            step: length of a step, s.
+            steps: their number.
+            every: how many lie between two rows that are returned; divides ``steps``.
+            parameters: (m,) of the function.
+            begin: time of the start, s.
+
+        Raises:
+            InputError: step or counts cannot be used.
+            SolverError: the state did not stay finite.
+        """
+        check_grid(step, steps, every)
+        rows = np.empty((steps // every + 1, start.size))
+        rows[0] = start
+        chunk = min(steps, every * max(1, CHUNK // every))
+        block, times = np.empty((chunk + 1, start.size)), np.empty((chunk, 1))
+        block[0] = start
+        done = 0
+        while done < steps:
+            count = min(chunk, steps - done)
+            times[:count, 0] = begin + step * np.arange(done, done + count)
+            call = self._kernel.bind(
+                count, time=times, step=np.array([step]), x=block[:-1], p=parameters, x_next=block[1:]
+            )
+            call()
+            rows[done // every + 1 : (done + count) // every + 1] = block[every : count + 1 : every]
+            block[0] = block[count]
+            done += count
+        if not np.isfinite(rows[-1]).all():
+            raise SolverError(self.name, "the state did not stay finite", "Take a shorter step")
+        stored: Array = begin + step * every * np.arange(len(rows), dtype=np.float64)
+        return stored, rows

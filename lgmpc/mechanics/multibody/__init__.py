@@ -1,0 +1,19 @@
+"""Robots: their equations of motion from energies, centroidal momentum, and Featherstone's spatial vectors.
+
+:mod:`lgmpc.mechanics.multibody.featherstone` is full of short names: import it by its own.
+"""
+
+from lgmpc.mechanics.multibody.articulated import ArticulatedBody, Kinematics, Link
+from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
+from lgmpc.mechanics.multibody.floating_base import EquationsOfMotion, FloatingBaseDynamics
+
+__all__ = [
+    "ArticulatedBody",
+    "CentroidalTerms",
+    "EquationsOfMotion",
+    "FloatingBaseDynamics",
+    "Kinematics",
+    "Link",
+    "centroidal_terms",
+    "wrench_about",
+]

@@ -1,0 +1,114 @@
+"""Centroidal momentum read off the mass matrix, and its balance (chapter 4.8; Orin, Goswami and Lee 2013).
+
+Wrenches and momenta are [linear; angular] about the centre of mass, world axes, as Pinocchio's ``hg`` and ``Ag``; the
+chapter writes [angular; linear].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lgmpc.errors import InputError
+from lgmpc.lie import quaternion, se3
+from lgmpc.mechanics.multibody.floating_base import EquationsOfMotion
+from lgmpc.typing import Array
+
+__all__ = ["CentroidalTerms", "centroidal_terms", "wrench_about"]
+
+
+@dataclass(frozen=True)
+class CentroidalTerms:
+    """What the base's six rows say about the whole robot.
+
+    Attributes:
+        mass: of the robot, kg.
+        com: (3,) centre of mass, world, m.
+        matrix: (6, nv) A_G: momentum ``h = A_G v``.
+        rate: (6, nv) dA_G/dt, so that ``h' = A_G v' + dA_G/dt v``.
+        gravity: (6,) wrench of gravity about the centre of mass: [m g; 0].
+    """
+
+    mass: float
+    com: Array
+    matrix: Array
+    rate: Array
+    gravity: Array
+
+    def momentum(self, v: ArrayLike) -> Array:
+        """Return (6,) h for a velocity (nv,)."""
+        found: Array = self.matrix @ np.asarray(v)
+        return found
+
+    def momentum_rate(self, v: ArrayLike, acceleration: ArrayLike) -> Array:
+        """Return (6,) h' for a velocity and an acceleration (nv,); equals the sum of all external wrenches."""
+        found: Array = self.matrix @ np.asarray(acceleration) + self.rate @ np.asarray(v)
+        return found
+
+
+def centroidal_terms(equations: EquationsOfMotion, q: ArrayLike, v: ArrayLike) -> CentroidalTerms:
+    """Return A_G and its rate from the first six rows of M and C (Wensing and Orin 2016; chapter 4.8.3).
+
+    ``A_G = Phi^T M_b``, where Phi^T carries a wrench from the base's frame to the centre of mass. The chapter's
+    ``dA_G/dt = Phi^T C_b`` holds only once both sides are multiplied by v. The matrix itself is
+
+        dA_G/dt = Phi^T (M_b' - ad*_zeta M_b),        M' = C + C^T,
+
+    with zeta the twist of the base as seen from the centre of mass: the base's axes turn, and its origin moves.
+
+    Args:
+        equations: of a floating robot at a state.
+        q: (nq,) the configuration of that state.
+        v: (nv,) its velocity.
+
+    Raises:
+        InputError: the robot's base is bolted, or the state does not fit.
+    """
+    configuration, velocity = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    if len(equations.mass) - len(equations.selection) != 6:
+        raise InputError("equations", "a robot with a bolted base", "a robot whose first joint is a free-flyer")
+    if configuration.shape != (len(equations.mass) + 1,):
+        raise InputError("q", f"shape {configuration.shape}", f"shape {(len(equations.mass) + 1,)}")
+    if velocity.shape != (len(equations.mass),):
+        raise InputError("v", f"shape {velocity.shape}", f"shape {(len(equations.mass),)}")
+    locked = equations.locked_inertia
+    mass = float(locked[0, 0])
+    rotation = quaternion.to_matrix(configuration[3:7])
+    from_base = rotation @ (np.array([locked[5, 1], locked[3, 2], locked[4, 0]]) / mass)
+    # The base's frame as seen from the centre of mass, world axes.
+    base = se3.from_parts(rotation, -from_base)
+    carry = se3.adjoint(se3.inverse(base)).T
+    matrix = carry @ equations.mass[:6]
+    zeta = velocity[:6].copy()
+    zeta[:3] -= rotation.T @ (matrix[:3] @ velocity) / mass
+    mass_rate = equations.coriolis[:6] + equations.coriolis[:, :6].T
+    return CentroidalTerms(
+        mass=mass,
+        com=configuration[:3] + from_base,
+        matrix=matrix,
+        rate=carry @ (mass_rate - se3.coadjoint(zeta) @ equations.mass[:6]),
+        gravity=-carry @ equations.gravity[:6],
+    )
+
+
+def wrench_about(com: ArrayLike, points: ArrayLike, forces: ArrayLike, moments: ArrayLike = 0.0) -> Array:
+    """Return (6,) the sum of forces at points, and of pure moments, as one wrench about the centre of mass.
+
+    Args:
+        com: (3,) m.
+        points: (k, 3) where the forces act, world, m.
+        forces: (k, 3) world axes, N.
+        moments: (k, 3) world axes, N.m; none if omitted.
+
+    Raises:
+        InputError: shapes that do not fit.
+    """
+    places, pulls = np.asarray(points, dtype=np.float64), np.asarray(forces, dtype=np.float64)
+    if places.ndim != 2 or places.shape[1] != 3:
+        raise InputError("points", f"shape {places.shape}", "shape (k, 3)")
+    if pulls.shape != places.shape:
+        raise InputError("forces", f"shape {pulls.shape}", f"shape {places.shape}, as the points")
+    turns = np.cross(places - np.asarray(com, dtype=np.float64), pulls) + np.asarray(moments, dtype=np.float64)
+    return np.concatenate([pulls.sum(axis=0), turns.sum(axis=0)])

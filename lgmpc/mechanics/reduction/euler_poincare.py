@@ -1,0 +1,304 @@
+r"""Euler-Poincare equations on any matrix group, from a reduced Lagrangian written as an expression.
+
+A Lagrangian that does not change when the pose is multiplied by a constant element, from the left or from the right,
+is a function of one velocity in the Lie algebra. With ``s = 1`` for left and ``s = -1`` for right reduction, and a
+quantity ``a`` that the motion carries along (gravity's direction as the body sees it),
+
+    g' = g xi (left),  g' = xi g (right)
+    mu' = s coadjoint(xi) mu - s K(a)^T dl/da + F,    mu = dl/dxi,    F the generalised force
+    a'  = -s K(a) xi,                                 K(a) xi = d/de act(exp(e xi), a)
+
+``-K^T dl/da`` is the diamond product of dl/da and a: K, like every derivative here, is CasADi's. F comes from body and
+spatial forces and from a potential V, ``-(T_e L_g)^* dV`` on the left (chapter 4.7.5 with its sign put right),
+``-(T_e R_g)^* dV`` on the right.
+
+Chapter 4.2 to 4.6 and 4.17; Poincare, "Sur une forme nouvelle des equations de la mecanique", C. R. Acad. Sci. 132
+(1901); Marsden and Ratiu, "Introduction to mechanics and symmetry" (1999), 13.5; Holm, Marsden, Ratiu, "The
+Euler-Poincare equations and semidirect products", Advances in Mathematics 137 (1998).
+"""
+
+from __future__ import annotations
+
+import functools
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks
+from lgmpc.mechanics.integrators.rollout import Rollout
+from lgmpc.mechanics.integrators.runge_kutta import munthe_kaas
+from lgmpc.mechanics.reduction import momentum_maps
+from lgmpc.mechanics.reduction.groups import LieGroup
+from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols
+from lgmpc.typing import Array
+
+__all__ = ["EulerPoincare", "LeftEulerPoincare", "Method", "RightEulerPoincare"]
+
+Method = Callable[["EulerPoincare"], ca.Function]
+"""From a system to one step: (time, step, x, p) -> x_next, with ``x = [vec(pose); velocity; advected]``."""
+
+
+@dataclass(frozen=True, eq=False)
+class EulerPoincare(ABC):
+    """A mechanical system on a group, reduced by its translations; see the module for the equations.
+
+    Attributes:
+        name: a C identifier, unique for the expressions' shape (compiled code is cached by content).
+        group: the configuration space.
+        lagrangian: reduced Lagrangian l(velocity, advected; parameters), J.
+        advected: what the motion carries along, if anything.
+        potential: V(pose; parameters), J, for what no advected quantity expresses.
+        body_force: (dim,) generalised force on the body velocity.
+        spatial_force: (dim,) generalised force on the spatial velocity.
+        parameters: (p,) constants; other values compile nothing anew.
+    """
+
+    sign: ClassVar[int]
+
+    name: str
+    group: LieGroup
+    lagrangian: Expression
+    advected: Advected | None = None
+    potential: Expression | None = None
+    body_force: Expression | None = None
+    spatial_force: Expression | None = None
+    parameters: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", np.array(checks.finite("parameters", self.parameters)).ravel())
+        self.parameters.setflags(write=False)
+        symbols = self.symbols()
+        if ca.depends_on(self.reduced(symbols), ca.vertcat(symbols.time, ca.vec(symbols.pose))):
+            expected = "a function of velocity, advected and parameters: it is reduced (put the rest in a potential)"
+            raise InputError("lagrangian", "one that depends on the pose or on time", expected)
+
+    @abstractmethod
+    def move(self, pose: Any, displacement: Any) -> Any:
+        """Return the pose displaced by exp(displacement), on the side of the reduction."""
+
+    @abstractmethod
+    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
+        """Return the rate of the displacement from a fixed pose at which the velocity is ``velocity``."""
+
+    @abstractmethod
+    def force(self, symbols: Symbols) -> Any:
+        """Return (dim,) all generalised forces on the system's own velocity, the potential's not included."""
+
+    @abstractmethod
+    def noether_momenta(self, motion: Motion) -> Array:
+        """Return (n, dim) the momentum map of the translations that the Lagrangian is reduced by."""
+
+    def symbols(self) -> Symbols:
+        """Return fresh symbols of the system's sizes."""
+        size, carried = self.group.size, 0 if self.advected is None else self.advected.size
+        return Symbols(
+            ca.SX.sym("time"),
+            ca.SX.sym("pose", size, size),
+            ca.SX.sym("velocity", self.group.dim),
+            ca.SX.sym("advected", carried),
+            ca.SX.sym("parameters", self.parameters.size),
+        )
+
+    def reduced(self, symbols: Symbols) -> Any:
+        """Return the reduced Lagrangian as an SX scalar.
+
+        Raises:
+            InputError: it is no scalar.
+        """
+        value = ca.SX(self.lagrangian(symbols))
+        if value.shape != (1, 1):
+            raise InputError("lagrangian", f"an expression of shape {value.shape}", "a scalar")
+        return value
+
+    def generator(self, advected: Any) -> Any:
+        """Return (m, dim) the matrix K(a): ``K(a) xi`` is the rate at which ``exp(t xi)`` moves a."""
+        if self.advected is None:
+            return ca.SX(0, self.group.dim)
+        xi = ca.SX.sym("xi", self.group.dim)
+        moved = self.advected.act(self.group.symbolic.exp(xi), advected)
+        return ca.substitute(ca.jacobian(moved, xi), xi, 0)
+
+    def generalised_force(self, symbols: Symbols) -> Any:
+        """Return (dim,) all generalised forces, the potential's included: ``-d/dz V(g exp(z))`` on the left."""
+        total = ca.SX.zeros(self.group.dim) + self.force(symbols)
+        if self.potential is None:
+            return total
+        z = ca.SX.sym("z", self.group.dim)
+        moved = replace(symbols, pose=self.move(symbols.pose, z))
+        return total - ca.substitute(ca.gradient(self.potential(moved), z), z, 0)
+
+    def carry(self, advected: Any, displacement: Any) -> Any:
+        """Return the advected quantity once the pose is displaced by exp(displacement): ``act(exp(-s z), a)``."""
+        if self.advected is None:
+            return advected
+        return self.advected.act(self.group.symbolic.exp(-self.sign * displacement), advected)
+
+    @functools.cached_property
+    def loads(self) -> ca.Function:
+        """(time, pose, velocity, advected, parameters) -> (dim,) ``-s K(a)^T dl/da + F``, mu' but for its bracket."""
+        s = self.symbols()
+        total = self.generalised_force(s)
+        if self.advected is not None:
+            total -= self.sign * self.generator(s.advected).T @ ca.gradient(self.reduced(s), s.advected)
+        return ca.Function(f"{self.name}_loads", _inputs(s), [ca.densify(total)], _INPUTS, ["load"])
+
+    @functools.cached_property
+    def acceleration(self) -> ca.Function:
+        """(time, pose, velocity, advected, parameters) -> rate of the velocity, the equation of the module solved."""
+        s = self.symbols()
+        lagrangian = self.reduced(s)
+        momentum = ca.gradient(lagrangian, s.velocity)
+        generator = self.generator(s.advected)
+        rate = self.sign * self.group.symbolic.coadjoint(s.velocity) @ momentum + self.loads(*_inputs(s))
+        carried = ca.jacobian(momentum, s.advected) @ (-self.sign * generator @ s.velocity)
+        mass = ca.densify(ca.jacobian(momentum, s.velocity))
+        return ca.Function(
+            f"{self.name}_acceleration", _inputs(s), [ca.ldl_solve(rate - carried, *ca.ldl(mass))], _INPUTS, ["rate"]
+        )
+
+    @functools.cached_property
+    def observables(self) -> ca.Function:
+        """(time, pose, velocity, advected, parameters) -> momentum (dim,), energy ``<mu, xi> - l + V``, mass matrix."""
+        s = self.symbols()
+        lagrangian = self.reduced(s)
+        momentum = ca.gradient(lagrangian, s.velocity)
+        energy = ca.dot(momentum, s.velocity) - lagrangian
+        if self.potential is not None:
+            energy += self.potential(s)
+        mass = ca.jacobian(momentum, s.velocity)
+        return ca.Function(
+            f"{self.name}_observables", _inputs(s), [momentum, energy, mass], _INPUTS, ["momentum", "energy", "mass"]
+        )
+
+    @functools.cached_property
+    def _rollouts(self) -> dict[Method, Rollout]:
+        return {}
+
+    def simulate(
+        self,
+        pose: Array,
+        velocity: Array,
+        advected: Array | None = None,
+        *,
+        step: float,
+        steps: int,
+        every: int = 1,
+        method: Method = munthe_kaas,
+    ) -> Motion:
+        """Integrate from time 0: one call of compiled code for thousands of steps.
+
+        Args:
+            pose: (size, size) element at the start.
+            velocity: (dim,) at the start.
+            advected: (m,) at the start, in the Lagrangian's frame.
+            step: length of a step, s.
+            steps: their number.
+            every: stored is each so manieth; divides ``steps``.
+            method: of :mod:`lgmpc.mechanics.integrators`; fourth order, on the group, unless given.
+
+        Raises:
+            InputError: an argument of the wrong shape, not finite, not in the group; a step that is not positive; a
+                system that the method is not made for; or a Lagrangian whose mass matrix at the start is not positive
+                definite.
+            SolverError: the motion did not stay finite.
+        """
+        size, dim = self.group.size, self.group.dim
+        g = self.group.check_element("pose", pose)
+        xi = self.group.check_tangent("velocity", velocity)
+        expected = 0 if self.advected is None else self.advected.size
+        a = np.zeros(0) if advected is None else checks.finite("advected", advected)
+        if a.shape != (expected,):
+            raise InputError("advected", f"shape {a.shape}", f"shape {(expected,)}")
+        self._check_mass(g, xi, a)
+        start = np.concatenate((g.ravel(order="F"), xi, a))
+        if method not in self._rollouts:
+            self._rollouts[method] = Rollout(method(self))
+        times, rows = self._rollouts[method](start, step, steps, every, self.parameters)
+        poses = rows[:, : size * size].reshape(-1, size, size).transpose(0, 2, 1)
+        return Motion(times, poses, rows[:, size * size : size * size + dim], rows[:, size * size + dim :])
+
+    def momenta(self, motion: Motion) -> Array:
+        """Return (n, dim) ``dl/dxi`` along a motion: body momenta under left reduction, spatial ones under right."""
+        return self._observe(motion)[0]
+
+    def energies(self, motion: Motion) -> Array:
+        """Return (n,) ``<mu, xi> - l + V`` along a motion, J."""
+        return self._observe(motion)[1][:, 0]
+
+    def _observe(self, motion: Motion) -> tuple[Array, Array]:
+        count, size = len(motion.times), self.group.size
+        poses = motion.poses.transpose(1, 0, 2).reshape(size, count * size)
+        momentum, energy, _ = self.observables.map(count)(
+            motion.times[None], poses, motion.velocities.T, motion.advected.T, np.tile(self.parameters, (count, 1)).T
+        )
+        return momentum.full().T, energy.full().T
+
+    def _check_mass(self, pose: Array, velocity: Array, advected: Array) -> None:
+        mass = self.observables(0.0, pose, velocity, advected, self.parameters)[2].full()
+        lowest = float(np.linalg.eigvalsh((mass + mass.T) / 2)[0]) if np.isfinite(mass).all() else np.nan
+        if not lowest > 0.0:
+            expected = "a Lagrangian whose second derivative by the velocity is positive definite at the start"
+            raise InputError("lagrangian", f"a second derivative with lowest eigenvalue {lowest:.3g}", expected)
+
+
+class LeftEulerPoincare(EulerPoincare):
+    """Reduced by left translations: velocity and momentum as the body sees them (rigid bodies, chapter 4.4.7)."""
+
+    sign = 1
+
+    def move(self, pose: Any, displacement: Any) -> Any:
+        """Return ``g exp(z)``."""
+        return self.group.symbolic.compose(pose, self.group.symbolic.exp(displacement))
+
+    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
+        """Return ``Jr^{-1}(z) xi``."""
+        return self.group.symbolic.right_jacobian_inverse(displacement) @ velocity
+
+    def force(self, symbols: Symbols) -> Any:
+        """Return the body force plus the spatial force pulled back, ``Ad_g^T F``."""
+        total = ca.SX.zeros(self.group.dim) if self.body_force is None else self.body_force(symbols)
+        if self.spatial_force is None:
+            return total
+        return total + self.group.symbolic.adjoint(symbols.pose).T @ self.spatial_force(symbols)
+
+    def noether_momenta(self, motion: Motion) -> Array:
+        """Return (n, dim) the spatial momenta ``Ad*_{g^-1} mu``, momentum map of left translation."""
+        return momentum_maps.spatial_momentum(self.group, motion.poses, self.momenta(motion))
+
+
+class RightEulerPoincare(EulerPoincare):
+    """Reduced by right translations: velocity and momentum in space (ideal fluids; chapter 4.4.7, spatial form)."""
+
+    sign = -1
+
+    def move(self, pose: Any, displacement: Any) -> Any:
+        """Return ``exp(z) g``."""
+        return self.group.symbolic.compose(self.group.symbolic.exp(displacement), pose)
+
+    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
+        """Return ``Jl^{-1}(z) xi``."""
+        return self.group.symbolic.left_jacobian_inverse(displacement) @ velocity
+
+    def force(self, symbols: Symbols) -> Any:
+        """Return the spatial force plus the body force pushed forward, ``Ad_{g^-1}^T F``."""
+        total = ca.SX.zeros(self.group.dim) if self.spatial_force is None else self.spatial_force(symbols)
+        if self.body_force is None:
+            return total
+        back = self.group.symbolic.adjoint(self.group.symbolic.inverse(symbols.pose))
+        return total + back.T @ self.body_force(symbols)
+
+    def noether_momenta(self, motion: Motion) -> Array:
+        """Return (n, dim) the body momenta ``Ad*_g nu``, momentum map of right translation."""
+        return momentum_maps.body_momentum(self.group, motion.poses, self.momenta(motion))
+
+
+_INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
+
+
+def _inputs(s: Symbols) -> list[Any]:
+    return [s.time, s.pose, s.velocity, s.advected, s.parameters]

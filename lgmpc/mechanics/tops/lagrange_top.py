@@ -1,0 +1,179 @@
+r"""Lagrange's top, a symmetric body held at a point of its axis under gravity: precession, nutation, sleep.
+
+With tilt theta from the upward vertical, axial angular velocity w3 (constant) and precession Omega,
+
+    steady:    I1 cos(theta) Omega^2 - I3 w3 Omega + m g l = 0                    (slow and fast)
+    nutation:  u = cos(theta),  u'^2 = beta (u - u1) (u - u2) (u - u3),  -1 <= u1 <= u <= u2 <= 1,  beta = 2 m g l / I1
+               u = u1 + (u2 - u1) sn^2(kappa t + phase | m)
+               kappa = sqrt(beta (u3 - u1)) / 2,  m = (u2 - u1) / (u3 - u1)
+    asleep:    theta = 0 is stable for w3^2 > 4 m g l I1 / I3^2; slower, a tilt grows at the rate
+               sqrt(beta / 2 - (I3 w3 / (2 I1))^2)
+
+Lagrange, "Mecanique analytique" (1788); Goldstein, "Classical mechanics" (1980), 5.7; Whittaker, "Analytical dynamics"
+(1904), 71; chapter 4.17. Moments of inertia are about the point that is held.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, so3
+from lgmpc.mechanics.checks import check_inertia, check_positive
+from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.reduction.groups import SO3
+from lgmpc.mechanics.rigid_body import heavy_top
+from lgmpc.mechanics.tops.elliptic import Modulus
+from lgmpc.typing import Array
+
+__all__ = ["LagrangeTop", "Nutation"]
+
+
+@dataclass(frozen=True)
+class Nutation:
+    """Up and down of the axis, in closed form.
+
+    Attributes:
+        roots: u1 <= u2 <= u3 of the cubic; the cosine of the tilt stays between the first two.
+        rate: kappa, rad/s.
+        phase: argument of sn at time 0.
+    """
+
+    roots: tuple[float, float, float]
+    rate: float
+    phase: float
+
+    @property
+    def tilts(self) -> tuple[float, float]:
+        """Smallest and largest tilt from the upward vertical, rad."""
+        return math.acos(min(1.0, self.roots[1])), math.acos(max(-1.0, self.roots[0]))
+
+    @property
+    def modulus(self) -> Modulus:
+        """Parameter of the elliptic function."""
+        u1, u2, u3 = self.roots
+        return Modulus((u2 - u1) / (u3 - u1), (u3 - u2) / (u3 - u1))
+
+    @property
+    def period(self) -> float:
+        """Of the tilt, s; infinite where the axis only approaches the vertical."""
+        return 2.0 * self.modulus.quarter_period / self.rate
+
+    def cosines(self, times: Array) -> Array:
+        """Return (n,) cosines of the tilt at some times."""
+        sn = self.modulus.jacobi(self.phase + self.rate * checks.finite("times", times))[0]
+        return self.roots[0] + (self.roots[1] - self.roots[0]) * sn**2
+
+
+@dataclass(frozen=True)
+class LagrangeTop:
+    """A symmetric top.
+
+    Attributes:
+        transverse: I1 = I2 about the point that is held, kg.m^2.
+        axial: I3, kg.m^2.
+        weight: m g l, weight times distance of the centre of mass along the third axis, N.m.
+
+    Raises:
+        InputError: moments that no body has, or a weight that is not positive.
+    """
+
+    transverse: float
+    axial: float
+    weight: float
+
+    def __post_init__(self) -> None:
+        first, third = (check_positive(name, getattr(self, name), "kg.m^2") for name in ("transverse", "axial"))
+        check_inertia("axial", np.diag([first, first, third]))
+        check_positive("weight", self.weight, "N.m")
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the point that is held, kg.m^2."""
+        return np.diag([self.transverse, self.transverse, self.axial])
+
+    @functools.cached_property
+    def system(self) -> LeftEulerPoincare:
+        """The equations of motion, to be started with ``rotation.T @ UP`` as the advected direction."""
+        return heavy_top(self.inertia, np.array([0.0, 0.0, self.weight]), 1.0)
+
+    def start(self, tilt: float, spin: float, precession: float = 0.0) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and body angular velocity (3,) of a top at a turning point of its tilt.
+
+        Args:
+            tilt: from the upward vertical, about the world's first axis, rad.
+            spin: axial component w3 of the angular velocity, rad/s.
+            precession: of the axis about the vertical, rad/s.
+        """
+        rotation = so3.exp(np.array([tilt, 0.0, 0.0]))
+        return rotation, np.array([0.0, precession * math.sin(tilt), spin])
+
+    def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
+        """Slow and fast rate of precession at a constant tilt, rad/s; the fast one is infinite for a horizontal axis.
+
+        Args:
+            tilt: from the upward vertical, rad.
+            spin: w3, rad/s, not zero.
+
+        Raises:
+            InputError: the top spins too slowly to precess steadily at this tilt.
+        """
+        momentum, cosine = self.axial * spin, math.cos(tilt)
+        discriminant = momentum**2 - 4.0 * self.transverse * self.weight * cosine
+        if discriminant < 0.0 or momentum == 0.0:
+            slowest = 2.0 * math.sqrt(self.transverse * self.weight * max(cosine, 0.0)) / self.axial
+            raise InputError("spin", f"{spin:g} rad/s", f"at least {slowest:.6g} rad/s for steady precession")
+        # The two roots without cancellation: their product is m g l / (I1 cos).
+        large = momentum + math.copysign(math.sqrt(discriminant), momentum)
+        fast = large / (2.0 * self.transverse * cosine) if cosine else math.copysign(math.inf, large)
+        return 2.0 * self.weight / large, fast
+
+    def nutation(self, rotation: Array, velocity: Array) -> Nutation:
+        """Return the closed form of the tilt that follows from a state.
+
+        The cubic is expanded around the present tilt, where value and slope come from the state without cancellation;
+        so a steady precession has its double root to rounding.
+
+        Args:
+            rotation: (3, 3) world from body.
+            velocity: (3,) body angular velocity, rad/s.
+
+        Raises:
+            InputError: no rotation, or a velocity of another shape.
+        """
+        up = SO3.check_element("rotation", rotation)[2]
+        w = SO3.check_tangent("velocity", velocity)
+        beta, a = 2.0 * self.weight / self.transverse, self.axial * w[2] / self.transverse
+        u, climbing = up[2], up[0] * w[1] - up[1] * w[0]
+        across = w[0] ** 2 + w[1] ** 2
+        slope = 2.0 * a * (w[:2] @ up[:2]) - 2.0 * u * across - beta * (up[0] ** 2 + up[1] ** 2)
+        cubic = [beta, 2.0 * beta * u - across - a**2, slope, climbing**2]
+        u1, u2, u3 = sorted(float(u + root.real) for root in np.roots(cubic))
+        rate = math.sqrt(beta * (u3 - u1)) / 2.0
+        still = Nutation((u1, u2, u3), rate, 0.0)
+        if u2 <= u1:
+            return still
+        sine, cosine = math.sqrt(max(0.0, u - u1)), math.sqrt(max(0.0, u2 - u))
+        return Nutation(still.roots, rate, still.modulus.first_kind(math.copysign(sine, climbing), cosine))
+
+    @property
+    def critical_spin(self) -> float:
+        """Spin above which the upright top sleeps stably, ``2 sqrt(m g l I1) / I3``, rad/s."""
+        return 2.0 * math.sqrt(self.weight * self.transverse) / self.axial
+
+    def sleeping_growth(self, spin: float) -> float:
+        """Rate at which a small tilt of the upright top grows, 1/s: zero from the critical spin on."""
+        square = self.weight / self.transverse - (self.axial * spin / (2.0 * self.transverse)) ** 2
+        return math.sqrt(max(0.0, square))
+
+    def fall(self, spin: float) -> float:
+        """Largest tilt of an upright top that is hardly disturbed, rad: zero from the critical spin on.
+
+        With the sleeping top's energy and momenta the cubic is ``(1 - u)^2 (beta (1 + u) - (I3 w3 / I1)^2)``.
+        """
+        cosine = (self.axial * spin) ** 2 / (2.0 * self.transverse * self.weight) - 1.0
+        return math.acos(max(-1.0, min(1.0, cosine)))

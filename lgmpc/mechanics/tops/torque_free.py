@@ -1,0 +1,220 @@
+r"""The torque-free body in closed form: velocity by Jacobi's functions, attitude by an integral of the third kind.
+
+With principal moments ordered so that axis c is the one that the body momentum circles around and b the middle one
+(``|pi|^2 > 2 E I_b``: c has the largest moment, otherwise the smallest), and s the sign of w_c,
+
+    w_a = A cn u,   w_b = s B sn u,   w_c = s C dn u,      u = u0 + rate t
+
+    A^2 = p / (I_a (I_c - I_a)),  B^2 = p / (I_b (I_c - I_b)),  C^2 = q / (I_c (I_c - I_a))
+    p = 2 E I_c - |pi|^2,  q = |pi|^2 - 2 E I_a,  rate^2 = (I_c - I_b) q / (I_a I_b I_c),
+    m = (I_b - I_a) p / ((I_c - I_b) q)
+
+The body turns about the constant spatial momentum. The azimuth psi of axis a, which is never along it, moves as
+
+    psi' = |pi| (2 E - I_a w_a^2) / (|pi|^2 - I_a^2 w_a^2)
+    psi  = |pi| (t / I_a - (I_c - I_a) / (I_a I_c rate) integral of du / (1 + n sn^2 u)),   n = I_a p / (I_c q)
+
+Jacobi, "Sur la rotation d'un corps" (1849); Whittaker, "Analytical dynamics" (1904), 69; Landau and Lifshitz,
+"Mechanics", section 37; chapter 4.5 and 4.12.1.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.lie import checks, so3
+from lgmpc.mechanics.checks import check_inertia, check_positive
+from lgmpc.mechanics.reduction.groups import SO3
+from lgmpc.mechanics.tops.elliptic import Modulus
+from lgmpc.typing import Array
+
+__all__ = ["EulerTop", "symmetric_top_precession"]
+
+_STEADY = 1e-15
+"""A torque this small beside |w| |pi| is rounding: the body turns about one of its axes for ever."""
+
+
+@dataclass(frozen=True, eq=False)
+class EulerTop:
+    """The motion of a torque-free body through one state, for all times.
+
+    Attributes:
+        inertia: (3, 3) in any body axes, kg.m^2.
+        velocity: (3,) body angular velocity at time 0, rad/s.
+        rotation: (3, 3) world from body at time 0.
+
+    Raises:
+        InputError: an inertia that no body has, a velocity that is zero or not finite, or no rotation.
+    """
+
+    inertia: Array
+    velocity: Array
+    rotation: Array = field(default_factory=so3.identity)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inertia", check_inertia("inertia", self.inertia))
+        object.__setattr__(self, "velocity", SO3.check_tangent("velocity", self.velocity))
+        object.__setattr__(self, "rotation", SO3.check_element("rotation", self.rotation))
+        if not self.velocity.any():
+            raise InputError("velocity", "zero", "a body that turns")
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy, J."""
+        return 0.5 * float(self.velocity @ self.inertia @ self.velocity)
+
+    @property
+    def momentum(self) -> float:
+        """Length of the angular momentum, N.m.s."""
+        return float(np.linalg.norm(self.inertia @ self.velocity))
+
+    @property
+    def steady(self) -> bool:
+        """Whether the body turns about a principal axis, for ever (though perhaps not stably)."""
+        torque = np.cross(self.inertia @ self.velocity, self.velocity)
+        return bool(np.linalg.norm(torque) <= _STEADY * self.momentum * np.linalg.norm(self.velocity))
+
+    @property
+    def period(self) -> float:
+        """Period of the body angular velocity, s: four quarter periods; infinite on the separatrix.
+
+        Raises:
+            InputError: the rotation is steady, without a period.
+        """
+        return 4.0 * self._solution.modulus.quarter_period / self._solution.rate
+
+    @property
+    def flip_interval(self) -> float:
+        """Time between flips of the middle axis, s: half the period (Dzhanibekov's effect, chapter 4.12.1)."""
+        return 0.5 * self.period
+
+    def flips(self, end: float) -> Array:
+        """Return the times in [0, end] at which the angular velocity about the middle axis changes sign."""
+        solution, interval = self._solution, self.flip_interval
+        phase = solution.phase / solution.rate
+        first, last = math.ceil(phase / interval), math.floor((phase + end) / interval)
+        times: Array = np.arange(first, last + 1, dtype=np.float64) * interval - phase
+        return times
+
+    @property
+    def circled_axis(self) -> Array:
+        """(3,) principal axis, unit, in the body, that the body momentum circles around, to its side.
+
+        Raises:
+            InputError: the rotation is steady.
+        """
+        axis: Array = self._solution.axes[:, 2] * math.copysign(1.0, self._solution.amplitudes[2])
+        return axis
+
+    def velocities(self, times: Array) -> Array:
+        """Return (n, 3) body angular velocities at some times, rad/s."""
+        t = _times(times)
+        if self.steady:
+            return np.tile(self.velocity, (len(t), 1))
+        s = self._solution
+        sn, cn, dn = s.modulus.jacobi(s.phase + s.rate * t)
+        return np.stack((s.amplitudes[0] * cn, s.amplitudes[1] * sn, s.amplitudes[2] * dn), axis=1) @ s.axes.T
+
+    def rotations(self, times: Array) -> Array:
+        """Return (n, 3, 3) world from body at some times."""
+        t = _times(times)
+        if self.steady:
+            return self.rotation @ so3.exp(t[:, None] * self.velocity)
+        leans = self._leaning(self.velocities(t))
+        turns = so3.exp(self.azimuths(t)[:, None] * np.array([0.0, 0.0, 1.0]))
+        start = self._leaning(self.velocity[None])[0]
+        result: Array = self.rotation @ start.T @ turns @ leans
+        return result
+
+    def azimuths(self, times: Array) -> Array:
+        """Return (n,) the angles by which axis a has turned about the spatial momentum since time 0, rad.
+
+        Raises:
+            InputError: the rotation is steady.
+        """
+        t, s = _times(times), self._solution
+        integral = s.modulus.third_kind(-s.n, s.phase + s.rate * np.append(t, 0.0))
+        azimuths: Array = self.momentum * (t / s.moments[0] - s.factor * (integral[:-1] - integral[-1]))
+        return azimuths
+
+    def _leaning(self, velocities: Array) -> Array:
+        """Rotations to body axes' coordinates from ones with z along the momentum and x below axis a."""
+        up = velocities @ self.inertia / self.momentum
+        axis = self._solution.axes[:, 0]
+        x = axis - (up @ axis)[:, None] * up
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        return np.stack((x, np.cross(up, x), up), axis=1)
+
+    @functools.cached_property
+    def _solution(self) -> _Solution:
+        if self.steady:
+            raise InputError(
+                "velocity", self.velocity, "one that is not along a principal axis: that rotation is steady"
+            )
+        return _solve(self.inertia, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """The constants of the module's formulas; axes and moments in the order a, b, c."""
+
+    axes: Array
+    moments: Array
+    amplitudes: tuple[float, float, float]
+    rate: float
+    phase: float
+    modulus: Modulus
+    n: float
+    factor: float
+
+
+def _solve(inertia: Array, velocity: Array) -> _Solution:
+    ascending, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.linalg.det(axes)  # right-handed in ascending order
+    w = axes.T @ velocity
+    side = float(np.sum(ascending * (ascending - ascending[1]) * w**2))  # |pi|^2 - 2 E I_b without its cancellation
+    order = [0, 1, 2] if side >= 0.0 else [2, 1, 0]
+    moments, w = ascending[order], w[order]
+    ia, ib, ic = (float(moment) for moment in moments)
+    p = float(np.sum(moments * (ic - moments) * w**2))
+    q = float(np.sum(moments * (moments - ia) * w**2))
+    m = min(1.0, (ib - ia) * p / ((ic - ib) * q))
+    modulus = Modulus(m, max(0.0, (ic - ia) * side / ((ic - ib) * q)))
+    sign = math.copysign(1.0, w[2])
+    a, b, c = math.sqrt(p / (ia * (ic - ia))), math.sqrt(p / (ib * (ic - ib))), math.sqrt(q / (ic * (ic - ia)))
+    rate = math.sqrt((ic - ib) * q / (ia * ib * ic))
+    phase = modulus.first_kind(sign * w[1] / b, w[0] / a)
+    n, factor = ia * p / (ic * q), (ic - ia) / (ia * ic * rate)
+    return _Solution(axes[:, order], moments, (a, sign * b, sign * c), rate, phase, modulus, n, factor)
+
+
+def symmetric_top_precession(transverse: float, axial: float, velocity: Array) -> tuple[float, float]:
+    """Precession rates of a free symmetric top, rad/s: of the velocity in the body, and of the axis in space.
+
+    ``(I3 - I1) / I1 w3`` about the body's third axis, and ``|pi| / I1`` about the momentum. Landau and Lifshitz,
+    "Mechanics", section 33 and 36.
+
+    Args:
+        transverse: I1 = I2, kg.m^2.
+        axial: I3, kg.m^2.
+        velocity: (3,) body angular velocity, rad/s.
+
+    Raises:
+        InputError: moments that no body has, or a velocity not finite.
+    """
+    first, third = check_positive("transverse", transverse, "kg.m^2"), check_positive("axial", axial, "kg.m^2")
+    inertia = check_inertia("axial", np.diag([first, first, third]))
+    w = SO3.check_tangent("velocity", velocity)
+    return (third - first) / first * float(w[2]), float(np.linalg.norm(inertia @ w)) / first
+
+
+def _times(times: Array) -> Array:
+    array = checks.finite("times", times)
+    if array.ndim != 1:
+        raise InputError("times", f"shape {array.shape}", "shape (n,)")
+    return array

@@ -1,0 +1,268 @@
+"""Geometric control of a quadrotor: exact references, the antipode, and a thousand starts beside an Euler-angle PID."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.mechanics.quadrotor import (
+    AttitudeCommand,
+    EulerAnglePid,
+    FlatOutput,
+    GeometricController,
+    GeometricGains,
+    Hover,
+    Lissajous,
+    Quadrotor,
+    QuadrotorState,
+    attitude_error,
+    fly,
+)
+from lgmpc.mechanics.quadrotor.euler_angles import angle_rates, euler_angles
+
+QUADROTOR = Quadrotor.of_the_paper()
+GAINS = GeometricGains.of_the_paper()
+REAL = QUADROTOR.limited(lift=2.5, moment=20.0)
+
+
+@dataclass
+class TurnOnly:
+    """The attitude's controller alone, holding the identity; no thrust."""
+
+    controller: GeometricController
+
+    def control(self, time, state):
+        still = np.zeros_like(state.rate)
+        command = AttitudeCommand(np.broadcast_to(np.eye(3), state.rotation.shape), still, still)
+        return np.zeros(state.rate.shape[:-1]), self.controller.moment(state, command)
+
+
+def states_at(flight, k) -> QuadrotorState:
+    s = flight.states
+    return QuadrotorState(s.position[k], s.velocity[k], s.rotation[k], s.rate[k])
+
+
+def turn_only(start, duration, step=2e-3):
+    return fly(QUADROTOR, TurnOnly(GeometricController(QUADROTOR, Hover())), start, duration, step)
+
+
+def test_the_errors_mean_an_angle() -> None:
+    angle, axis = 2.1, np.array([1.0, 2.0, -1.0]) / np.sqrt(6.0)
+    desired = Rotation.random(random_state=1).as_matrix()
+    psi, error = attitude_error(desired @ so3.exp(angle * axis), desired)
+    assert psi == pytest.approx(1.0 - np.cos(angle), abs=1e-14)
+    assert np.allclose(error, np.sin(angle) * axis, atol=1e-14)
+
+
+def test_the_desired_rates_are_exact_derivatives_along_the_flight() -> None:
+    """Far from the trajectory, so that every term of acceleration and jerk counts."""
+    controller = GeometricController(QUADROTOR, Lissajous())
+    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
+    step = 1e-3
+    flight = fly(QUADROTOR, controller, start, 0.4, step)
+    for k in (50, 170, 301):
+        ahead, here, behind = (controller.command(flight.times[k + i], states_at(flight, k + i)) for i in (1, 0, -1))
+        rate = so3.vee(0.5 * (m := here.rotation.T @ (ahead.rotation - behind.rotation) / (2 * step)) - 0.5 * m.T)
+        assert np.allclose(here.rate, rate, atol=2e-4 * max(np.abs(here.rate).max(), 1.0))
+        acceleration = (ahead.rate - behind.rate) / (2 * step)
+        assert np.allclose(here.acceleration, acceleration, atol=2e-3 * max(np.abs(acceleration).max(), 1.0))
+
+
+def test_the_error_of_those_differences_falls_with_the_square_of_the_step() -> None:
+    controller = GeometricController(QUADROTOR, Lissajous())
+    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
+    flight = fly(QUADROTOR, controller, start, 0.09, 2.5e-4)
+    errors, k = [], 200
+    here = controller.command(flight.times[k], states_at(flight, k)).acceleration
+    for n in (8, 16, 32):
+        ahead, behind = (controller.command(flight.times[k + i], states_at(flight, k + i)).rate for i in (n, -n))
+        errors.append(np.linalg.norm((ahead - behind) / (2 * n * 2.5e-4) - here))
+    slopes = np.diff(np.log2(errors))
+    assert np.all(np.abs(slopes - 2.0) < 0.1), (errors, slopes)
+
+
+def test_who_starts_on_the_trajectory_stays_on_it() -> None:
+    trajectory = Lissajous()
+    controller = GeometricController(QUADROTOR, trajectory)
+    wanted = trajectory.at(0.0).position
+    first = QuadrotorState(wanted[0], wanted[1], np.eye(3), np.zeros(3))
+    # Without errors of position and velocity the attitude follows from the acceleration, the rate from the jerk.
+    turned = QuadrotorState(wanted[0], wanted[1], controller.command(0.0, first).rotation, np.zeros(3))
+    spun = QuadrotorState(wanted[0], wanted[1], turned.rotation, controller.command(0.0, turned).rate)
+    start = QuadrotorState(wanted[0], wanted[1], turned.rotation, controller.command(0.0, spun).rate)
+    errors = []
+    for step in (4e-3, 2e-3):
+        flight = fly(QUADROTOR, controller, start, 0.8, step)
+        goal = np.array([trajectory.at(t).position[0] for t in flight.times])
+        errors.append(np.abs(flight.states.position - goal).max())
+    assert errors[1] < 1e-8
+    assert 3.5 < np.log2(errors[0] / errors[1]) < 4.5
+
+
+def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
+    """``J theta'' = -k_R sin theta - k_Omega theta'``, whose solution scipy knows to 1e-12."""
+    starts, inertia = np.radians([30.0, 178.0, 179.99]), QUADROTOR.inertia[0, 0]
+    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 2.0, 1e-3)
+    exact = solve_ivp(
+        lambda _, y: np.r_[y[3:], (-GAINS.rotation * np.sin(y[:3]) - GAINS.rate * y[3:]) / inertia],
+        (0.0, 2.0),
+        np.r_[starts, np.zeros(3)],
+        "DOP853",
+        flight.times,
+        rtol=1e-13,
+        atol=1e-13,
+    ).y[:3]
+    angles = np.unwrap(euler_angles(flight.states.rotation)[..., 0], axis=0)
+    assert np.abs(angles - exact.T).max() < 1e-9
+    assert np.all(np.abs(angles[-1]) < starts)
+
+
+def test_exactly_at_the_antipode_nothing_pulls_and_beside_it_the_error_grows() -> None:
+    """Half a turn is an equilibrium, unstable: a start beside it leaves at the rate of the linearisation."""
+    flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 1.0)
+    psi, _ = attitude_error(flight.states.rotation, np.eye(3))
+    assert np.all(psi == 2.0) and np.all(flight.moments == 0.0)
+
+    beside = turn_only(QuadrotorState.at_rest(so3.exp(np.array([np.pi - 1e-6, 0.0, 0.0]))), 2.0, 1e-3)
+    away = np.pi - np.abs(euler_angles(beside.states.rotation)[:, 0])
+    inertia = QUADROTOR.inertia[0, 0]
+    rate = (np.sqrt(GAINS.rate**2 + 4.0 * inertia * GAINS.rotation) - GAINS.rate) / (2.0 * inertia)
+    window = slice(500, 1500)  # after the fast mode is gone, before the sine bends
+    measured = np.polyfit(beside.times[window], np.log(away[window]), 1)[0]
+    assert measured == pytest.approx(rate, rel=1e-4)
+
+
+def test_the_lyapunov_function_never_rises() -> None:
+    """``1/2 Omega^T J Omega + k_R Psi`` has the derivative ``-k_Omega |Omega|^2``."""
+    rotations = Rotation.random(50, random_state=4).as_matrix()
+    flight = turn_only(QuadrotorState.at_rest(rotations), 1.5)
+    psi, _ = attitude_error(flight.states.rotation, np.eye(3))
+    omega = flight.states.rate
+    energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + GAINS.rotation * psi
+    assert np.diff(energy, axis=0).max() < 1e-12
+    # A trapezoidal sum over 2 ms: h^2/12 times a bend of the integrand of about a thousand.
+    lost = np.trapezoid(GAINS.rate * np.sum(omega**2, axis=-1), dx=2e-3, axis=0)
+    assert np.allclose(energy[0] - energy[-1], lost, rtol=2e-3)
+
+
+GOAL = Hover((0.0, 0.0, 10.0))
+
+
+def away(flight) -> np.ndarray:
+    """Distance from the goal at the end; infinite for a vehicle that was lost."""
+    distance = np.linalg.norm(flight.states.position[-1] - GOAL.point, axis=-1)
+    return np.where(flight.lost, np.inf, distance)
+
+
+def tumbling(count: int, rate: float) -> QuadrotorState:
+    """Attitudes drawn evenly from SO(3), turning about axes drawn evenly."""
+    rng = np.random.default_rng(0)
+    omega = rng.normal(size=(count, 3))
+    omega *= rate / np.linalg.norm(omega, axis=1, keepdims=True)
+    rotations = Rotation.random(count, random_state=2).as_matrix()
+    return QuadrotorState(np.tile(GOAL.point, (count, 1)), np.zeros((count, 3)), rotations, omega)
+
+
+@pytest.mark.slow
+def test_it_recovers_from_almost_every_tumble_and_euler_angles_lose_some() -> None:
+    start = tumbling(60, 20.0)
+    ours = fly(REAL, GeometricController(REAL, GOAL), start, 9.0, 4e-3)
+    theirs = fly(REAL, EulerAnglePid(REAL, GOAL), start, 9.0, 4e-3)
+    assert not ours.lost.any()
+    assert (away(ours) < 0.05).mean() >= 0.96
+    assert theirs.lost.sum() >= 4
+    # The comparison is fair: who is not lost comes back.
+    assert (away(theirs)[~theirs.lost] < 0.1).mean() > 0.9
+
+
+@pytest.mark.parametrize("kind", [GeometricController, EulerAnglePid])
+def test_both_recover_from_rest_upside_down_and_from_small_tilts(kind) -> None:
+    starts = so3.exp(np.radians([[178.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, -25.0, 0.0], [10.0, 10.0, 40.0]]))
+    flight = fly(REAL, kind(REAL, GOAL), QuadrotorState.at_rest(starts, GOAL.point), 9.0, 1e-2)
+    assert (away(flight) < 0.02).all()
+
+
+def test_a_vehicle_that_spins_too_fast_is_lost_and_said_to_be() -> None:
+    start = QuadrotorState(
+        np.zeros((2, 3)), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.diag([1.0, 80.0, 0])[:2]
+    )
+    flight = fly(QUADROTOR, Idle(), start, 0.1, 1e-2)
+    assert flight.lost.tolist() == [False, True]
+    assert np.isfinite(flight.states.rotation).all()
+    assert np.array_equal(flight.states.position[-1, 1], np.zeros(3))
+
+
+def test_euler_rates_are_derivatives_of_euler_angles() -> None:
+    rng = np.random.default_rng(8)
+    rotation, omega, step = so3.exp(rng.uniform(-0.8, 0.8, 3)), rng.normal(size=3), 1e-6
+    ahead, behind = (euler_angles(rotation @ so3.exp(s * step * omega)) for s in (1, -1))
+    assert np.allclose(angle_rates(euler_angles(rotation), omega), (ahead - behind) / (2 * step), atol=1e-8)
+    assert np.allclose(euler_angles(rotation)[::-1], Rotation.from_matrix(rotation).as_euler("ZYX"), atol=1e-13)
+
+
+class Idle:
+    def control(self, time, state):
+        return np.zeros(()), np.zeros(3)
+
+
+def test_a_free_body_keeps_its_momentum_and_falls_on_a_parabola_to_order_four() -> None:
+    omega = np.array([3.0, -5.0, 4.0])
+    start = QuadrotorState(np.zeros(3), np.array([1.0, 0.0, 2.0]), np.eye(3), omega)
+    drifts = []
+    for step in (4e-3, 2e-3):
+        flight = fly(QUADROTOR, Idle(), start, 1.0, step)
+        momentum = np.einsum("kij,kj->ki", flight.states.rotation, flight.states.rate @ QUADROTOR.inertia)
+        drifts.append(np.abs(momentum - momentum[0]).max())
+        fall = start.velocity - 0.5 * np.array([0.0, 0.0, 9.81])
+        assert np.allclose(flight.states.position[-1], fall, atol=1e-12)
+    assert drifts[1] < 1e-9
+    assert 3.7 < np.log2(drifts[0] / drifts[1]) < 5.5
+
+
+def test_a_lissajous_curve_has_its_own_derivatives() -> None:
+    curve, t, step = Lissajous(), 0.7, 1e-5
+    ahead, behind, here = curve.at(t + step), curve.at(t - step), curve.at(t)
+    for values in ("position", "heading"):
+        slope = (getattr(ahead, values) - getattr(behind, values))[:-1] / (2 * step)
+        assert np.allclose(slope, getattr(here, values)[1:], atol=1e-7)
+
+
+class Parallel:
+    def at(self, time):
+        return FlatOutput(np.zeros((5, 3)), np.array([[0.0, 0.0, 1.0], [0.0] * 3, [0.0] * 3]))
+
+
+def test_bad_input_is_refused() -> None:
+    with pytest.raises(InputError, match="mass: got 0"):
+        Quadrotor(0.0, np.eye(3))
+    with pytest.raises(InputError, match="a positive definite matrix"):
+        Quadrotor(1.0, np.diag([1.0, 1.0, -0.1]))
+    with pytest.raises(InputError, match="symmetric"):
+        Quadrotor(1.0, np.eye(3) + np.triu(np.ones((3, 3)), 1))
+    with pytest.raises(InputError, match="thrust"):
+        Quadrotor(1.0, np.eye(3), (1.0, 1.0))
+    with pytest.raises(InputError, match="moment"):
+        QUADROTOR.limited(2.0, -1.0)
+    with pytest.raises(InputError, match="rate: got -1"):
+        GeometricGains(1.0, 1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="step"):
+        fly(QUADROTOR, Idle(), QuadrotorState.at_rest(np.eye(3)), 1.0, 0.0)
+    with pytest.raises(InputError):
+        QuadrotorState.at_rest(2.0 * np.eye(3))
+    with pytest.raises(InputError, match="position"):
+        QuadrotorState.at_rest(np.eye(3), (np.nan, 0.0, 0.0))
+    with pytest.raises(InputError, match="frequency"):
+        Lissajous(frequency=(1.0, np.inf, 0.0))
+    state = QuadrotorState.at_rest(np.eye(3))
+    with pytest.raises(InputError, match="heading: got parallel"):
+        GeometricController(QUADROTOR, Parallel()).control(0.0, state)
+    # So far above the goal that the desired force vanishes.
+    above = QuadrotorState.at_rest(np.eye(3), (0.0, 0.0, QUADROTOR.weight / GAINS.position))
+    with pytest.raises(InputError, match="desired force of zero"):
+        GeometricController(QUADROTOR, Hover()).control(0.0, above)

@@ -137,7 +137,8 @@ def show_checked(config: Config, robot: Robot, notes: Sequence[str]) -> None:
     table.add_row("plant", f"{plant.kind} at {plant.rate_hz:g} Hz, friction {plant.friction:g}")
     table.add_row("estimator", config.estimator.kind.replace("_", " "))
     mpc = config.mpc
-    horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {mpc.qp_solver}"
+    solver = getattr(mpc, "qp_solver", "no quadratic programme")
+    horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {solver}"
     table.add_row("mpc", horizon if mpc.enabled else "off")
     table.add_row("wbc", f"{config.wbc.rate_hz:g} Hz, friction {config.wbc.friction:g}")
     table.add_row("reference", config.reference.kind)

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.screen import err, has_desktop, out
-from lgmpc.demos.catalogue import NAMES, load_demo
+from lgmpc.demos.catalogue import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome
 from lgmpc.errors import InputError
 from lgmpc.runs import atomic_write
@@ -22,8 +22,8 @@ __all__ = ["list_demos", "show_demo"]
 def list_demos() -> None:
     """Print what there is."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name in NAMES:
-        table.add_row(Text(name, "bold"), Text(load_demo(name).summary))
+    for name, summary in SUMMARIES.items():
+        table.add_row(Text(name, "bold"), Text(summary))
     out().print(table)
     out().print("next: lgmpc demo NAME", style="dim")
 

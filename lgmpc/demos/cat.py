@@ -5,12 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 GRAVITY = 9.81
 FALL = 0.7
@@ -24,7 +24,8 @@ ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Turns a cylinder's axis, z, into x."""
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     cat = Cat()
     connection = cat.connection()
     bend = cat.flipping_bend()
@@ -122,6 +123,3 @@ def _half(side: float) -> tuple[Shape, ...]:
         for y in (-0.03, 0.03)
     )
     return (torso, *legs, Shape("sphere", (0.055, 0.055, 0.055), (-0.01, 0.0, 0.16), fur), *ears)
-
-
-DEMO = Demo("cat", "The falling cat turns over at zero angular momentum: a holonomy", _run)

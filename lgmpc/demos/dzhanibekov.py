@@ -11,12 +11,12 @@ import math
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, torque_free_body
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 # A bar along y and a stem along x, steel cylinders: masses (kg), radii and lengths (m).
 _BAR = (0.23, 0.007, 0.19)
@@ -26,7 +26,8 @@ _TILT = 0.02  # of the first angular velocity from the stem
 _STEP = 1e-3  # s
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     inertia, stem = _handle()
     top = EulerTop(inertia, _SPIN * np.array([math.cos(_TILT), 0.6 * math.sin(_TILT), 0.8 * math.sin(_TILT)]))
     motion = _simulate(top, 3.2 * top.flip_interval)
@@ -157,6 +158,3 @@ def _body(tip: Array, rotations: Array) -> Body:
         ),
     )
     return Body("handle", shapes, np.zeros((len(rotations), 3)), rotations)
-
-
-DEMO = Demo("dzhanibekov", "A spinning T-handle turns over and back: when, by elliptic functions", _run)

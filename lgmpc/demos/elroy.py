@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Beanie
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 DURATION = 4.0
 BOY, BLADE = 0.8, 0.25
@@ -19,7 +19,8 @@ MOMENTUM = 0.5
 """N.m.s, in the second run."""
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     beanie = Beanie(BOY, BLADE)
     still, turning = _simulate(0.0), _simulate(MOMENTUM)
     times = np.linspace(0.0, DURATION, still.shape[1])
@@ -106,6 +107,3 @@ def _scene(motion: Array) -> tuple[Body, ...]:
     )
     still = np.zeros((motion.shape[1], 3))
     return Body("elroy", boy, still, turned(motion[0])), Body("propeller", blade, still, turned(motion[2]))
-
-
-DEMO = Demo("elroy", "Elroy's beanie: a geometric phase in closed form, with and without momentum", _run)

@@ -10,11 +10,11 @@ import math
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.mechanics import SIMO_WONG_TOP, UP, LagrangeTop, Motion
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 # A disc of 0.1 kg and 4 cm radius, 5 cm up a light axle.
 _TOP = LagrangeTop(transverse=0.1 * (0.04**2 / 4.0 + 0.05**2), axial=0.1 * 0.04**2 / 2.0, weight=0.1 * 9.81 * 0.05)
@@ -23,7 +23,8 @@ _SPIN = 1.5 * _TOP.critical_spin
 _STEP = 1e-4  # s
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     slow, fast = _TOP.steady_precession(_TILT, _SPIN)
     rotation, velocity = _TOP.start(_TILT, _SPIN)
     nodding = _simulate(rotation, velocity, 2.0)
@@ -169,6 +170,3 @@ def _body(rotations: Array, scale: float) -> Body:
         ),
     )
     return Body("top", shapes, np.zeros((len(rotations), 3)), rotations)
-
-
-DEMO = Demo("heavy-top", "A spinning top precesses, nods, sleeps and falls, as Lagrange's formulas say", _run)

@@ -11,14 +11,14 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
 from lgmpc.estimation.invariant_ekf import LEFT, MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
 from lgmpc.estimation.rehearsal import GRAVITY, Rehearsal, rehearse
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 RUNS, DURATION, EVERY = 16, 1.0, 20
 NOISE = ImuNoise(gyro=2e-3, accelerometer=2e-2, gyro_bias_walk=1e-3, accelerometer_bias_walk=1e-2)
@@ -50,7 +50,8 @@ class _Run:
     poses: Array
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     right, quaternion = (_live(form) for form in (RIGHT, MULTIPLICATIVE))
     settled = slice(SETTLED // EVERY, None)
     freedom = int(sum(run.freedoms[settled].sum() for run in right))
@@ -205,6 +206,3 @@ def _scene(walk: Rehearsal, right: _Run, quaternion: _Run) -> tuple[Body, ...]:
         points = walk.points[:, foot] + np.where(walk.touching[:, foot, None], 0.0, [0.0, 0.0, 0.05])
         found.append(Body(f"foot {foot + 1}", (Shape("sphere", (0.016,) * 3, color=0x333333),), points, still))
     return tuple(found)
-
-
-DEMO = Demo("inekf", "Contact-aided invariant filter: log-linear error, consistency, convergence from 45 degrees", _run)

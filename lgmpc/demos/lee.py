@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.quadrotor import (
     AttitudeCommand,
@@ -28,7 +28,7 @@ from lgmpc.mechanics.quadrotor import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 _QUADROTOR = Quadrotor.of_the_paper()
 _REAL = _QUADROTOR.limited(lift=2.5, moment=20.0)
@@ -50,7 +50,8 @@ class _TurnOnly:
         return np.zeros(state.rate.shape[:-1]), self.geometric.moment(state, upright)
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     pendulum, swing = _pendulum()
     tracking, path = _tracking()
     start = _tumbling()
@@ -197,6 +198,3 @@ def _vehicle(name: str, flight: Flight, index: int, every: slice, aside: float, 
     ]
     positions = flight.states.position[every, index] + [0.0, aside, 0.0]
     return Body(name, tuple(shapes), positions, flight.states.rotation[every, index])
-
-
-DEMO = Demo("lee", "A quadrotor recovers from almost every attitude, without angles", _run)

@@ -10,19 +10,20 @@ import math
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, Poinsot, torque_free_body
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 _MOMENTS = np.array([4.0, 9.0, 12.0])  # kg.m^2
 _VELOCITY = np.array([1.6, 0.5, 1.3])  # rad/s
 _STEPS = 20000  # a period
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     top = EulerTop(np.diag(_MOMENTS), _VELOCITY)
     # The momentum upright, the plane below: the world is turned so that the picture stands.
     up = top.inertia @ _VELOCITY / top.momentum
@@ -160,6 +161,3 @@ def _plane(construction: Poinsot, count: int) -> Body:
     shape = Shape("box", (1.2, 1.2, thickness), color=0x9DA7B1, opacity=0.5)
     position = (construction.distance + thickness / 2.0) * construction.normal
     return Body("plane", (shape,), np.tile(position, (count, 1)), np.tile(np.eye(3), (count, 1, 1)))
-
-
-DEMO = Demo("poinsot", "A free body's ellipsoid of inertia rolls on a plane without slipping", _run)

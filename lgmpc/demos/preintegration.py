@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.estimation.inertial import (
     ImuNoise,
     IncrementRule,
@@ -22,7 +22,7 @@ from lgmpc.estimation.inertial import (
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = ImuNoise(gyro=2e-2, accelerometer=1e-1)
@@ -33,7 +33,8 @@ DIRECTION = np.array([1.0, -2.0, 1.5, 3.0, -1.0, 2.0])
 """Of the biases' change: rad/s, then m/s2."""
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     start, exact = _start(), _exact()
     rows, motion = _samples(PERIOD), _integrated(_samples(PERIOD), PERIOD)
     stepped = start
@@ -239,6 +240,3 @@ def _spread_panel(rows: Array, spread: Array) -> Panel:
 
 def _slope(sizes: Array, errors: Array) -> float:
     return float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
-
-
-DEMO = Demo("preintegration", "IMU preintegration on SE_2(3): exact and held forms, bias correction, covariance", _run)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ellipk
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics import Motion, discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 STEP, DURATION = 5e-3, 20.0
 """s."""
@@ -32,7 +32,8 @@ TILT = 1e-3
 """Of its path at the start, rad."""
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     rows: list[Row] = []
     rise = _rise(rows)
     swing = _swing(rows)
@@ -168,6 +169,3 @@ def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:
         Body("robot", robot, rise.poses[index, :3, 3] + aside, rise.poses[index, :3, :3]),
         Body("torpedo", hull, torpedo[:, :3, 3], torpedo[:, :3, :3]),
     )
-
-
-DEMO = Demo("rov", "Under water: terminal speed, righting, Munk instability, Kirchhoff's Casimirs", _run)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Connection, ThreeLink, circle
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 CENTER = (1.0, -1.0)
 """rad; both ends bent to the same side. Around the straight shape the curvature averages out: no turn there."""
@@ -22,7 +22,8 @@ FRAMES = 40
 """A wriggle."""
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     snake = ThreeLink([1.0, 1.5, 1.0], [0.5, 0.6, 0.5])
     connection = snake.connection()
     rows, phases = [], {}
@@ -121,6 +122,3 @@ def _scene(snake: ThreeLink, shapes: Array, theta: Array) -> tuple[Body, ...]:
         ends = tuple(Shape("sphere", (0.05, 0.05, 0.05), (x, 0.0, 0.0), 0x333333) for x in (-length / 2, length / 2))
         bodies.append(Body(name, (shape, *ends), positions, turns))
     return tuple(bodies)
-
-
-DEMO = Demo("snake", "Three links turn in space by wriggling: holonomy, curvature, area law", _run)

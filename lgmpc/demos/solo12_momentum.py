@@ -11,14 +11,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import simpson
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3
 from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
 from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 _STEP, _STEPS = 5e-4, 1200
 _PULL = (400, 520)
@@ -40,7 +40,8 @@ class _Flight:
     terms: tuple[CentroidalTerms, ...]
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     robot = load_robot(
         RobotSpec(
             "solo12",
@@ -205,6 +206,3 @@ def _bodies(robot: Robot, qs: Array) -> list[Body]:
 def _turns(placed: Array, joint: int) -> Array:
     turns: Array = placed[:, joint, :3, :3]
     return turns
-
-
-DEMO = Demo("solo12-momentum", "Solo12 kicks in the air: only gravity and a pull change its momentum", _run)

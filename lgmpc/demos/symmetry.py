@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.mechanics import (
     HEIGHT,
     UP,
@@ -25,7 +25,7 @@ from lgmpc.mechanics import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["DEMO"]
+__all__ = ["run"]
 
 _EDGES = np.array([0.3, 0.2, 0.1])  # of a box, m
 _MASS = 1.5  # kg
@@ -69,7 +69,8 @@ _CASES = (
 )
 
 
-def _run() -> Outcome:
+def run() -> Outcome:
+    """Compute it, in a few seconds."""
     rows: list[Row] = []
     shown: dict[str, tuple[Motion, Array]] = {}
     for case in _CASES:
@@ -140,6 +141,3 @@ def _body(motion: Motion) -> Body:
         Shape("sphere", (0.02, 0.02, 0.02), color=0xE69F00),
     )
     return Body("box", shapes, motion.poses[:, :3, 3], motion.poses[:, :3, :3])
-
-
-DEMO = Demo("symmetry", "What is symmetric is conserved, and no more: free, falling, in a bowl, held at a point", _run)

@@ -10,7 +10,7 @@ from lgmpc.mechanics import EulerTop, Motion
 
 
 def test_it_turns_over_when_predicted() -> None:
-    outcome = dzhanibekov.DEMO.run()
+    outcome = dzhanibekov.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     flips = next(row for row in outcome.rows if row.quantity == "flips")
     assert flips.measured == 3
@@ -27,7 +27,7 @@ def test_another_inertia_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         return simulate(EulerTop(top.inertia + np.diag([1e-7, 0.0, 0.0]), top.velocity, top.rotation), end)
 
     monkeypatch.setattr(dzhanibekov, "_simulate", heavier)
-    wrong = [row.quantity for row in dzhanibekov.DEMO.run().rows if not row.agrees]
+    wrong = [row.quantity for row in dzhanibekov.run().rows if not row.agrees]
     assert {"flip 1 at", "time between flips", "rate at which a small tilt grows"} <= set(wrong)
 
 

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lgmpc.demos.elroy import DEMO
+from lgmpc.demos.elroy import run
 from lgmpc.demos.outcome import Outcome
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    return DEMO.run()
+    return run()
 
 
 def test_every_prediction_is_met(outcome: Outcome) -> None:

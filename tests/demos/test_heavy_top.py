@@ -16,7 +16,7 @@ def few_points_on_the_curve(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_it_precesses_nods_sleeps_and_falls_as_predicted() -> None:
-    outcome = heavy_top.DEMO.run()
+    outcome = heavy_top.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert outcome.times is not None
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
@@ -30,5 +30,5 @@ def test_another_weight_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         return heavier.system.simulate(rotation, velocity, rotation.T @ UP, step=step, steps=steps, every=10)
 
     monkeypatch.setattr(heavy_top, "_simulate", simulate)
-    wrong = {row.quantity for row in heavy_top.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in heavy_top.run().rows if not row.agrees}
     assert {"slow precession", "nutation: period", "tilt off its elliptic function"} <= wrong

@@ -12,7 +12,7 @@ from lgmpc.demos import inekf
 
 @pytest.mark.slow
 def test_it_is_log_linear_consistent_and_converges() -> None:
-    outcome = inekf.DEMO.run()
+    outcome = inekf.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert outcome.times is not None
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
@@ -32,5 +32,5 @@ def test_noise_that_the_filter_was_not_told_of_is_noticed(monkeypatch: pytest.Mo
         return honest(rng, replace(noise, gyro=10.0 * noise.gyro), **keywords)
 
     monkeypatch.setattr(inekf, "rehearse", noisy)
-    wrong = {row.quantity for row in inekf.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in inekf.run().rows if not row.agrees}
     assert "right form: NEES / freedom" in wrong

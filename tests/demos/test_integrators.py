@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 
-from lgmpc.demos.integrators import DEMO
+from lgmpc.demos.integrators import run
 from lgmpc.demos.outcome import Outcome
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    return DEMO.run()
+    return run()
 
 
 def test_every_prediction_is_met(outcome: Outcome) -> None:

@@ -11,7 +11,7 @@ from lgmpc.demos import lee
 
 @pytest.mark.slow
 def test_every_prediction_is_met() -> None:
-    outcome = lee.DEMO.run()
+    outcome = lee.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert len(outcome.bodies) == 2 and len(outcome.times) == len(outcome.bodies[0].positions)
 

@@ -11,7 +11,7 @@ from lgmpc.mechanics import EulerTop, Motion, torque_free_body
 
 
 def test_it_rolls_as_predicted() -> None:
-    outcome = poinsot.DEMO.run()
+    outcome = poinsot.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert outcome.times is not None
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
@@ -29,7 +29,7 @@ def test_a_small_torque_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         return system.simulate(top.rotation, top.velocity, step=top.period / steps, steps=steps)
 
     monkeypatch.setattr(poinsot, "_simulate", pushed)
-    wrong = {row.quantity for row in poinsot.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in poinsot.run().rows if not row.agrees}
     assert {"highest point of contact from the centre", "polhode closes after a period"} <= wrong
 
 
@@ -46,5 +46,5 @@ def test_a_slipping_ellipsoid_is_noticed(monkeypatch: pytest.MonkeyPatch) -> Non
         return Motion(motion.times, turns @ motion.poses, motion.velocities, motion.advected)
 
     monkeypatch.setattr(poinsot, "_simulate", slipping)
-    wrong = {row.quantity for row in poinsot.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in poinsot.run().rows if not row.agrees}
     assert wrong == {"path on the plane, as long as the one on the body", "turn about the momentum in a period"}

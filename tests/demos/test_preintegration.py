@@ -14,7 +14,7 @@ def few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_predictions_are_met() -> None:
-    outcome = preintegration.DEMO.run()
+    outcome = preintegration.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert outcome.times is not None
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
@@ -22,7 +22,7 @@ def test_predictions_are_met() -> None:
 
 def test_a_held_increment_is_not_taken_for_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(preintegration, "exponential_increment", zero_order_hold_increment)
-    wrong = {row.quantity for row in preintegration.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in preintegration.run().rows if not row.agrees}
     assert "exact form less DOP853" in wrong
 
 
@@ -32,5 +32,5 @@ def test_noise_that_was_not_told_is_noticed(monkeypatch: pytest.MonkeyPatch) -> 
             super().__init__(ImuNoise(0.5 * noise.gyro, 0.5 * noise.accelerometer), *arguments)
 
     monkeypatch.setattr(preintegration, "Preintegration", Overconfident)
-    wrong = {row.quantity for row in preintegration.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in preintegration.run().rows if not row.agrees}
     assert wrong == {"noise: NEES / freedom", "noise: deviation of height"}

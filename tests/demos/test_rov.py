@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from lgmpc.demos.outcome import Outcome
-from lgmpc.demos.rov import DEMO
+from lgmpc.demos.rov import run
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    return DEMO.run()
+    return run()
 
 
 def test_every_prediction_is_met(outcome: Outcome) -> None:

@@ -14,7 +14,7 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_momentum_is_as_predicted() -> None:
-    outcome = solo12_momentum.DEMO.run()
+    outcome = solo12_momentum.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     pulled = [row.measured for row in outcome.rows if row.quantity.startswith("angular momentum at the end")]
     assert np.linalg.norm(pulled) > 0.01, "the pull should turn the robot"
@@ -31,4 +31,4 @@ def test_a_force_that_is_not_accounted_for_is_noticed(monkeypatch: pytest.Monkey
             return fly(robot)
 
     monkeypatch.setattr(solo12_momentum, "_fly", with_a_secret_pull)
-    assert not solo12_momentum.DEMO.run().agrees
+    assert not solo12_momentum.run().agrees

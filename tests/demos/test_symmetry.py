@@ -12,7 +12,7 @@ from lgmpc.mechanics import free_body
 
 
 def test_what_is_symmetric_is_conserved() -> None:
-    outcome = symmetry.DEMO.run()
+    outcome = symmetry.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     stay = [row.measured for row in outcome.rows if row.quantity.endswith("momenta that stay")]
     assert stay == [6, 3, 3, 1, 0, 1]
@@ -25,7 +25,7 @@ def test_a_force_that_is_not_in_the_lagrangian_is_noticed(monkeypatch: pytest.Mo
     free, *others = symmetry._CASES
     rough = free_body(symmetry._BOX, spatial_force=lambda s: ca.DM([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
     monkeypatch.setattr(symmetry, "_CASES", (replace(free, system=rough), *others))
-    wrong = {row.quantity for row in symmetry.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in symmetry.run().rows if not row.agrees}
     assert wrong == {"free: momenta that stay", "free: relative change of those"}
 
 
@@ -33,5 +33,5 @@ def test_a_textbook_that_is_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) ->
     """The chapter's table counts one symmetry on a plane."""
     cases = [replace(c, symmetries=1) if "plane" in c.name else c for c in symmetry._CASES]
     monkeypatch.setattr(symmetry, "_CASES", tuple(cases))
-    wrong = {row.quantity for row in symmetry.DEMO.run().rows if not row.agrees}
+    wrong = {row.quantity for row in symmetry.run().rows if not row.agrees}
     assert wrong == {"on a springy, level plane: symmetries, textbook and Lagrangian"}

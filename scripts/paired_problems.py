@@ -150,8 +150,8 @@ class Stance:
 class Trot(Stance):
     """Solo12 takes one trotting step with each diagonal pair of feet: contacts, footholds and swings change on the way.
 
-    Friction is a soft cone, and low enough to matter. Here the contacts are flags, and all nodes have the same action; there each phase has a
-    model of its own.
+    Friction is a soft cone, and low enough to matter. Here the contacts are flags, and all nodes have the same action;
+    there each phase has a model of its own.
 
     Attributes:
         stand: intervals on four feet, before, between and after the swings.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
     from lgmpc.mechanics.reduction.terms import Symbols
 
-__all__ = ["Rollout", "check_grid", "runge_kutta4", "step_of"]
+__all__ = ["Rollout", "check_grid", "runge_kutta4", "state_of", "step_of"]
 
 CHUNK = 4096
 """Steps kept in memory between two stored rows at least, so that one call does many."""
@@ -36,10 +36,14 @@ def step_of(
     method: str, system: EulerPoincare, s: Symbols, h: Any, pose: Any, velocity: Any, advected: Any
 ) -> ca.Function:
     """Return a method's step as a function (time, step, x, p) -> x_next, ``x = [vec(pose); velocity; advected]``."""
-    x = ca.vertcat(ca.vec(s.pose), s.velocity, s.advected)
-    x_next = ca.vertcat(ca.vec(ca.densify(pose)), velocity, advected)
-    inputs, name = [s.time, h, x, s.parameters], f"{system.name}_{method}"
-    return ca.Function(name, inputs, [ca.densify(x_next)], ["time", "step", "x", "p"], ["x_next"])
+    inputs = [s.time, h, state_of(s.pose, s.velocity, s.advected), s.parameters]
+    x_next = state_of(pose, velocity, advected)
+    return ca.Function(f"{system.name}_{method}", inputs, [x_next], ["time", "step", "x", "p"], ["x_next"])
+
+
+def state_of(pose: Any, velocity: Any, advected: Any) -> Any:
+    """Return the column ``[vec(pose); velocity; advected]``."""
+    return ca.densify(ca.vertcat(ca.vec(pose), velocity, advected))
 
 
 def check_grid(step: float, steps: int, every: int) -> None:

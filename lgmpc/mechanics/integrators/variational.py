@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.integrators.rollout import step_of
+from lgmpc.mechanics.integrators.rollout import state_of, step_of
 
 if TYPE_CHECKING:
     from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
@@ -91,23 +91,28 @@ def discrete_euler_poincare(system: EulerPoincare) -> ca.Function:
         InputError: another system.
     """
     s, h, group = system.symbols(), ca.SX.sym("step"), system.group.symbolic
-    inertia = _inertia(system, s)
-    mu, xi = inertia @ s.velocity, ca.SX.sym("xi", system.group.dim)
-    before = system.loads(s.time, s.pose, xi, s.advected, s.parameters)
-    residual = group.left_jacobian_inverse(h * xi).T @ (inertia @ xi) - mu - h / 2 * before
+    inertia, xi = _inertia(system, s), ca.SX.sym("xi", system.group.dim)
+    half = h / 2 * system.loads(s.time, s.pose, xi, s.advected, s.parameters)
+    mu = inertia @ s.velocity + half
+    residual = group.left_jacobian_inverse(h * xi).T @ (inertia @ xi) - mu
     newton = xi - ca.solve(ca.jacobian(residual, xi), residual)
-    state = ca.vertcat(s.time, h, ca.vec(s.pose), s.velocity, s.advected, s.parameters)
-    improve, push = ca.Function("improve", [xi, state], [newton]), ca.Function("push", [xi, state], [before])
 
-    found = s.velocity
-    for _ in range(NEWTON_STEPS):
-        found = improve(found, state)
-    turned = group.exp(h * found)
-    pose, advected = group.compose(s.pose, turned), system.carry(s.advected, h * found)
-    momentum = group.adjoint(turned).T @ (mu + h / 2 * push(found, state))
-    momentum += h / 2 * system.loads(s.time + h, pose, found, advected, s.parameters)
+    turned = group.exp(h * xi)
+    pose, advected = group.compose(s.pose, turned), system.carry(s.advected, h * xi)
+    momentum = group.adjoint(turned).T @ mu + h / 2 * system.loads(s.time + h, pose, xi, advected, s.parameters)
     velocity = ca.ldl_solve(momentum, *ca.ldl(inertia))
-    return step_of("discrete_euler_poincare", system, s, h, pose, velocity, advected)
+
+    # Calls, not copies: one iteration is compiled, and run as often as it takes.
+    inputs = ["xi", "time", "step", "x", "p"]
+    arguments = [xi, s.time, h, state_of(s.pose, s.velocity, s.advected), s.parameters]
+    improve = ca.Function("improve", arguments, [newton], inputs, ["xi_next"])
+    finish = ca.Function("finish", arguments, [state_of(pose, velocity, advected)], inputs, ["x_next"])
+    outer = [ca.MX.sym(name, *improve.size_in(name)) for name in inputs[1:]]
+    found = outer[2][system.group.size**2 :][: system.group.dim]
+    for _ in range(NEWTON_STEPS):
+        found = improve(found, *outer)
+    name = f"{system.name}_discrete_euler_poincare"
+    return ca.Function(name, outer, [finish(found, *outer)], inputs[1:], ["x_next"])
 
 
 def _inertia(system: EulerPoincare, s: Symbols) -> Any:

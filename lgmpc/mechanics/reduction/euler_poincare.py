@@ -28,6 +28,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.mechanics.integrators.rollout import Rollout
@@ -163,17 +164,19 @@ class EulerPoincare(ABC):
 
     @functools.cached_property
     def observables(self) -> ca.Function:
-        """(time, pose, velocity, advected, parameters) -> momentum (dim,), energy ``<mu, xi> - l + V``, mass matrix."""
+        """(time, pose, velocity, advected, parameters) -> momentum (dim,), energy ``<mu, xi> - l + V``."""
         s = self.symbols()
         lagrangian = self.reduced(s)
         momentum = ca.gradient(lagrangian, s.velocity)
         energy = ca.dot(momentum, s.velocity) - lagrangian
         if self.potential is not None:
             energy += self.potential(s)
-        mass = ca.jacobian(momentum, s.velocity)
-        return ca.Function(
-            f"{self.name}_observables", _inputs(s), [momentum, energy, mass], _INPUTS, ["momentum", "energy", "mass"]
-        )
+        name, outputs = f"{self.name}_observables", [ca.densify(momentum), energy]
+        return ca.Function(name, _inputs(s), outputs, _INPUTS, ["momentum", "energy"])
+
+    @functools.cached_property
+    def _observer(self) -> StageKernel:
+        return StageKernel(self.observables)
 
     @functools.cached_property
     def _rollouts(self) -> dict[Method, Rollout]:
@@ -231,16 +234,25 @@ class EulerPoincare(ABC):
         return self._observe(motion)[1][:, 0]
 
     def _observe(self, motion: Motion) -> tuple[Array, Array]:
-        count, size = len(motion.times), self.group.size
-        poses = motion.poses.transpose(1, 0, 2).reshape(size, count * size)
-        momentum, energy, _ = self.observables.map(count)(
-            motion.times[None], poses, motion.velocities.T, motion.advected.T, np.tile(self.parameters, (count, 1)).T
-        )
-        return momentum.full().T, energy.full().T
+        count, dim = len(motion.times), self.group.dim
+        momentum, energy = np.empty((count, dim)), np.empty((count, 1))
+        self._observer.bind(
+            count,
+            time=motion.times[:, None],
+            pose=np.ascontiguousarray(motion.poses.transpose(0, 2, 1)).reshape(count, -1),
+            velocity=np.ascontiguousarray(motion.velocities),
+            advected=np.ascontiguousarray(motion.advected),
+            parameters=self.parameters,
+            momentum=momentum,
+            energy=energy,
+        )()
+        return momentum, energy
 
     def _check_mass(self, pose: Array, velocity: Array, advected: Array) -> None:
-        mass = self.observables(0.0, pose, velocity, advected, self.parameters)[2].full()
-        lowest = float(np.linalg.eigvalsh((mass + mass.T) / 2)[0]) if np.isfinite(mass).all() else np.nan
+        s = self.symbols()
+        curvature = ca.hessian(self.reduced(s), s.velocity)[0]
+        mass = ca.Function("mass", _inputs(s), [curvature])(0.0, pose, velocity, advected, self.parameters).full()
+        lowest = float(np.linalg.eigvalsh(mass)[0]) if np.isfinite(mass).all() else np.nan
         if not lowest > 0.0:
             expected = "a Lagrangian whose second derivative by the velocity is positive definite at the start"
             raise InputError("lagrangian", f"a second derivative with lowest eigenvalue {lowest:.3g}", expected)

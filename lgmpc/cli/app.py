@@ -1,4 +1,4 @@
-"""The commands: what they are called, what they take, what their help says."""
+"""The commands: what they are called, and what they take. Examples are in :mod:`lgmpc.cli.help`."""
 
 from __future__ import annotations
 
@@ -9,81 +9,14 @@ from typing import Annotated
 import typer
 
 from lgmpc import __version__
+from lgmpc.cli import help
 from lgmpc.cli.failures import guarded
 
 __all__ = ["app"]
 
-_OVERVIEW = """Lie-group trajectory optimisation and model-predictive control of floating-base robots.
-
-A config (YAML) describes a robot and what counts as success and, either, a simulated world, controllers and
-disturbances, which `lgmpc run` plays through, or a problem and a solver, whose trajectory `lgmpc solve` finds.
-Both save a run folder; `lgmpc play` and `lgmpc plot` show what happened.
-
-[bold]Start here[/bold]
-
-  lgmpc doctor                               is everything installed?
-  lgmpc run configs/solo12_balance.yaml      push Solo12, see it recover
-  lgmpc solve configs/panda_reach.yaml       optimise a trajectory
-  lgmpc play latest                          watch that run in the browser
-
-[bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 mistake in lgmpc
-"""
-
-_RUN_EXAMPLES = """[bold]Examples[/bold]
-
-  lgmpc run configs/solo12_balance.yaml
-
-  lgmpc run configs/solo12_balance.yaml --set mpc.enabled=false --set plant.friction=0.4
-
-  lgmpc run configs/solo12_balance.yaml --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs
-
-  lgmpc run runs/<time>-<name>/config.yaml      repeat a run
-"""
-
-_SOLVE_EXAMPLES = """[bold]Examples[/bold]
-
-  lgmpc solve configs/panda_reach.yaml
-
-  lgmpc solve configs/panda_reach.yaml --set "problem.position_m=[0.4, 0.3, 0.5]" solver.method=sqp
-
-  lgmpc solve configs/solo12_com_circle_full_body.yaml --json | jq .figures
-"""
-
-_PLAY_EXAMPLES = """[bold]Examples[/bold]
-
-  lgmpc play latest                          in the browser, with a time slider
-
-  lgmpc play latest --html balance.html      one page that needs nothing else
-"""
-
-_CHECK_EXAMPLES = """[bold]Examples[/bold]
-
-  lgmpc check configs/solo12_balance.yaml
-
-  lgmpc check my.yaml --set robot.model=anymal_c
-
-  lgmpc check configs/panda_reach.yaml       which figures can be bounded
-"""
-
-_DEMO_EXAMPLES = """[bold]Examples[/bold]
-
-  lgmpc demo                                 which there are
-
-  lgmpc demo dzhanibekov                     a body that keeps turning over
-
-  lgmpc demo integrators --out /tmp/demo --format svg --no-view
-"""
-
-_SCHEMA_EXAMPLES = """[bold]Example[/bold]
-
-  lgmpc schema --out configs/schema.json
-
-and as first line of a config: # yaml-language-server: $schema=schema.json
-"""
-
 app = typer.Typer(
     name="lgmpc",
-    help=_OVERVIEW,
+    help=help.OVERVIEW,
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -132,7 +65,7 @@ def _options(
     """Options before any command."""
 
 
-@app.command(epilog=_RUN_EXAMPLES)
+@app.command(epilog=help.RUN)
 @guarded
 def run(
     config: ConfigFile,
@@ -157,7 +90,7 @@ def run(
     raise typer.Exit(run_shown(loaded, out, as_json=as_json))
 
 
-@app.command(epilog=_SOLVE_EXAMPLES)
+@app.command(epilog=help.SOLVE)
 @guarded
 def solve(
     config: ConfigFile,
@@ -179,7 +112,7 @@ def solve(
     raise typer.Exit(solve_shown(loaded, out, as_json=as_json, quiet=quiet))
 
 
-@app.command(epilog=_PLAY_EXAMPLES)
+@app.command(epilog=help.PLAY)
 @guarded
 def play(
     run: RunName,
@@ -201,7 +134,7 @@ def play(
     play_folder(folder, html, port)
 
 
-@app.command()
+@app.command(epilog=help.PLOT)
 @guarded
 def plot(
     run: RunName,
@@ -227,7 +160,7 @@ class FigureKind(str, Enum):
     SVG = "svg"
 
 
-@app.command(epilog=_DEMO_EXAMPLES)
+@app.command(epilog=help.DEMO)
 @guarded
 def demo(
     name: Annotated[str, typer.Argument(metavar="[NAME]", help="Which; all are listed if not given.")] = "",
@@ -248,7 +181,7 @@ def demo(
     raise typer.Exit(show_demo(name, out, figure.value, view=view, as_json=as_json))
 
 
-@app.command(epilog=_CHECK_EXAMPLES)
+@app.command(epilog=help.CHECK)
 @guarded
 def check(
     config: ConfigFile,
@@ -256,23 +189,15 @@ def check(
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Check a config without running or solving it: keys, values, robot, frames, bodies of pushes, figures."""
-    from lgmpc.config import SolveConfig, load_any_config
+    from lgmpc.config import load_any_config
 
     loaded = load_any_config(config, [*overrides, *more])
-    from lgmpc.cli.screen import show_checked, show_checked_problem
-    from lgmpc.config.notes import notes_on
-    from lgmpc.config.robots import build_robot
+    from lgmpc.cli.checking import show_checked
 
-    if isinstance(loaded, SolveConfig):
-        from lgmpc.config.solving import check_scenario
-
-        show_checked_problem(loaded, *check_scenario(loaded))
-        return
-    robot = build_robot(loaded)
-    show_checked(loaded, robot, (*notes_on(loaded), *robot.notes))
+    show_checked(loaded)
 
 
-@app.command()
+@app.command(epilog=help.DOCTOR)
 @guarded
 def doctor() -> None:
     """Show what is installed, which compiler and cache are used, and test them.
@@ -284,7 +209,7 @@ def doctor() -> None:
     raise typer.Exit(show_diagnosis())
 
 
-@app.command(epilog=_SCHEMA_EXAMPLES)
+@app.command(epilog=help.SCHEMA)
 @guarded
 def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,

@@ -15,11 +15,14 @@ from rich.logging import RichHandler
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from lgmpc.cli.screen import err, show_finished
+from lgmpc.cli.figures import Row, figure_table
+from lgmpc.cli.screen import err, out, show_next, show_verdict
 from lgmpc.config import Config
 from lgmpc.config.build import build_gate
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
+from lgmpc.runs import Gate, Metrics, measured
+from lgmpc.runs.figures import figure_of
 
 __all__ = ["run_shown", "warnings_on"]
 
@@ -32,8 +35,38 @@ def run_shown(config: Config, folder: Path, *, as_json: bool) -> int:
     if as_json:
         _print_json(finished)
     else:
-        show_finished(finished, build_gate(config))
+        _show(finished, build_gate(config))
     return finished.session.verdict.exit_code
+
+
+def _show(run: FinishedRun, gate: Gate) -> None:
+    """Print the figures, the verdict, and what can be done with the run."""
+    console, metrics = out(), run.session.metrics
+    if metrics is not None:
+        console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))
+    show_verdict(console, run.session.verdict, run.result.name)
+    show_next(console, run.folder.path)
+
+
+def _limited(metrics: Metrics, gate: Gate) -> Iterator[Row]:
+    for name, limit in vars(gate).items():
+        if limit is not None and name != "steady_from_s":
+            yield Row.of(figure_of(name), measured(metrics, name), limit, highest=name.startswith("max_"))
+
+
+def _always_shown(metrics: Metrics) -> Iterator[Row]:
+    estimator = metrics.estimator
+    rows = (
+        Row("survived", "s", metrics.survived_s),
+        Row("MPC update p50", "ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
+        Row("whole-body tick p50", "ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
+        Row("estimator tick p50", "ms", metrics.estimator_ms.p50 if metrics.estimator_ms else None),
+        Row("estimated position off by", "mm", 1e3 * estimator.max_position_m if estimator else None),
+        Row("estimated tilt off by", "deg", estimator.max_tilt_deg if estimator else None),
+        Row("estimated yaw off by", "deg", estimator.max_yaw_deg if estimator else None),
+        Row("real-time factor", "", metrics.real_time_factor),
+    )
+    return (row for row in rows if row.value is not None)
 
 
 class _Display(Protocol):

@@ -16,12 +16,14 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
+from lgmpc.cli.figures import Row, figure_table
 from lgmpc.cli.running import warnings_on
-from lgmpc.cli.screen import err, figure_name, out, show_next, show_verdict
+from lgmpc.cli.screen import err, out, show_next, show_verdict
 from lgmpc.config import SolveConfig
 from lgmpc.config.session import Iteration
 from lgmpc.config.solve_execution import FinishedSolve, solve_config
 from lgmpc.runs import Outcome
+from lgmpc.runs.figures import figure_of
 
 __all__ = ["solve_shown"]
 
@@ -45,7 +47,7 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
 def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
     console, outcome = out(), finished.outcome
     if not quiet:
-        console.print(_figures(outcome.figures, config.gate.bounds))
+        console.print(figure_table(_rows(outcome.figures, config.gate.bounds)))
     if not outcome.converged and outcome.verdict.outcome is not Outcome.INTERRUPTED:
         console.print(Text(outcome.explanation))
     show_verdict(console, outcome.verdict, finished.result.name)
@@ -53,36 +55,14 @@ def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
         show_next(console, finished.folder.path)
 
 
-def _figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Table:
+def _rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator[Row]:
     """Every figure; those with bounds first, a line for each bound."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("figure")
-    table.add_column("measured", justify="right")
-    table.add_column("allowed", justify="right")
-    table.add_column("")
-    bounded = set()
     for bound, limit in bounds.items():
-        figure, highest = bound[len("max_") :], bound.startswith("max_")
-        bounded.add(figure)
-        value = figures[figure]
-        kept = value <= limit if highest else value >= limit
-        mark = Text("ok", "green") if kept else Text("broken", "bold red")
-        name, scale = figure_name(figure)
-        table.add_row(name, _number(scale * value), f"{'<=' if highest else '>='} {scale * limit:g}", mark)
+        yield Row.of(figure_of(bound), figures[figure_of(bound)], limit, highest=bound.startswith("max_"))
+    bounded = set(map(figure_of, bounds))
     for figure, value in figures.items():
         if figure not in bounded and not math.isnan(value):
-            name, scale = figure_name(figure)
-            table.add_row(name, _number(scale * value), "", "")
-    return table
-
-
-def _number(value: float) -> str:
-    """Three digits, with an exponent only for what is very small or very large."""
-    if math.isnan(value):
-        return "-"
-    if 0.0 < abs(value) < 1e-3:
-        return f"{value:.2e}"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
+            yield Row.of(figure, value)
 
 
 class _Display(Protocol):

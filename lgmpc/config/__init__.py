@@ -9,10 +9,11 @@ from lgmpc.config.loading import (
     parse_config,
     parse_solve_config,
 )
-from lgmpc.config.schema import Config, SolveConfig
+from lgmpc.config.schema import Config, Document, SolveConfig
 
 __all__ = [
     "Config",
+    "Document",
     "SolveConfig",
     "dump_config",
     "load_any_config",

@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -188,7 +188,16 @@ def _all_keys(section: type[Section], prefix: str = "") -> Iterator[str]:
 
 def _literals(root: type[Section], path: list[str], data: Any) -> list[str]:
     info = _field(root, path, data)
-    return [str(value) for value in get_args(info.annotation)] if info else []
+    return [str(value) for value in _literal_values(info.annotation)] if info else []
+
+
+def _literal_values(annotation: Any) -> Iterator[Any]:
+    """Find the values of an annotation such as ``Literal["a", "b"] | None`` or ``tuple[Literal["a"], ...]``."""
+    if get_origin(annotation) is Literal:
+        yield from get_args(annotation)
+    else:
+        for inner in get_args(annotation):
+            yield from _literal_values(inner)
 
 
 def _description(root: type[Section], path: list[str], data: Any) -> str:

@@ -11,7 +11,7 @@ from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
 from lgmpc.runs.recorder import Recorder
 from lgmpc.runs.result import RunResult, SolveResult
 from lgmpc.runs.trajectory import TrajectoryLog
-from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge
+from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge, measured
 
 __all__ = [
     "Change",
@@ -37,6 +37,7 @@ __all__ = [
     "host_info",
     "judge",
     "judge_figures",
+    "measured",
     "push_intervals",
     "versions",
 ]

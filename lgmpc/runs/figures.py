@@ -1,12 +1,11 @@
-"""Bounds on named figures, such as those of a solved problem."""
+"""Named figures, such as those of a solved problem: their words, their units, their bounds."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
-from lgmpc.runs.verdict import short_number
-
-__all__ = ["figure_of", "figure_words", "judge_figures", "unknown_bounds"]
+__all__ = ["figure_number", "figure_of", "figure_words", "judge_figures", "short_number", "unknown_bounds"]
 
 _UNITS = {
     "_rad_s": ("rad/s", 1.0),
@@ -22,6 +21,9 @@ _UNITS = {
 }
 """Ending of a figure's name, the unit that its values read best in, and how many of these one of the name's is."""
 
+_SMALL = 1e-3
+"""What is smaller, in its unit, is told as no more than that: nobody reads 2.8e-05 deg."""
+
 
 def figure_of(bound: str) -> str:
     """Return the figure that a bound is about: ``max_com_error_m`` is about ``com_error_m``."""
@@ -34,6 +36,31 @@ def figure_words(figure: str) -> tuple[str, str, float]:
         if figure.endswith(ending):
             return figure.removesuffix(ending).replace("_", " "), unit, scale
     return figure.replace("_", " "), "", 1.0
+
+
+def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
+    """Return a figure for people: three digits, and an exponent only where the order of magnitude is the point.
+
+    It is for numbers without a unit, such as residuals, and beside limits that are small themselves.
+
+    Args:
+        value: in the unit; NaN becomes "-".
+        unit: empty if it has none.
+        limit: that stands beside it, if any.
+    """
+    if math.isnan(value):
+        return "-"
+    if 0.0 < abs(value) < _SMALL:
+        if unit and (limit is None or abs(limit) >= 10.0 * _SMALL):
+            return f"< {_SMALL:g}" if value > 0.0 else f"> -{_SMALL:g}"
+        return f"{value:.1e}"
+    return _short(value)
+
+
+def short_number(value: float, limit: float) -> tuple[str, str]:
+    """Return a value and the limit that it breaks, short, but not so short that the two read the same."""
+    shown, allowed = _short(value), _short(limit)
+    return (shown, allowed) if shown != allowed else (f"{value:.7g}", f"{limit:.7g}")
 
 
 def unknown_bounds(bounds: Iterable[str], figures: Iterable[str]) -> list[str]:
@@ -53,3 +80,8 @@ def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> 
             ending, side = f" {unit}" if unit else "", "most" if highest else "least"
             reasons.append(f"{words} {shown}{ending}, allowed at {side} {allowed}{ending} ({bound})")
     return tuple(reasons)
+
+
+def _short(value: float) -> str:
+    """Three digits, but no exponent for what is merely large."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

@@ -39,6 +39,11 @@ class _Result:
     versions: Mapping[str, str]
     host: HostInfo
 
+    @property
+    def when(self) -> str:
+        """When it was made, for people: ``2026-03-01 12:00:00 UTC``."""
+        return self.created.replace("T", " ").replace("+00:00", " UTC")
+
     def to_json(self) -> str:
         """Return the text of ``run.json``."""
         content = {

@@ -7,9 +7,10 @@ from dataclasses import dataclass, fields
 from enum import Enum
 
 from lgmpc.errors import InputError
+from lgmpc.runs.figures import figure_of, short_number
 from lgmpc.runs.metrics import Metrics, Timing
 
-__all__ = ["Gate", "Outcome", "Verdict", "judge", "short_number"]
+__all__ = ["Gate", "Outcome", "Verdict", "judge", "measured"]
 
 
 class Outcome(str, Enum):
@@ -129,7 +130,7 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
             limit = getattr(gate, field, None)
             if limit is None:
                 continue
-            value = _measured(metrics, field)
+            value = measured(metrics, field)
             if value is None or math.isnan(value):
                 reasons.append(f"{field} was not measured, but the gate limits it to {limit:g}")
             elif value > limit if kind == "max" else value < limit:
@@ -137,12 +138,15 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
     return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 
 
-def _measured(metrics: Metrics, field: str) -> float | None:
-    """Return the metric that a gate field limits: same name, or the same without "max_", or a median duration."""
-    if field in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
-        timing: Timing | None = metrics.mpc_ms if field == "max_mpc_p50_ms" else metrics.wbc_ms
+def measured(metrics: Metrics, limit: str) -> float | None:
+    """Return the metric that a limit of the gate is about; ``None`` if it was not measured.
+
+    It is called like the limit, or like it without "max_" or "min_", or it is a median duration.
+    """
+    if limit in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
+        timing: Timing | None = metrics.mpc_ms if limit == "max_mpc_p50_ms" else metrics.wbc_ms
         return None if timing is None else timing.p50
-    value = getattr(metrics, field if hasattr(metrics, field) else field[4:])
+    value = getattr(metrics, limit if hasattr(metrics, limit) else figure_of(limit))
     return None if value is None else float(value)
 
 
@@ -151,14 +155,3 @@ def _sentence(words: _Words, value: float, limit: float, kind: str, field: str) 
     shown, allowed = short_number(words.scale * value, words.scale * limit)
     unit = f" {words.unit}" if words.unit else ""
     return f"{words.phrase} {shown}{unit}, allowed {bound} {allowed}{unit} ({field})"
-
-
-def short_number(value: float, limit: float) -> tuple[str, str]:
-    """Return a value and the limit that it breaks, short, but not so short that the two read the same."""
-    shown, allowed = _short(value), _short(limit)
-    return (shown, allowed) if shown != allowed else (f"{value:.7g}", f"{limit:.7g}")
-
-
-def _short(value: float) -> str:
-    """Three digits, but no exponent for what is merely large."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

@@ -53,8 +53,7 @@ def write_figures(drawings: Mapping[str, Callable[[Figure], bool]], title: str, 
 
 def figure_title(result: RunResult | SolveResult) -> str:
     """Return name, verdict and time of a run."""
-    when = result.created.replace("T", " ").replace("+00:00", " UTC")
-    return f"{result.name} · {result.verdict.outcome.value} · {when}"
+    return f"{result.name} · {result.verdict.outcome.value} · {result.when}"
 
 
 def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:

@@ -109,7 +109,7 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
         pushes.append({"start": push.start - origin, "end": push.end - origin, "impulse": impulse, "label": label})
     return {
         "name": result.name,
-        "created": f"{result.created.replace('T', ' ').replace('+00:00', ' UTC')} · {body.robot.name}",
+        "created": f"{result.when} · {body.robot.name}",
         "verdict": result.verdict.outcome.value,
         "reasons": list(result.verdict.reasons),
         "facts": _facts(run),

@@ -9,7 +9,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
-from lgmpc.runs.figures import figure_words
+from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
@@ -112,10 +112,9 @@ class _Framing:
 def _description(run: SolvedRun, robot: Robot, pictures: Pictures, scale: Scale) -> dict[str, object]:
     """Return what the page's panels say."""
     log, result = run.trajectory, run.result
-    when = result.created.replace("T", " ").replace("+00:00", " UTC")
     return {
         "name": result.name,
-        "created": f"{when} · {robot.name} · {result.method}",
+        "created": f"{result.when} · {robot.name} · {result.method}",
         "verdict": result.verdict.outcome.value,
         "reasons": list(result.verdict.reasons),
         "facts": _facts(run),
@@ -160,8 +159,7 @@ def _facts(run: SolvedRun) -> list[tuple[str, str]]:
     for name, value in run.result.figures.items():
         words, unit, scale = figure_words(name)
         if not np.isnan(value) and name not in ("complementarity", "constraint_violation"):
-            shown = f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e6 else f"{scale * value:.3g}"
-            facts.append((words, f"{shown} {unit}".rstrip()))
+            facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
     return facts[:_FACTS]
 
 

@@ -72,6 +72,7 @@ BAD = [
     ("problem.kind=reech", "problem.kind: got the text 'reech'; expected one of"),
     ("problem.position_m=[0, 1]", "problem.position_m: got the list [0, 1]; expected a list of three numbers"),
     ("problem.frame=link3", "problem.frame: got link3; expected a frame of 2dof_planar. Did you mean link2"),
+    ("problem={kind: gait, pattern: trott}", "expected one of walk, trot, pace, bound (A quadruped's gait"),
     ("solver.methd=sqp", "Did you mean solver.method?"),
     ("solver.method=ddp", "solver.method: got the text 'ddp'; expected one of fddp, box_fddp"),
     ("solver.max_iterations=-1", "solver.max_iterations: got -1; expected a number not below 0"),

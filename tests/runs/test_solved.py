@@ -13,7 +13,7 @@ import pytest
 
 from lgmpc.errors import RunFolderError
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult, TrajectoryLog, Verdict, judge_figures
-from lgmpc.runs.figures import figure_words, unknown_bounds
+from lgmpc.runs.figures import figure_number, figure_words, unknown_bounds
 
 
 def trajectory(**changes: Any) -> TrajectoryLog:
@@ -161,3 +161,21 @@ def test_bounds_are_about_figures() -> None:
 )
 def test_names_are_told_with_their_units(name: str, expected: tuple[str, str, float]) -> None:
     assert figure_words(name) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "limit", "text"),
+    [
+        (0.0616, "deg", None, "0.0616"),
+        (2.77e-5, "deg", None, "< 0.001"),
+        (-2.77e-5, "deg", 1.0, "> -0.001"),
+        (2.77e-5, "rad/s", 1e-3, "2.8e-05"),
+        (2.8e-17, "rad", 0.0, "2.8e-17"),
+        (7.15e-5, "", None, "7.2e-05"),
+        (18506.9, "", None, "18507"),
+        (0.0, "mm", None, "0"),
+        (math.nan, "mm", 1.0, "-"),
+    ],
+)
+def test_a_figure_reads_well(value: float, unit: str, limit: float | None, text: str) -> None:
+    assert figure_number(value, unit, limit) == text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from pathlib import Path
 
 from rich.table import Table
@@ -11,12 +12,15 @@ from rich.text import Text
 
 from lgmpc.cli.screen import err, has_desktop, out
 from lgmpc.demos.catalogue import SUMMARIES, load_demo
-from lgmpc.demos.outcome import Demo, Outcome
+from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import reason_of
 
 __all__ = ["list_demos", "show_demo"]
+
+_NARROWEST = 16
+"""Columns of text for the names of quantities, on whatever terminal."""
 
 
 def list_demos() -> None:
@@ -69,23 +73,32 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
 
 def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
     console = out()
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("quantity")
-    for name in ("predicted", "measured", "off by", "allowed"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for row in outcome.rows:
-        mark = Text("ok", "green") if row.agrees else Text("differs", "bold red")
-        name = f"{row.quantity} / {row.unit}" if row.unit else row.quantity
-        off = f"{row.measured - row.predicted:.1e}"
-        table.add_row(name, f"{row.predicted:.7g}", f"{row.measured:.7g}", off, f"{row.tolerance:.0e}", mark)
+    headers = ("quantity", "predicted", "measured", "off by", "allowed", "")
+    table = Table(*headers, box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+    for column in table.columns[1:-1]:
+        column.justify, column.no_wrap = "right", True
+    numbers = [_numbers(row) for row in outcome.rows]
+    marks = [Text("ok", "green") if row.agrees else Text("differs", "bold red") for row in outcome.rows]
+    taken = sum(2 + max(map(len, column)) for column in zip(headers[1:5], *numbers, strict=True))
+    room = console.width - taken - 2 - max(map(len, marks))
+    for row, cells, mark in zip(outcome.rows, numbers, marks, strict=True):
+        name = f"{row.quantity}, {row.unit}" if row.unit else row.quantity
+        lines = textwrap.fill(name, max(room, _NARROWEST), subsequent_indent="  ", break_on_hyphens=False)
+        table.add_row(lines, *cells, mark)
     console.print(table)
+    if outcome.details:
+        console.print(Text(f"\n{outcome.details}\n"))
     for remark in outcome.remarks:
         console.print(Text(remark))
     verdict = Text("AGREES", "bold green") if outcome.agrees else Text("DIFFERS", "bold red")
     console.print(Text.assemble(verdict, f"  {demo.name}: {demo.summary}"))
     for path in written:
         console.print(Text(f"wrote {path}"), style="dim")
+
+
+def _numbers(row: Row) -> tuple[str, str, str, str]:
+    off = f"{row.measured - row.predicted:.1e}"
+    return f"{row.predicted:.7g}", f"{row.measured:.7g}", off, f"{row.tolerance:.0e}"
 
 
 def _write_table(demo: Demo, outcome: Outcome, path: Path) -> Path:
@@ -106,5 +119,12 @@ def _json(demo: Demo, outcome: Outcome) -> str:
         }
         for row in outcome.rows
     ]
-    content = {"demo": demo.name, "agrees": outcome.agrees, "rows": rows, "remarks": list(outcome.remarks)}
+    content: dict[str, object] = {
+        "demo": demo.name,
+        "agrees": outcome.agrees,
+        "rows": rows,
+        "remarks": list(outcome.remarks),
+    }
+    if outcome.details:
+        content["details"] = outcome.details.splitlines()
     return json.dumps(content, indent=2, allow_nan=False) + "\n"

@@ -50,7 +50,7 @@ def run() -> Outcome:
     )
     panels = (
         Panel(
-            "Angular velocity in the body (dashed: elliptic functions)",
+            "Angular velocity (dashed: elliptic)",
             "time, s",
             "rad/s",
             (
@@ -62,7 +62,7 @@ def run() -> Outcome:
             "Where the stem points",
             "time, s",
             "cosine of its angle to the momentum",
-            (Curve("stem", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
+            (Curve("", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
         ),
     )
     shown = slice(None, None, 25)

@@ -50,6 +50,7 @@ def run() -> Outcome:
             "Elroy turns by -I2/(I1 + I2) of the propeller's turn: it matters how far, not how fast.",
             "With momentum, the turning of the locked bodies comes on top: the dynamic phase.",
         ),
+        floor=True,
     )
 
 

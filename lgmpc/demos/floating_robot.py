@@ -11,6 +11,7 @@ import pinocchio as pin
 from lgmpc.actions import FreeForwardDynamics, Integrator, MultibodyAction
 from lgmpc.compile import StageKernel
 from lgmpc.demos.outcome import Body, Shape
+from lgmpc.lie import so3
 from lgmpc.typing import Array
 
 __all__ = ["RobotRun", "robot_scene", "run_robot"]
@@ -71,10 +72,14 @@ def robot_scene(run: RobotRun) -> tuple[Body, ...]:
         placements.append([(data.oMi[i].translation.copy(), data.oMi[i].rotation.copy()) for i in (1, 2, 3)])
     length = 2.0 * _ARM
     arm = Shape("box", (0.06, 0.06, length), (0.0, 0.0, -_ARM / 2.0), 0xE45756)
-    shapes = {"torso": Shape("box", tuple(_TORSO.tolist())), "left arm": arm, "right arm": arm}
+    width, depth, height = _TORSO.tolist()
+    along_y = so3.exp(np.array([np.pi / 2.0, 0.0, 0.0]))
+    shoulders = Shape("cylinder", (0.02, 0.02, 2.0 * _REACH), color=0x34414F, rotation=along_y)
+    torso = Shape("box", (width, depth, height))
+    shapes = {"torso": (torso, shoulders), "arms/left": (arm,), "arms/right": (arm,)}
     return tuple(
-        Body(name, (shape,), np.array([p[i][0] for p in placements]), np.array([p[i][1] for p in placements]))
-        for i, (name, shape) in enumerate(shapes.items())
+        Body(name, parts, np.array([p[i][0] for p in placements]), np.array([p[i][1] for p in placements]))
+        for i, (name, parts) in enumerate(shapes.items())
     )
 
 

@@ -21,6 +21,7 @@ _TOP = LagrangeTop(transverse=0.1 * (0.04**2 / 4.0 + 0.05**2), axial=0.1 * 0.04*
 _TILT = 0.4  # rad
 _SPIN = 1.5 * _TOP.critical_spin
 _STEP = 1e-4  # s
+_STAND = 0.05  # height of the pivot in the scene, m
 
 
 def run() -> Outcome:
@@ -59,11 +60,11 @@ def run() -> Outcome:
     shown = slice(None, None, 10)
     panels = (
         Panel(
-            "Tilt (dashed: elliptic function)",
+            "Released at rest: tilt (dashed: elliptic)",
             "time, s",
             "deg",
             (
-                Curve("released at rest", nodding.times, np.degrees(tilts)),
+                Curve("", nodding.times, np.degrees(tilts)),
                 Curve(
                     "", nodding.times[shown], np.degrees(np.arccos(nutation.cosines(nodding.times)))[shown], dashed=True
                 ),
@@ -71,7 +72,7 @@ def run() -> Outcome:
         ),
         Panel("Path of the axis, from above", "x", "y", (Curve("", axis[:, 0], axis[:, 1]),), equal=True),
         Panel(
-            "Falling from upright (dashed: predicted)",
+            "Falling from upright",
             "spin / critical spin",
             "greatest tilt, deg",
             _bifurcation(),
@@ -82,12 +83,13 @@ def run() -> Outcome:
         rows,
         panels,
         nodding.times[shown],
-        (_body(nodding.poses[shown], scene),),
-        (Path("axis", 0.12 * scene * axis[::2], 0xE45756),),
+        (_body(nodding.poses[shown], scene), _pivot(len(axis[shown]), scene)),
+        (Path("axis", 0.12 * scene * axis[::2] + [0.0, 0.0, _STAND * scene], 0xE45756),),
         (
             "Released at rest, the axis draws cusps; pushed along at the slow rate, it would not nod at all.",
             "Above the critical spin the upright top sleeps: a disturbance stays as small as it was.",
         ),
+        floor=True,
     )
 
 
@@ -158,7 +160,7 @@ def _bifurcation() -> tuple[Curve, ...]:
     measured = np.degrees([_disturbed(float(ratio) * _TOP.critical_spin, 10.0 * _STEP) for ratio in ratios])
     fine = np.linspace(0.1, 1.3, 400)
     predicted = np.degrees([_TOP.fall(float(ratio) * _TOP.critical_spin) for ratio in fine])
-    return Curve("simulated", ratios, measured), Curve("", fine, predicted, dashed=True)
+    return Curve("simulated", ratios, measured), Curve("predicted", fine, predicted, dashed=True)
 
 
 def _body(rotations: Array, scale: float) -> Body:
@@ -169,4 +171,10 @@ def _body(rotations: Array, scale: float) -> Body:
             "sphere", (0.006 * scale, 0.006 * scale, 0.006 * scale), (0.03 * scale, 0.0, 0.057 * scale), 0xE69F00
         ),
     )
-    return Body("top", shapes, np.zeros((len(rotations), 3)), rotations)
+    return Body("top", shapes, np.tile([0.0, 0.0, _STAND * scale], (len(rotations), 1)), rotations)
+
+
+def _pivot(count: int, scale: float) -> Body:
+    """What the top stands on: a cone, its tip at the point that is held."""
+    cone = Shape("cone", (0.02 * scale, 0.02 * scale, _STAND * scale), (0.0, 0.0, 0.5 * _STAND * scale), 0x9DA7B1)
+    return Body("pivot", (cone,), np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))

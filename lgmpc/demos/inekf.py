@@ -80,8 +80,8 @@ def run() -> Outcome:
             "It linearises about a wrong attitude and then trusts what it took from there; the invariant filter's"
             " linearisation does not depend on the attitude.",
             "Predicted is what the invariant filter believes of itself.",
-            "In the scene, blue is the truth, green the invariant filter, red the quaternion filter.",
         ),
+        floor=True,
     )
 
 
@@ -204,5 +204,5 @@ def _scene(walk: Rehearsal, right: _Run, quaternion: _Run) -> tuple[Body, ...]:
     for foot in range(4):
         # A foot in the air is shown below its hip, off the floor.
         points = walk.points[:, foot] + np.where(walk.touching[:, foot, None], 0.0, [0.0, 0.0, 0.05])
-        found.append(Body(f"foot {foot + 1}", (Shape("sphere", (0.016,) * 3, color=0x333333),), points, still))
+        found.append(Body(f"feet/{foot + 1}", (Shape("sphere", (0.016,) * 3, color=0x333333),), points, still))
     return tuple(found)

@@ -102,7 +102,7 @@ class Body:
     """A rigid body that moves in the scene.
 
     Attributes:
-        name: unique in the scene.
+        name: unique in the scene; bodies with the same part before a slash share an entry of the legend.
         shapes: what it looks like.
         positions: (n, 3) world, m.
         rotations: (n, 3, 3) world from body.
@@ -140,6 +140,8 @@ class Outcome:
         bodies: moving bodies of the scene.
         paths: lines of the scene.
         remarks: what to see in it, a sentence each.
+        details: further measurements, a table for the terminal.
+        floor: whether the ground, z = 0, is part of the scene; else it hangs clear of one.
     """
 
     rows: tuple[Row, ...]
@@ -148,6 +150,8 @@ class Outcome:
     bodies: tuple[Body, ...] = ()
     paths: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
+    details: str = ""
+    floor: bool = False
 
     @property
     def agrees(self) -> bool:

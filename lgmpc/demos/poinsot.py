@@ -64,7 +64,7 @@ def run() -> Outcome:
             "x",
             "y",
             (
-                Curve("herpolhode", herpolhode[:, 0], herpolhode[:, 1]),
+                Curve("", herpolhode[:, 0], herpolhode[:, 1]),
                 *(Curve("", r * np.cos(_CIRCLE), r * np.sin(_CIRCLE), dashed=True) for r in (low, high)),
             ),
             equal=True,
@@ -152,8 +152,8 @@ def _other_polhodes(momentum: float) -> list[Curve]:
 
 def _ellipsoid(construction: Poinsot, polhode: Array) -> tuple[Shape, ...]:
     (a, b, c), axes = construction.semi_axes
-    dots = tuple(Shape("sphere", (0.008, 0.008, 0.008), (x, y, z), 0xE69F00) for x, y, z in polhode.tolist())
-    return (Shape("ellipsoid", (float(a), float(b), float(c)), color=0x4C78A8, opacity=0.7, rotation=axes), *dots)
+    dots = tuple(Shape("sphere", (0.011, 0.011, 0.011), (x, y, z), 0xE69F00) for x, y, z in polhode.tolist())
+    return (Shape("ellipsoid", (float(a), float(b), float(c)), color=0x4C78A8, opacity=0.55, rotation=axes), *dots)
 
 
 def _plane(construction: Poinsot, count: int) -> Body:

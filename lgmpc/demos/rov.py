@@ -16,8 +16,8 @@ __all__ = ["run"]
 
 STEP, DURATION = 5e-3, 20.0
 """s."""
-FRAME, SCENE = 0.02, 6.0
-"""s between two pictures, and s of them."""
+FRAME, SCENE = 0.02, (1.5, 5.0)
+"""s between two pictures, and from when to when: around the torpedo's first turn."""
 
 # A robot of the size of a BlueROV2: its added mass and damping as commonly identified for it.
 ADDED = np.array([5.5, 12.7, 14.6, 0.12, 0.12, 0.12])
@@ -39,7 +39,7 @@ def run() -> Outcome:
     swing = _swing(rows)
     torpedo, growth, straight = _torpedo(rows)
     slip = np.abs(torpedo.velocities[:, 1])
-    shown = slice(0, round(SCENE / STEP) + 1, round(FRAME / STEP))
+    shown = slice(round(SCENE[0] / STEP), round(SCENE[1] / STEP) + 1, round(FRAME / STEP))
     times = torpedo.times[shown]
     return Outcome(
         tuple(rows),
@@ -154,7 +154,7 @@ def _rise_panel(motion: Motion) -> Panel:
 
 
 def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:
-    index = np.minimum(np.round(times / STEP).astype(int), len(rise.times) - 1)
+    index = np.round((times - times[0]) / STEP).astype(int)  # let go when the scene begins
     robot = (
         Shape("box", (0.46, 0.34, 0.12), (0.0, 0.0, 0.08), 0x4C78A8),
         Shape("box", (0.4, 0.3, 0.1), (0.0, 0.0, -0.05), 0x333333),
@@ -164,7 +164,7 @@ def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:
         Shape("ellipsoid", (LENGTH / 2.0, DIAMETER / 2.0, DIAMETER / 2.0), color=0xF2B701),
         Shape("sphere", (0.05, 0.05, 0.05), (LENGTH / 2.0 - 0.05, 0.0, 0.0), 0x333333),
     )
-    aside = np.array([2.0, 1.0, 0.0])
+    aside = np.array([np.mean(SCENE) * SPEED, 1.2, 0.0])
     return (
         Body("robot", robot, rise.poses[index, :3, 3] + aside, rise.poses[index, :3, :3]),
         Body("torpedo", hull, torpedo[:, :3, 3], torpedo[:, :3, :3]),

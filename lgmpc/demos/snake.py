@@ -85,8 +85,10 @@ def _angular_momentum(snake: ThreeLink, shapes: Array, theta: Array, h: float) -
 def _loops() -> Panel:
     s = np.linspace(0.0, 2.0 * np.pi, 181)
     x, y = CENTER
-    curves = tuple(Curve(f"{radius} rad", x + radius * np.cos(s), y + radius * np.sin(s)) for radius in RADII)
-    return Panel("Loops of shapes", "first joint, rad", "last joint, rad", curves, equal=True)
+    curves = tuple(Curve("", x + radius * np.cos(s), y + radius * np.sin(s)) for radius in RADII)
+    return Panel(
+        f"Loops of shapes, {RADII[0]} to {RADII[-1]} rad", "first joint, rad", "last joint, rad", curves, equal=True
+    )
 
 
 def _scaling(connection: Connection, density: float) -> Panel:
@@ -114,7 +116,7 @@ def _scene(snake: ThreeLink, shapes: Array, theta: Array) -> tuple[Body, ...]:
     centers, angles = snake.links(shapes, theta)
     zero = np.zeros((len(theta), 1))
     bodies = []
-    for index, (name, color) in enumerate((("first", 0x54A24B), ("middle", 0x4C78A8), ("last", 0x54A24B))):
+    for index, (name, color) in enumerate((("ends/first", 0x54A24B), ("middle", 0x4C78A8), ("ends/last", 0x54A24B))):
         length = float(snake.lengths[index])
         positions = np.concatenate((centers[:, index], zero + 0.5), axis=1)
         turns = so3.exp(np.concatenate((zero, zero, angles[:, index, None]), axis=1))

@@ -6,6 +6,7 @@ Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from scipy.integrate import simpson
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3
+from lgmpc.mechanics.integrators import runge_kutta4
 from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
 from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -136,28 +138,23 @@ def _fly(robot: Robot) -> _Flight:
     phases = np.repeat([0.0, np.pi, 0.5 * np.pi, 1.5 * np.pi], 3)
     swing = np.tile([0.25, 0.5, 0.8], 4)
 
-    def rate(time: float, q: Array, v: Array, pull: Array) -> Array:
+    def acceleration(time: float, q: Array, v: Array, pull: Array) -> Array:
         wanted = rest + swing * (np.sin(14.0 * time + phases) - np.sin(phases))
         load = np.concatenate([np.zeros(6), 3.0 * (wanted - q[7:]) - 0.08 * v[6:]])
         jacobian = pin.computeFrameJacobian(model, data, q, foot, pin.LOCAL_WORLD_ALIGNED)[:3]
         return np.array(pin.aba(model, data, q, v, load + jacobian.T @ pull))
 
-    qs, vs, h = [q], [v], _STEP
+    def rates(time: float, q: Array, pull: Array, elapsed: float, y: Array) -> Array:
+        """Rates of the tangent coordinates from q, and of the velocity."""
+        u, velocity = np.split(y, 2)
+        moved = pin.integrate(model, q, u)
+        return np.concatenate((_inverse_differential(u, velocity), acceleration(time + elapsed, moved, velocity, pull)))
+
+    qs, vs = [q], [v]
     for k in range(_STEPS):
-        pull, time = _FORCE * (_PULL[0] <= k < _PULL[1]), k * h
-        k1, a1 = v, rate(time, q, v, pull)
-        k2, u2 = v + 0.5 * h * a1, 0.5 * h * k1
-        a2 = rate(time + 0.5 * h, pin.integrate(model, q, u2), k2, pull)
-        d2 = _inverse_differential(u2, k2)
-        k3, u3 = v + 0.5 * h * a2, 0.5 * h * d2
-        a3 = rate(time + 0.5 * h, pin.integrate(model, q, u3), k3, pull)
-        d3 = _inverse_differential(u3, k3)
-        k4, u4 = v + h * a3, h * d3
-        a4 = rate(time + h, pin.integrate(model, q, u4), k4, pull)
-        d4 = _inverse_differential(u4, k4)
-        q = pin.integrate(model, q, h / 6.0 * (k1 + 2.0 * d2 + 2.0 * d3 + d4))
-        v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-        qs.append(q)
+        slope = partial(rates, k * _STEP, qs[-1], _FORCE * (_PULL[0] <= k < _PULL[1]))
+        u, v = np.split(runge_kutta4(slope, np.concatenate((np.zeros(robot.nv), vs[-1])), _STEP), 2)
+        qs.append(pin.integrate(model, qs[-1], u))
         vs.append(v)
     dynamics = FloatingBaseDynamics(model)
     terms = tuple(centroidal_terms(dynamics.equations(q, v), q, v) for q, v in zip(qs, vs, strict=True))
@@ -165,7 +162,7 @@ def _fly(robot: Robot) -> _Flight:
     for q in qs:
         pin.framesForwardKinematics(model, data, q)
         feet.append(data.oMf[foot].translation.copy())
-    times: Array = h * np.arange(_STEPS + 1, dtype=np.float64)
+    times: Array = _STEP * np.arange(_STEPS + 1, dtype=np.float64)
     return _Flight(times, np.array(qs), np.array(vs), np.array(feet), terms)
 
 
@@ -199,7 +196,7 @@ def _bodies(robot: Robot, qs: Array) -> list[Body]:
             Shape("sphere", (0.018, 0.018, 0.018), color=color),
             Shape("cylinder", (0.011, 0.011, length), middle, color, rotation=along),
         )
-        bodies.append(Body(str(model.names[j]), shapes, placed[:, j, :3, 3], _turns(placed, j)))
+        bodies.append(Body(f"legs/{model.names[j]}", shapes, placed[:, j, :3, 3], _turns(placed, j)))
     return bodies
 
 

@@ -74,18 +74,18 @@ def run() -> Outcome:
     rows: list[Row] = []
     shown: dict[str, tuple[Motion, Array]] = {}
     for case in _CASES:
-        motions = [_move(case, seed) for seed in range(3)]
+        motions = [_move(case, seed) for seed in (2, 1, 0)]
         momenta = [case.system.noether_momenta(motion) for motion in motions]
         symmetry = LeftSymmetry(case.system)
         directions = symmetry.directions(motions)
         rows += [
-            Row(f"{case.name}: symmetries, textbook and Lagrangian", case.symmetries, len(directions), 0.0),
+            Row(f"{case.name}: symmetries", case.symmetries, len(directions), 0.0),
             Row(f"{case.name}: momenta that stay", len(directions), conserved_dimension(momenta), 0.0),
         ]
         if len(directions):
             scale = max(float(np.abs(table).max()) for table in momenta)
             drift = max(float(np.abs((table - table[0]) @ directions.T).max()) for table in momenta) / scale
-            rows.append(Row(f"{case.name}: relative change of those", 0.0, drift, 1e-9))
+            rows.append(Row(f"{case.name}: relative change of these", 0.0, drift, 1e-9))
         shown[case.name] = motions[0], momenta[0]
     rows += _falling(*shown["in gravity"])
     motion = shown["in a round bowl"][0]

@@ -21,14 +21,18 @@ from lgmpc.viz.style import INK, PALETTE, SOFT, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 __all__ = ["FORMATS", "demo_page", "draw_demo", "write_demo_page"]
 
 FORMATS = ("png", "svg")
 """Kinds of file that a figure can be."""
 
-_MOST_ENTRIES = 5
-"""More bodies than this share one entry of the legend."""
+_LONG_LEGEND = 4
+"""More entries than this stand beside the axes, not in them."""
+
+_FEW_DECADES = 1.5
+"""Logarithmic axes shorter than this carry more numbers than the powers of ten."""
 
 _CLEARANCE = 0.12
 """How far above the floor a scene without one hangs, as a share of its size."""
@@ -75,10 +79,27 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     axes.set_xscale("log" if panel.log_x else "linear")
     axes.set_yscale("log" if panel.log_y else "linear")
+    for axis, logarithmic in ((axes.xaxis, panel.log_x), (axes.yaxis, panel.log_y)):
+        if logarithmic:
+            _label_decades(axis)
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
-    if any(curve.label for curve in panel.curves):
-        axes.legend(loc="best")
+    count = sum(bool(curve.label) for curve in panel.curves)
+    if count > _LONG_LEGEND:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+    elif count:
+        axes.legend(loc="best", frameon=True, framealpha=0.85, edgecolor="none")
+
+
+def _label_decades(axis: Axis) -> None:
+    """Number a logarithmic axis: powers of ten, and what lies between them where there are few."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    low, high = axis.get_view_interval()
+    if math.log10(high / low) < _FEW_DECADES:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def write_demo_page(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
@@ -102,7 +123,8 @@ def demo_page(demo: Demo, outcome: Outcome) -> str:
     if outcome.times is None or not outcome.bodies:
         raise InputError("outcome", "no moving body", "a scene")
     lowest, highest = _extent(outcome)
-    lift = np.array([0.0, 0.0, max(_CLEARANCE * float(np.linalg.norm(highest - lowest)) - lowest[2], 0.0)])
+    clearance = 0.0 if outcome.floor else _CLEARANCE * float(np.linalg.norm(highest - lowest))
+    lift = np.array([0.0, 0.0, 0.0 if outcome.floor else max(clearance - lowest[2], 0.0)])
     lowest, highest = lowest + lift, highest + lift
     scene = Scene()
     middle = 0.5 * (lowest + highest)[None, :]
@@ -138,10 +160,11 @@ def _facts(rows: tuple[Row, ...]) -> list[tuple[str, str]]:
 
 
 def _legend(outcome: Outcome) -> list[dict[str, object]]:
-    """Return an entry for each thing, or one for all bodies where they are many."""
-    entries = [(f"/bodies/{body.name}", body.name, body.shapes[0].color) for body in outcome.bodies]
-    if len(entries) > _MOST_ENTRIES:
-        entries = [("/bodies", "bodies", outcome.bodies[0].shapes[0].color)]
+    """Return an entry for each body or group of bodies, in the first one's colour, and for each path."""
+    colors: dict[str, int] = {}
+    for body in outcome.bodies:
+        colors.setdefault(body.name.split("/")[0], body.shapes[0].color)
+    entries = [(f"/bodies/{name}", name, color) for name, color in colors.items()]
     entries += [(f"/paths/{path.name}", path.name, path.color) for path in outcome.paths]
     return [
         {"path": path, "label": label, "note": "", "color": f"#{color:06x}", "on": True}

@@ -17,7 +17,8 @@ def test_every_prediction_is_met() -> None:
 
 
 def test_a_prediction_from_another_gain_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert lee._growth().agrees
-    assert lee._antipode().agrees
+    flight = lee._turning()
+    assert lee._growth(flight).agrees
+    assert all(row.agrees for row in lee._lyapunov(flight))
     monkeypatch.setattr(lee, "_GAINS", dataclasses.replace(lee._GAINS, rotation=1.02 * lee._GAINS.rotation))
-    assert not lee._growth().agrees
+    assert not lee._growth(flight).agrees

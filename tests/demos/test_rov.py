@@ -20,5 +20,5 @@ def test_the_torpedo_turns_broadside_on_and_the_robot_rises(outcome: Outcome) ->
     robot, torpedo = outcome.bodies
     assert outcome.times is not None and len(outcome.times) == len(robot.positions) == len(torpedo.positions)
     assert torpedo.rotations[:, 0, 0].min() < 0.1
-    assert robot.positions[-1, 2] > 0.5
+    assert robot.positions[-1, 2] > 0.3
     assert np.all(np.diff(robot.positions[:, 2]) >= 0.0)

@@ -85,11 +85,28 @@ def test_the_page_tells_rows_and_remarks_and_whether_they_agree(tmp_path) -> Non
     assert content["facts"] == [["predictions met", "0 of 1"]]
 
 
-def test_many_bodies_share_an_entry_of_the_legend() -> None:
+def test_bodies_of_one_group_share_an_entry_of_the_legend() -> None:
     (ball,) = circling().bodies
-    many = tuple(dataclasses.replace(ball, name=f"ball{i}") for i in range(9))
-    labels = [entry["label"] for entry in content_of(demo_page(DEMO, circling(bodies=many)))["legend"]]
-    assert labels == ["bodies", "circle"]
+    names = ("ring", "balls/1", "balls/2", "balls/3")
+    many = tuple(dataclasses.replace(ball, name=name) for name in names)
+    entries = content_of(demo_page(DEMO, circling(bodies=many)))["legend"]
+    assert [(entry["label"], entry["path"]) for entry in entries] == [
+        ("ring", "/bodies/ring"),
+        ("balls", "/bodies/balls"),
+        ("circle", "/paths/circle"),
+    ]
+
+
+def test_what_stands_on_the_floor_is_not_lifted() -> None:
+    def height(outcome: Outcome) -> float:
+        commands = content_of(demo_page(DEMO, outcome))["commands"]
+        (place,) = [c["value"] for c in commands if c.get("path") == "/bodies/ball" and c["property"] == "position"]
+        return place[2]
+
+    (ball,) = circling().bodies
+    standing = dataclasses.replace(ball, positions=ball.positions + [0.0, 0.0, 0.6])
+    assert height(circling(bodies=(standing,), paths=(), floor=True)) == pytest.approx(0.1)
+    assert height(circling(bodies=(standing,), paths=())) > 0.1
 
 
 def test_nothing_hangs_below_the_floor() -> None:

@@ -34,6 +34,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,  # stairs are patches, which the grid would be drawn over
     "grid.color": "#e6eaee",
     "xtick.color": SOFT,
     "ytick.color": SOFT,

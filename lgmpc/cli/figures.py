@@ -35,8 +35,8 @@ class Row:
     def of(cls, figure: str, value: float | None, limit: float | None = None, *, highest: bool = True) -> Row:
         """Take words and unit from a figure's name: ``slip_m`` is told as "slip", in mm."""
         words, unit, scale = figure_words(figure)
-        scaled = [None if number is None else scale * number for number in (value, limit)]
-        return cls(words, unit, *scaled, highest)
+        shown = None if value is None else scale * value
+        return cls(words, unit, shown, None if limit is None else scale * limit, highest)
 
     @property
     def kept(self) -> bool:

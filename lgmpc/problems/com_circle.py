@@ -16,10 +16,11 @@ from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import CoMPosition, ContactControlGravity, FrictionCone, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.contact_forces import contact_forces_of
 from lgmpc.problems.kinematics import com_positions, contact_positions
+from lgmpc.problems.reactions import reactions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.typing import Array
 
 __all__ = ["ComCircleSettings", "ComCircleWeights", "ComVelocity", "build_com_circle"]
 
@@ -117,7 +118,10 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         # Terminal costs are not multiplied by a duration: the last node should count like the others.
         problem.set(f"{name}_weight", s.node_duration * np.asarray(weight), [s.nodes])
     problem.set_initial_state(robot.x_reference)
-    forces_of = contact_forces_of(robot, problem)
+    durations, flags = np.full(s.nodes, s.node_duration), np.ones((s.nodes, robot.nc), dtype=np.bool_)
+
+    def forces_of(trajectory: Trajectory) -> Array:
+        return reactions(robot, trajectory, durations, flags).wrenches
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         error = np.linalg.norm(com_positions(robot, trajectory.xs) - circle, axis=1)
@@ -137,9 +141,9 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         robot=robot,
         problem=problem,
         guess=problem.hold(),
-        durations=np.full(s.nodes, s.node_duration),
+        durations=durations,
         figures=figures,
-        contact_flags=np.ones((s.nodes, robot.nc), dtype=np.bool_),
+        contact_flags=flags,
         contact_forces=forces_of,
         waypoints=tuple(Waypoint("centre of mass", k * s.node_duration, circle[k]) for k in marks),
         friction=s.friction,

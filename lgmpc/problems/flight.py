@@ -88,7 +88,7 @@ class FlightSettings:
 def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     """Return the problem for a vehicle that hovers at the start; its thrusts are bounds on the controls.
 
-    Figures: ``waypoint_error_m``, the largest; ``waypoint_error_deg``, the largest where an attitude is given;
+    Figures: ``waypoint_error_m``, the largest; ``waypoint_rotation_error_deg``, the largest where an attitude is given;
     ``inverted_tilt_deg``, the largest tilt of those waypoints, 180 if it is upside down there; ``final_error_m``,
     ``final_tilt_deg`` and ``final_speed_m_s``; and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
@@ -139,7 +139,7 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
         tilted = [tilt(x) for x, _ in held]
         return {
             "waypoint_error_m": max(distance),
-            "waypoint_error_deg": float(np.degrees(max(turned, default=0.0))),
+            "waypoint_rotation_error_deg": float(np.degrees(max(turned, default=0.0))),
             "inverted_tilt_deg": float(np.degrees(max(tilted, default=0.0))),
             "final_error_m": distance[-1],
             "final_tilt_deg": float(np.degrees(tilt(end))),

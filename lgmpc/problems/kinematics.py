@@ -8,13 +8,26 @@ import pinocchio as pin
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["com_positions", "contact_positions", "frame_placements"]
+__all__ = ["com_positions", "com_speed", "contact_positions", "frame_placements", "joint_limit_violation"]
 
 
 def com_positions(robot: Robot, xs: Array) -> Array:
     """Return (n, 3) the centre of mass at states (n, nx), world axes, m."""
     data = robot.create_data()
     return np.array([pin.centerOfMass(robot.model, data, x[: robot.nq]).copy() for x in xs]).reshape(-1, 3)
+
+
+def com_speed(robot: Robot, x: Array) -> float:
+    """Return the speed of the centre of mass in a state (nx,), m/s."""
+    data = robot.create_data()
+    pin.centerOfMass(robot.model, data, x[: robot.nq], x[robot.nq : robot.nq + robot.nv])
+    return float(np.linalg.norm(data.vcom[0]))
+
+
+def joint_limit_violation(robot: Robot, xs: Array) -> float:
+    """Return by how much any joint, each of one number, ever passes its position limits, rad or m; 0 if none does."""
+    joints = xs[:, robot.joint_q]
+    return float(np.maximum(robot.joint_lower - joints, joints - robot.joint_upper).max(initial=0.0))
 
 
 def contact_positions(robot: Robot, xs: Array) -> Array:

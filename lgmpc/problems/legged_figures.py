@@ -11,7 +11,8 @@ import pinocchio as pin
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
 from lgmpc.problems.gait import GaitGrid
-from lgmpc.problems.kinematics import com_positions, contact_positions
+from lgmpc.problems.kinematics import com_positions, com_speed, contact_positions, joint_limit_violation
+from lgmpc.problems.reactions import friction_use, reactions
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
@@ -39,24 +40,24 @@ class LeggedFigures:
     def measure(self, trajectory: Trajectory) -> dict[str, float]:
         """Return all figures by name; the unit is the end of the name.
 
-        forward_distance_m, goal_error_m, goal_rotation_deg: of the base at the end, from its start and its goal.
+        forward_distance_m, goal_error_m, goal_rotation_error_deg: of the base at the end, from its start and its goal.
         final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. com_rise_m:
         highest centre of mass above its first. swing_height_m: apex of the lowest swing above its line.
         foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: of feet
         that come down. slip_m: largest way of a foot on the ground from where it came down. friction_ratio: largest
         tangential force over what friction allows; normal_force_n: the smallest; peak_force_n: the largest.
-        impact_cone_violation_ns: of impulses beyond friction, or that pull. effort_ratio, joint_speed_ratio: largest,
-        over the limits. joint_range_violation_rad: beyond the limits. dynamics_misfit_ratio: what the forces leave of
-        the equations of motion, over the weight. flight_com_error_m, flight_spin_ratio: see :meth:`flight`.
+        impact_cone_violation_ns: of impulses beyond friction, or that pull. effort_ratio, joint_velocity_ratio:
+        largest, over the limits. joint_limit_violation_rad: beyond the limits. dynamics_misfit_ratio: what the forces
+        leave of the equations of motion, over the weight; at impacts over the momentum that weight gives within a
+        second. flight_com_error_m, flight_spin_ratio: see :meth:`flight`.
         """
         robot, grid, xs = self.robot, self.grid, trajectory.xs
         feet, planned = contact_positions(robot, xs), self.steps.positions(grid.times)
-        forces, misfit = self.reactions(trajectory)
-        moving = ~grid.impacts
-        q, rates = xs[:, robot.joint_q], np.abs(xs[:, robot.nq :][:, robot.joint_v])
-        outside = np.maximum(robot.joint_lower - q, q - robot.joint_upper)
-        pressed = forces[grid.flags & moving[:, None]]
-        struck = forces[grid.flags & grid.impacts[:, None]]
+        found, moving = reactions(robot, trajectory, grid.durations, grid.flags), ~grid.impacts
+        pressed = found.wrenches[grid.flags & moving[:, None]]
+        struck = found.wrenches[grid.flags & grid.impacts[:, None]]
+        rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
+        weight = robot.mass * float(np.linalg.norm(robot.gravity))
         raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
         rotations = np.array([pin.Quaternion(x[3:7]).matrix() for x in xs])
         goal, travelled = self.motion.placements(self.motion.stop), xs[-1, :3] - robot.q_reference[:3]
@@ -66,8 +67,8 @@ class LeggedFigures:
         return {
             "forward_distance_m": float(travelled[0]),
             "goal_error_m": float(np.linalg.norm(travelled - goal[:3, 3])),
-            "goal_rotation_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
-            "final_speed_m_s": float(np.linalg.norm(self._com_velocity(xs[-1]))),
+            "goal_rotation_error_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
+            "final_speed_m_s": com_speed(robot, xs[-1]),
             "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0)).max())),
             "com_rise_m": float(com.max() - com[0]),
             "swing_height_m": self._swing_height(feet),
@@ -75,55 +76,23 @@ class LeggedFigures:
             "foothold_error_m": self._foothold_error(feet),
             "touchdown_speed_m_s": self._touchdown_speed(xs),
             "slip_m": self._slip(feet),
-            "friction_ratio": float(_friction_use(pressed, self.friction).max(initial=0.0)),
+            "friction_ratio": float(friction_use(pressed, self.friction).max(initial=0.0)),
             "normal_force_n": float(pressed[:, 2].min(initial=np.inf)),
             "peak_force_n": float(pressed[:, 2].max(initial=0.0)),
             "impact_cone_violation_ns": float(_outside_cone(struck, self.friction).max(initial=0.0)),
             "effort_ratio": float((np.abs(trajectory.us[moving]) / robot.effort_limit).max()),
-            "joint_speed_ratio": float((rates / robot.velocity_limit).max()),
-            "joint_range_violation_rad": float(max(outside.max(), 0.0)),
-            "dynamics_misfit_ratio": misfit,
+            "joint_velocity_ratio": float((rates / robot.velocity_limit).max()),
+            "joint_limit_violation_rad": joint_limit_violation(robot, xs),
+            "dynamics_misfit_ratio": float(found.misfit.max()) / weight,
             "flight_com_error_m": com_error,
             "flight_spin_ratio": spin,
         }
 
     def forces(self, trajectory: Trajectory) -> Array:
         """Return (N, nc, 3) the forces on the feet, world axes, N; zero over an impact, which has impulses."""
-        forces, _ = self.reactions(trajectory)
+        forces = reactions(self.robot, trajectory, self.grid.durations, self.grid.flags).wrenches
         forces[self.grid.impacts] = 0.0
         return forces
-
-    def reactions(self, trajectory: Trajectory) -> tuple[Array, float]:
-        """Return forces, at impacts impulses, (N, nc, 3), and what they leave of the equations of motion.
-
-        They follow from the change of velocity, ``J^T f = rnea(q, v, dv / h) - [0; u]`` or at an impact
-        ``J^T f = M dv``: more equations than forces, so that what is left says whether the motion is one. It is given
-        over the weight; at impacts over the momentum that weight gives within a second.
-        """
-        robot, grid = self.robot, self.grid
-        model, data, nq = robot.model, robot.create_data(), robot.nq
-        found, misfit = np.zeros((len(grid.durations), robot.nc, 3)), 0.0
-        for k, (h, x, after) in enumerate(zip(grid.durations, trajectory.xs, trajectory.xs[1:], strict=False)):
-            q, v, dv = x[:nq], x[nq:], after[nq:] - x[nq:]
-            pin.computeJointJacobians(model, data, q)
-            pin.updateFramePlacements(model, data)
-            if grid.impacts[k]:
-                needed = pin.rnea(model, data, q, np.zeros_like(v), dv) - pin.rnea(model, data, q, 0.0 * v, 0.0 * v)
-            else:
-                needed = pin.rnea(model, data, q, v, dv / h)
-                needed[robot.joint_v] -= trajectory.us[k]
-            jacobians = [
-                pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-                for frame, down in zip(robot.contact_ids, grid.flags[k], strict=True)
-                if down
-            ]
-            if jacobians:
-                rows = np.vstack(jacobians)
-                solved = np.linalg.lstsq(rows.T, needed, rcond=None)[0]
-                found[k, grid.flags[k]] = solved.reshape(-1, 3)
-                needed = needed - rows.T @ solved
-            misfit = max(misfit, float(np.abs(needed).max()))
-        return found, misfit / (robot.mass * float(np.linalg.norm(robot.gravity)))
 
     def flight(self, xs: Array) -> tuple[float, float]:
         """Return how far a flight without any contact is from what mechanics allows; zeros if there is none.
@@ -182,23 +151,11 @@ class LeggedFigures:
                 slip = max(slip, float(np.linalg.norm(feet[first : last + 1, i] - feet[first, i], axis=1).max()))
         return slip
 
-    def _com_velocity(self, x: Array) -> Array:
-        robot, data = self.robot, self.robot.create_data()
-        pin.centerOfMass(robot.model, data, x[: robot.nq], x[robot.nq :])
-        return np.array(data.vcom[0])
-
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:
     """Return the first and the last node of each run of intervals whose flag is set."""
     edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
-
-
-def _friction_use(forces: Array, friction: float) -> Array:
-    """Return (n,) tangential forces over what friction allows; infinite where the ground would have to pull."""
-    tangential, allowed = np.linalg.norm(forces[:, :2], axis=1), friction * forces[:, 2]
-    use: Array = np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)
-    return use
 
 
 def _outside_cone(forces: Array, friction: float) -> Array:

@@ -24,8 +24,9 @@ from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, Fricti
 from lgmpc.ocp import ShootingProblem
 from lgmpc.problems.gait import GaitGrid
 from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights
+from lgmpc.problems.reactions import carry
 from lgmpc.robot import Robot
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array
 
 __all__ = ["LeggedScale", "carrying_efforts", "legged_problem"]
 
@@ -160,25 +161,10 @@ def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
     known: dict[bytes, Array] = {}
     for flags in grid.flags:
         if flags.tobytes() not in known:
-            known[flags.tobytes()] = _carrying_effort(robot, flags)
+            _, known[flags.tobytes()] = carry(robot, flags)
     efforts = np.array([known[flags.tobytes()] for flags in grid.flags])
     efforts[grid.impacts] = 0.0
     return efforts
-
-
-def _carrying_effort(robot: Robot, flags: BoolArray) -> Array:
-    """The contact forces are those of least squares that balance gravity on the base."""
-    if not flags.any():
-        return np.zeros(robot.nu)
-    model, data = robot.model, robot.create_data()
-    gravity = pin.computeGeneralizedGravity(model, data, robot.q_reference)
-    pin.computeJointJacobians(model, data, robot.q_reference)
-    pin.updateFramePlacements(model, data)
-    down = [frame for frame, on in zip(robot.contact_ids, flags, strict=True) if on]
-    rows = np.vstack([pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in down])
-    forces = np.linalg.lstsq(rows[:, :6].T, gravity[:6], rcond=None)[0]
-    effort: Array = (gravity - rows.T @ forces)[robot.joint_v]
-    return effort
 
 
 def _cones(robot: Robot, friction: float, weight: float) -> list[CostItem]:

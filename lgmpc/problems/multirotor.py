@@ -157,15 +157,15 @@ def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
 def thrust_figures(vehicle: Multirotor, trajectory: Trajectory, durations: Array) -> dict[str, float]:
     """Return the figures that all flights have.
 
-    ``min_thrust_ratio`` and ``max_thrust_ratio``: of the largest thrust. ``integration_error_m`` and
+    ``least_thrust_ratio`` and ``peak_thrust_ratio``: of the largest thrust. ``integration_error_m`` and
     ``integration_error_deg``: how far the last state is from where the thrusts take the vehicle (see :func:`flown`).
     """
     ratio = trajectory.us / vehicle.max_thrust
     truth, end = flown(vehicle, trajectory.xs[0], trajectory.us, durations), trajectory.xs[-1]
     turned = pin.Quaternion(truth[3:7]).angularDistance(pin.Quaternion(end[3:7]))
     return {
-        "min_thrust_ratio": float(ratio.min()),
-        "max_thrust_ratio": float(ratio.max()),
+        "least_thrust_ratio": float(ratio.min()),
+        "peak_thrust_ratio": float(ratio.max()),
         "integration_error_m": float(np.linalg.norm(truth[:3] - end[:3])),
         "integration_error_deg": float(np.degrees(turned)),
     }

@@ -69,9 +69,9 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     """Return the problem for a robot that begins at rest in its reference posture.
 
     The efforts keep to the robot's limits as bounds, positions and velocities of the joints by barriers. Figures:
-    ``position_error_m``, ``rotation_error_deg`` (if a rotation is asked for) and ``final_velocity_rad_s``, the largest
-    of the joints', at the end; ``beyond_limits_rad`` and ``beyond_limits_rad_s``, by how much any joint passes its
-    position and velocity limits.
+    ``position_error_m``, ``rotation_error_deg`` (if a rotation is asked for) and ``final_joint_velocity_rad_s``, the
+    largest, at the end; ``joint_limit_violation_rad`` and ``joint_velocity_violation_rad_s``, by how much any joint
+    passes its position and velocity limits.
 
     Raises:
         InputError: no such frame, or a robot whose base is free.
@@ -113,9 +113,9 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         beyond = np.maximum(np.maximum(state.lower - from_neutral, from_neutral - state.upper), 0.0).max(axis=0)
         found = {
             "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
-            "final_velocity_rad_s": float(np.abs(trajectory.xs[-1, robot.nq :]).max()),
-            "beyond_limits_rad": float(beyond[: robot.nv].max()),
-            "beyond_limits_rad_s": float(beyond[robot.nv :].max()),
+            "final_joint_velocity_rad_s": float(np.abs(trajectory.xs[-1, robot.nq :]).max()),
+            "joint_limit_violation_rad": float(beyond[: robot.nv].max()),
+            "joint_velocity_violation_rad_s": float(beyond[robot.nv :].max()),
         }
         if s.rpy_deg is not None:
             found["rotation_error_deg"] = float(np.degrees(np.linalg.norm(pin.log3(target.rotation.T @ end.rotation))))

@@ -1,42 +1,16 @@
-"""What soles do to a robot, from its motion: by Pinocchio's inverse dynamics, not by any action's expressions."""
+"""Rectangular soles: their corners, their centres of pressure, and the polygon that they support."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull
 
-from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["center_of_pressure", "sole_corners", "sole_wrenches"]
-
-
-def sole_wrenches(robot: Robot, x: Array, a: Array, u: Array | None) -> tuple[Array, Array]:
-    """Return (nc, 6) the wrenches at the contact frames that explain a motion, and (nu,) the efforts that go with them.
-
-    They solve ``M a + nle = [0; u] + J^T f`` in the sense of least squares: exactly, if the motion obeys it. World axes
-    at the frames' origins, [force; moment], on the robot. With unknown efforts the smallest wrenches that hold the free
-    base are meant, and efforts are what is then left; with known ones they are given back.
-
-    Args:
-        robot: with contact frames.
-        x: (nq + nv,) state.
-        a: (nv,) acceleration.
-        u: (nu,) efforts of the actuated joints, N.m, if known.
-    """
-    model, data = robot.model, robot.create_data()
-    q, v = x[: robot.nq], x[robot.nq : robot.nq + robot.nv]
-    needed = np.array(pin.rnea(model, data, q, v, a))
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
-    jacobian = np.vstack([pin.getFrameJacobian(model, data, i, pin.LOCAL_WORLD_ALIGNED) for i in robot.contact_ids])
-    joints = robot.joint_v
-    if u is None:
-        base = slice(0, joints.start)
-        wrench = np.linalg.lstsq(jacobian[:, base].T, needed[base], rcond=None)[0]
-        return wrench.reshape(-1, 6), (needed - jacobian.T @ wrench)[joints]
-    needed[joints] -= u
-    return np.linalg.lstsq(jacobian.T, needed, rcond=None)[0].reshape(-1, 6), np.array(u)
+__all__ = ["center_of_pressure", "in_axes_of", "margin_inside", "sole_corners"]
 
 
 def center_of_pressure(wrench: Array) -> Array:
@@ -55,3 +29,19 @@ def sole_corners(placement: pin.SE3, half_size: tuple[float, float]) -> Array:
     local = np.array([[i * length, j * width, 0.0] for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
     corners: Array = local @ placement.rotation.T + placement.translation
     return corners
+
+
+def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:
+    """Return wrenches (n, nc, 6) at the soles' origins in the soles' own axes, given those in world axes."""
+    back = np.array([sole.rotation.T for sole in soles])
+    turned = [np.einsum("cij,kcj->kci", back, part) for part in (wrenches[..., :3], wrenches[..., 3:])]
+    return np.concatenate(turned, axis=2)
+
+
+def margin_inside(corners: Array, points: Array) -> float:
+    """Return how far points (n, >= 2) stay inside the convex hull of corners (m, >= 2), in the plane, m.
+
+    Negative if one is outside.
+    """
+    edges = ConvexHull(corners[:, :2]).equations
+    return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull
 
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction, NumericContactAction
 from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
@@ -28,9 +27,10 @@ from lgmpc.costs.library import (
 )
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.kinematics import com_positions, frame_placements
+from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
+from lgmpc.problems.reactions import carry, friction_use, reactions
 from lgmpc.problems.scenario import Scenario, Waypoint
-from lgmpc.problems.soles import center_of_pressure, sole_corners, sole_wrenches
+from lgmpc.problems.soles import center_of_pressure, in_axes_of, margin_inside, sole_corners
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
@@ -131,12 +131,13 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     """Return the problem for a robot that stands in its reference posture, at rest, on soles at its contact frames.
 
     Hard constraints: efforts and joints within the robot's limits, contact forces in friction cones, centres of
-    pressure within the soles. Figures: ``hand_error_m``, ``hand_rotation_error_deg`` (if a rotation is asked for) and
-    ``final_speed``, the largest velocity, at the end; ``com_margin_m`` and ``zmp_margin_m``, how far inside the soles'
-    convex hull the centre of mass, projected to the ground, and the zero moment point stay; ``cop_margin_m``, how far
-    from its edge each sole's centre of pressure; ``friction_ratio``, tangential over normal force; ``slip_m`` and
-    ``sole_turn_deg``, of the soles from where they stood; ``beyond_limits_rad``. Forces are recomputed from the motion
-    by Pinocchio's inverse dynamics.
+    pressure within the soles. Figures: ``position_error_m`` and ``rotation_error_deg`` (if a rotation is asked for) of
+    the hand, ``final_speed_m_s`` of the centre of mass and ``final_joint_velocity_rad_s``, the largest, at the end;
+    ``com_margin_m`` and ``zmp_margin_m``, how far inside the soles' convex hull the centre of mass, projected to the
+    ground, and the zero moment point stay; ``cop_margin_m``, how far from its edge each sole's centre of pressure;
+    ``friction_ratio``, tangential force over what friction allows; ``slip_m`` and ``sole_turn_deg``, of the soles from
+    where they stood; ``joint_limit_violation_rad``, by how much any joint passes its position limits. Forces are
+    recomputed from the motion by Pinocchio's inverse dynamics.
 
     Raises:
         InputError: a robot without free base or contact frames, no such frame, or a margin that leaves nothing of the
@@ -150,14 +151,13 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     stance = [frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
     corners = np.concatenate([sole_corners(sole, s.sole_half_size) for sole in stance])
     problem = _problem(robot, s, target, stance)
-    effort = sole_wrenches(robot, robot.x_reference, np.zeros(robot.nv), None)[1]
+    durations, flags = np.full(s.nodes, s.node_duration), np.ones((s.nodes, robot.nc), dtype=np.bool_)
+    _, effort = carry(robot, flags[0], 6)
     bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
     guess = Trajectory(problem.hold().xs, np.tile(bounded, (s.nodes, 1)))
 
     def wrenches(trajectory: Trajectory) -> Array:
-        xs, us = trajectory.xs, trajectory.us
-        rates = np.diff(xs[:, robot.nq :], axis=0) / s.node_duration
-        return np.array([sole_wrenches(robot, x, a, u)[0] for x, a, u in zip(xs[:-1], rates, us, strict=True)])
+        return reactions(robot, trajectory, durations, flags, 6).wrenches
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs = trajectory.xs
@@ -168,24 +168,22 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         ground = np.array([sole.translation for sole in stance])
         total = forces.sum(axis=1)
         total[:, 3:] += np.cross(ground[None], forces[..., :3]).sum(axis=1)
-        pressure = np.array([[center_of_pressure(f) for f in node] for node in _local(stance, forces)])
-        joints = xs[:, robot.joint_q]
-        beyond = np.maximum(robot.joint_lower - joints, joints - robot.joint_upper)
-        tangential = np.linalg.norm(forces[..., :2], axis=-1)
+        pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
         found = {
-            "hand_error_m": float(np.linalg.norm(end.translation - target.translation)),
-            "final_speed": float(np.abs(xs[-1, robot.nq :]).max()),
-            "com_margin_m": _inside(corners, com_positions(robot, xs)),
-            "zmp_margin_m": _inside(corners, np.array([center_of_pressure(f) for f in total])),
+            "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
+            "final_speed_m_s": com_speed(robot, xs[-1]),
+            "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
+            "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
+            "zmp_margin_m": margin_inside(corners, np.array([center_of_pressure(f) for f in total])),
             "cop_margin_m": float((np.array(s.sole_half_size) - np.abs(pressure)).min()),
-            "friction_ratio": float((tangential / forces[..., 2]).max()),
+            "friction_ratio": float(friction_use(forces[..., :3].reshape(-1, 3), s.friction).max()),
             "slip_m": float(max(np.linalg.norm(move.translation) for move in moved)),
             "sole_turn_deg": float(np.degrees(max(np.linalg.norm(pin.log3(move.rotation)) for move in moved))),
-            "beyond_limits_rad": float(max(beyond.max(), 0.0)),
+            "joint_limit_violation_rad": joint_limit_violation(robot, xs),
         }
         if s.rpy_deg is not None:
             turned = np.linalg.norm(pin.log3(target.rotation.T @ end.rotation))
-            found["hand_rotation_error_deg"] = float(np.degrees(turned))
+            found["rotation_error_deg"] = float(np.degrees(turned))
         return found
 
     rotation = None if s.rpy_deg is None else target.rotation
@@ -194,9 +192,9 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         robot=robot,
         problem=problem,
         guess=guess,
-        durations=np.full(s.nodes, s.node_duration),
+        durations=durations,
         figures=figures,
-        contact_flags=np.ones((s.nodes, robot.nc), dtype=np.bool_),
+        contact_flags=flags,
         contact_forces=lambda trajectory: wrenches(trajectory)[..., :3],
         waypoints=(Waypoint(s.frame, s.nodes * s.node_duration, target.translation, rotation),),
         friction=s.friction,
@@ -268,16 +266,3 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     problem.set("joint_limit_upper", np.maximum(robot.joint_upper, start + 1.0), [0])
     problem.set_initial_state(robot.x_reference)
     return problem
-
-
-def _local(stance: list[pin.SE3], forces: Array) -> Array:
-    """Wrenches (N, nc, 6) at the soles' origins, from world axes to the soles' own."""
-    back = np.array([sole.rotation.T for sole in stance])
-    linear = np.einsum("cij,kcj->kci", back, forces[..., :3])
-    return np.concatenate([linear, np.einsum("cij,kcj->kci", back, forces[..., 3:])], axis=2)
-
-
-def _inside(corners: Array, points: Array) -> float:
-    """How far (n, >= 2) points stay inside the convex hull of the corners, in the plane; negative outside."""
-    edges = ConvexHull(corners[:, :2]).equations
-    return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

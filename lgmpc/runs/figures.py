@@ -21,6 +21,8 @@ _UNITS = {
 }
 """Ending of a figure's name, the unit that its values read best in, and how many of these one of the name's is."""
 
+_ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RPY", "ZMP")}
+
 _SMALL = 1e-3
 """What is smaller, in its unit, is told as no more than that: nobody reads 2.8e-05 deg."""
 
@@ -31,11 +33,11 @@ def figure_of(bound: str) -> str:
 
 
 def figure_words(figure: str) -> tuple[str, str, float]:
-    """Return ``com_error_m`` as ("com error", "mm", 1000): words, unit to show it in, scale to that unit."""
+    """Return ``com_error_m`` as ("CoM error", "mm", 1000): words, unit to show it in, scale to that unit."""
     for ending, (unit, scale) in _UNITS.items():
         if figure.endswith(ending):
-            return figure.removesuffix(ending).replace("_", " "), unit, scale
-    return figure.replace("_", " "), "", 1.0
+            return _words(figure.removesuffix(ending)), unit, scale
+    return _words(figure), "", 1.0
 
 
 def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
@@ -80,6 +82,10 @@ def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> 
             ending, side = f" {unit}" if unit else "", "most" if highest else "least"
             reasons.append(f"{words} {shown}{ending}, allowed at {side} {allowed}{ending} ({bound})")
     return tuple(reasons)
+
+
+def _words(name: str) -> str:
+    return " ".join(_ABBREVIATIONS.get(word, word) for word in name.split("_"))
 
 
 def _short(value: float) -> str:

@@ -37,8 +37,8 @@ def test_it_arrives_and_rests_there() -> None:
     assert solution.status is Status.CONVERGED, solution.explain()
     figures = scenario.figures(solution.trajectory)
     assert figures["position_error_m"] < 1e-3
-    assert figures["final_velocity_rad_s"] < 1e-3
-    assert figures["beyond_limits_rad"] == figures["beyond_limits_rad_s"] == 0.0
+    assert figures["final_joint_velocity_rad_s"] < 1e-3
+    assert figures["joint_limit_violation_rad"] == figures["joint_velocity_violation_rad_s"] == 0.0
     assert "rotation_error_deg" not in figures
 
 

@@ -152,8 +152,8 @@ def test_bounds_are_about_figures() -> None:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("com_rms_error_m", ("com rms error", "mm", 1e3)),
-        ("final_velocity_rad_s", ("final velocity", "rad/s", 1.0)),
+        ("com_rms_error_m", ("CoM RMS error", "mm", 1e3)),
+        ("final_joint_velocity_rad_s", ("final joint velocity", "rad/s", 1.0)),
         ("speed_m_s", ("speed", "m/s", 1.0)),
         ("solve_ms", ("solve", "ms", 1.0)),
         ("iterations", ("iterations", "", 1.0)),

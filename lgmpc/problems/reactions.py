@@ -1,0 +1,103 @@
+"""What the ground does to a robot, from its motion: by Pinocchio's inverse dynamics, not an action's expressions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.ocp import Trajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Reactions", "carry", "friction_use", "reactions"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reactions:
+    """Forces that explain a motion.
+
+    Attributes:
+        wrenches: (N, nc, size) on the robot at the origins of its contact frames, world axes, [force; moment] or force
+            alone, N and N.m; over an impact their impulses. Zero where there is no contact.
+        misfit: (N,) the largest entry of what they leave of the equations of motion, N or N.m, over an impact N.s.
+    """
+
+    wrenches: Array
+    misfit: Array
+
+
+def reactions(robot: Robot, trajectory: Trajectory, durations: Array, flags: BoolArray, size: int = 3) -> Reactions:
+    """Return the forces of a trajectory.
+
+    They follow from the change of velocity, ``J^T f = rnea(q, v, dv / h) - [0; u]`` or at an impact ``J^T f = M dv``,
+    in the sense of least squares: there are more equations than forces, so that what is left says whether the motion
+    is one.
+
+    Args:
+        robot: with contact frames.
+        trajectory: semi-implicit Euler's: the velocity changes by ``h a``.
+        durations: (N,) s; 0 for an impact.
+        flags: (N, nc) which contacts are on the ground; at an impact, after it.
+        size: 3 for points, which transmit a force, 6 for surfaces, which transmit a moment too.
+    """
+    model, data, nq = robot.model, robot.create_data(), robot.nq
+    wrenches, misfit = np.zeros((len(durations), robot.nc, size)), np.zeros(len(durations))
+    for k, (h, x, after) in enumerate(zip(durations, trajectory.xs, trajectory.xs[1:], strict=False)):
+        q, v, dv = x[:nq], x[nq : nq + robot.nv], (after - x)[nq : nq + robot.nv]
+        if h > 0.0:
+            needed = np.array(pin.rnea(model, data, q, v, dv / h))
+            needed[robot.joint_v] -= trajectory.us[k]
+        else:
+            still = np.zeros(robot.nv)
+            needed = pin.rnea(model, data, q, still, dv) - pin.rnea(model, data, q, still, still)
+        rows = _jacobian(robot, data, q, flags[k], size)
+        if len(rows):
+            found = np.linalg.lstsq(rows.T, needed, rcond=None)[0]
+            wrenches[k, flags[k]] = found.reshape(-1, size)
+            needed = needed - rows.T @ found
+        misfit[k] = np.abs(needed).max()
+    return Reactions(wrenches, misfit)
+
+
+def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
+    """Return what holds the reference posture at rest: wrenches (nc, size) at the contacts, and efforts (nu,), N.m.
+
+    The smallest wrenches that balance gravity on the free base, as nearly as they can, and the efforts that are then
+    left. No efforts where there is no contact.
+
+    Args:
+        robot: with free base and contact frames.
+        flags: (nc,) which contacts are on the ground.
+        size: 3 or 6; see :func:`reactions`.
+    """
+    wrenches = np.zeros((robot.nc, size))
+    if not flags.any():
+        return wrenches, np.zeros(robot.nu)
+    data, base = robot.create_data(), slice(0, robot.joint_v.start)
+    gravity = pin.computeGeneralizedGravity(robot.model, data, robot.q_reference)
+    rows = _jacobian(robot, data, robot.q_reference, flags, size)
+    found = np.linalg.lstsq(rows[:, base].T, gravity[base], rcond=None)[0]
+    wrenches[flags] = found.reshape(-1, size)
+    return wrenches, (gravity - rows.T @ found)[robot.joint_v]
+
+
+def friction_use(forces: Array, friction: float) -> Array:
+    """Return (n,) tangential parts of forces (n, 3), world axes, as a share of what friction allows.
+
+    Infinite where the ground would have to pull.
+    """
+    tangential, allowed = np.linalg.norm(forces[:, :2], axis=1), friction * forces[:, 2]
+    use: Array = np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)
+    return use
+
+
+def _jacobian(robot: Robot, data: pin.Data, q: Array, flags: BoolArray, size: int) -> Array:
+    """Return (size * contacts, nv) rows of the contacts on the ground, world axes at their origins."""
+    model = robot.model
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    down = [frame for frame, on in zip(robot.contact_ids, flags, strict=True) if on]
+    rows = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:size] for frame in down]
+    return np.vstack(rows) if rows else np.zeros((0, robot.nv))

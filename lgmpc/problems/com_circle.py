@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
-from lgmpc.costs import CostItem, Residual, StageSymbols
+from lgmpc.costs import CostItem
 from lgmpc.costs.activations import QuadraticBarrier
-from lgmpc.costs.library import CoMPosition, ContactControlGravity, FrictionCone, StateError
+from lgmpc.costs.library import CoMPosition, CoMVelocity, ContactControlGravity, FrictionCone, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.kinematics import com_positions, contact_positions
@@ -22,7 +22,7 @@ from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["ComCircleSettings", "ComCircleWeights", "ComVelocity", "build_com_circle"]
+__all__ = ["ComCircleSettings", "ComCircleWeights", "build_com_circle"]
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,6 @@ class ComCircleSettings:
     weights: ComCircleWeights = ComCircleWeights()
 
 
-class ComVelocity(Residual):
-    """Velocity of the centre of mass (3,), world axes, m/s."""
-
-    nr = 3
-
-    def expression(self, s: StageSymbols) -> object:
-        """Return the velocity."""
-        return s.robot.vcom(s.q, s.v)
-
-
 def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) -> Scenario:
     """Return the problem for a robot that stands in its reference posture, at rest.
 
@@ -102,7 +92,7 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
     deviation = np.repeat([0.0, w.base_orientation, w.posture, w.velocity], [3, 3, robot.nu, robot.nv])
     costs = [
         CostItem("com", CoMPosition(), w.com),
-        CostItem("speed", ComVelocity(), w.com_velocity),
+        CostItem("speed", CoMVelocity(), w.com_velocity),
         CostItem("posture", StateError(dynamics.state, robot.x_reference), deviation),
         CostItem("effort", ContactControlGravity(robot.nu), w.effort),
         *(

@@ -23,6 +23,7 @@ from lgmpc.costs.library import (
     FrameTranslation,
     FrictionCone,
     JointAcceleration,
+    JointPosition,
     StateError,
 )
 from lgmpc.errors import InputError
@@ -110,21 +111,6 @@ class Scaled(Residual):
     def expression(self, s: StageSymbols) -> Any:
         """Return the quotients."""
         return self._residual.expression(s) / self._unit
-
-
-class JointPosition(Residual):
-    """Positions of the last ``nu`` joints, each of one number (nu,), rad or m.
-
-    Args:
-        nu: number of these joints.
-    """
-
-    def __init__(self, nu: int) -> None:
-        self.nr = nu
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the positions."""
-        return s.q[s.robot.nq - self.nr :]
 
 
 def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scenario:

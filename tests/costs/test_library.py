@@ -15,6 +15,7 @@ from lgmpc.costs.library import (
     CenterOfPressure,
     CentroidalMomentum,
     CoMPosition,
+    CoMVelocity,
     ContactControlGravity,
     ContactForce,
     Control,
@@ -29,6 +30,7 @@ from lgmpc.costs.library import (
     FrictionCone,
     JointAcceleration,
     JointEffort,
+    JointPosition,
     SmoothFrictionCone,
     StateError,
 )
@@ -177,6 +179,8 @@ LIBRARY: dict[str, tuple[Residual, Callable[[Point], np.ndarray]]] = {
     "control gravity": (ControlGravity(12), lambda s: s.tau - gravity(s)[6:]),
     "contact gravity": (ContactControlGravity(12), lambda s: s.tau - contact_gravity(s)[6:]),
     "com": (CoMPosition(REF3), lambda s: pin.centerOfMass(solo().model, solo().create_data(), s.q) - REF3),
+    "com velocity": (CoMVelocity(REF3), lambda s: momentum(s)[:3] / solo().mass - REF3),
+    "joint position": (JointPosition(12, REF12), lambda s: s.q[7:] - REF12),
     "momentum": (CentroidalMomentum(REF6), lambda s: momentum(s) - REF6),
     "placement": (FramePlacement(POINT, TARGET7), lambda s: pin.log6(TARGET.actInv(placement(s, POINT))).vector),
     "rotation": (

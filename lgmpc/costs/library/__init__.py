@@ -3,11 +3,13 @@
 from lgmpc.costs.library.dynamics import (
     CentroidalMomentum,
     CoMPosition,
+    CoMVelocity,
     ContactControlGravity,
     Control,
     ControlGravity,
     JointAcceleration,
     JointEffort,
+    JointPosition,
     StateError,
 )
 from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, SmoothFrictionCone
@@ -25,6 +27,7 @@ __all__ = [
     "CenterOfPressure",
     "CentroidalMomentum",
     "CoMPosition",
+    "CoMVelocity",
     "ContactControlGravity",
     "ContactForce",
     "Control",
@@ -39,6 +42,7 @@ __all__ = [
     "FrictionCone",
     "JointAcceleration",
     "JointEffort",
+    "JointPosition",
     "SmoothFrictionCone",
     "StateError",
 ]

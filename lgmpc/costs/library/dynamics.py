@@ -15,11 +15,13 @@ from lgmpc.state.base import State
 __all__ = [
     "CentroidalMomentum",
     "CoMPosition",
+    "CoMVelocity",
     "ContactControlGravity",
     "Control",
     "ControlGravity",
     "JointAcceleration",
     "JointEffort",
+    "JointPosition",
     "StateError",
 ]
 
@@ -65,6 +67,22 @@ class Control(_Difference):
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
         return s.u - s["reference"]
+
+
+class JointPosition(_Difference):
+    """Positions of the actuated joints minus ``reference`` (nu,), rad (m); of joints of one number each.
+
+    Args:
+        nu: number of actuated joints, the last of the configuration.
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        super().__init__(nu, "joint positions to stay near, rad", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.q[s.robot.nq - self.nr :] - s["reference"]
 
 
 class JointAcceleration(_Difference):
@@ -143,6 +161,21 @@ class CoMPosition(_Difference):
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
         return s.com - s["reference"]
+
+
+class CoMVelocity(_Difference):
+    """Velocity of the centre of mass minus ``reference`` (3,), world axes, m/s.
+
+    Args:
+        reference: default of the parameter ``reference``.
+    """
+
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(3, "velocity of the centre of mass to stay near, world, m/s", reference)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return s.robot.vcom(s.q, s.v) - s["reference"]
 
 
 class CentroidalMomentum(_Difference):

@@ -19,7 +19,7 @@ from lgmpc.config import parse_config
 from lgmpc.config.build import build_robot
 from lgmpc.errors import LgmpcError
 from lgmpc.runs import PushInterval, Run, RunFolder, atomic_write, push_intervals
-from lgmpc.viz.replay import export_html
+from lgmpc.viz import replay_page, write_page
 from lgmpc.viz.snapshot import headless_chromium, snapshots
 
 PANEL = (560, 460)
@@ -59,7 +59,7 @@ def draw(run: Run, pushes: tuple[PushInterval, ...]) -> bytes:
     moments, captions = tell(run, pushes)
     robot = build_robot(parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path))
     with tempfile.TemporaryDirectory() as folder, headless_chromium() as browser:
-        page = export_html(robot, run, Path(folder) / "replay.html")
+        page = write_page(replay_page(robot, run), Path(folder) / "replay.html")
         start = float(run.log.time[0])
         pictures = snapshots(browser, page, [moment - start for moment in moments], size=PANEL, panels=False)
         figures = "".join(

@@ -17,9 +17,7 @@ __all__ = ["play_folder", "plot_folder"]
 
 def play_folder(folder: Path, html: Path | None, port: int) -> None:
     """Serve the replay of a run until Ctrl-C, or write it to ``html``."""
-    from lgmpc.viz.page import serve_page, write_page
-    from lgmpc.viz.replay import replay_page
-    from lgmpc.viz.trajectory_replay import trajectory_page
+    from lgmpc.viz import replay_page, serve_page, trajectory_page, write_page
 
     run = RunFolder.load_any(folder)
     robot = _robot_of(run)
@@ -33,8 +31,7 @@ def play_folder(folder: Path, html: Path | None, port: int) -> None:
 
 def plot_folder(folder: Path, into: Path | None) -> None:
     """Draw the figures of a run."""
-    from lgmpc.viz.plots import plot_run
-    from lgmpc.viz.trajectory_plots import plot_trajectory
+    from lgmpc.viz import plot_run, plot_trajectory
 
     run = RunFolder.load_any(folder)
     figures = plot_trajectory(_robot_of(run), run, into) if isinstance(run, SolvedRun) else plot_run(run, into)

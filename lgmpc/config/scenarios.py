@@ -6,7 +6,7 @@ A new kind of problem takes three things:
 2. ``lgmpc/config/schema/problem/<kind>.py``: its section with ``kind: Literal["<kind>"]``, and one line in the union of
    ``lgmpc/config/schema/problem/__init__.py``. Then write the schema for editors: ``lgmpc schema --out
    configs/schema.json``.
-3. Here: a function from section to scenario, and one line in ``_BUILDERS``.
+3. Here: a function from section to settings, and one line in ``_KINDS``.
 
 An :class:`InputError` of a builder about the argument ``radius`` is reported at the key ``problem.radius`` or, where
 the key has a unit, ``problem.radius_m``.
@@ -19,24 +19,60 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from lgmpc.config.robots import build_any_robot
-from lgmpc.config.schema import ComCircleProblem, ReachProblem, Section, SolveConfig
-from lgmpc.config.schema.problem import FlightProblem, GaitProblem, JumpProblem, RecoveryProblem, StandingReachProblem
-from lgmpc.config.schema.problem.legged import GaitWeights, LeggedSection
+from lgmpc.config.schema import Section, SolveConfig
+from lgmpc.config.schema.problem import (
+    ComCircleProblem,
+    FlightProblem,
+    GaitProblem,
+    JumpProblem,
+    ProblemSection,
+    ReachProblem,
+    RecoveryProblem,
+    StandingReachProblem,
+)
+from lgmpc.config.schema.problem.legged import GaitWeightsSection, LeggedSection
 from lgmpc.config.schema.problem.rotors import RotorsSection
 from lgmpc.errors import ConfigError, InputError
-from lgmpc.problems import Scenario
-from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
-from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
-from lgmpc.problems.gait import GaitPhase
-from lgmpc.problems.legged import build_gait, build_jump
-from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
-from lgmpc.problems.multirotor import MultirotorSettings
-from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
-from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
-from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
+from lgmpc.problems import (
+    ComCircleSettings,
+    ComCircleWeights,
+    FlightSettings,
+    FlightWaypoint,
+    FlightWeights,
+    GaitPhase,
+    GaitSettings,
+    JumpSettings,
+    LeggedSettings,
+    LeggedWeights,
+    MultirotorSettings,
+    ReachSettings,
+    ReachWeights,
+    RecoverySettings,
+    RecoveryWeights,
+    Scenario,
+    StandingReachSettings,
+    StandingReachWeights,
+    build_com_circle,
+    build_flight,
+    build_gait,
+    build_jump,
+    build_reach,
+    build_recovery,
+    build_standing_reach,
+)
 from lgmpc.robot import Robot
 
-__all__ = ["build_scenario"]
+__all__ = ["build_scenario", "problem_settings"]
+
+
+def problem_settings(section: ProblemSection) -> Any:
+    """Return what a section says in the words of :mod:`lgmpc.problems`, such as :class:`lgmpc.problems.GaitSettings`.
+
+    Raises:
+        InputError: a value that the settings refuse.
+    """
+    settings_of, _ = _KINDS[type(section)]
+    return settings_of(section)
 
 
 def build_scenario(config: SolveConfig) -> Scenario:
@@ -48,13 +84,14 @@ def build_scenario(config: SolveConfig) -> Scenario:
     """
     robot = build_any_robot(config)
     try:
-        return _BUILDERS[type(config.problem)](robot, config.problem)
+        _, build = _KINDS[type(config.problem)]
+        return build(robot, problem_settings(config.problem))
     except InputError as error:
         raise _at_its_key(config, error) from error
 
 
-def _com_circle(robot: Robot, section: ComCircleProblem) -> Scenario:
-    settings = ComCircleSettings(
+def _com_circle(section: ComCircleProblem) -> ComCircleSettings:
+    return ComCircleSettings(
         radius=section.radius_m,
         frequency=section.frequency_hz,
         nodes=section.nodes,
@@ -62,11 +99,10 @@ def _com_circle(robot: Robot, section: ComCircleProblem) -> Scenario:
         friction=section.friction,
         weights=ComCircleWeights(**section.weights.model_dump()),
     )
-    return build_com_circle(robot, settings)
 
 
-def _reach(robot: Robot, section: ReachProblem) -> Scenario:
-    settings = ReachSettings(
+def _reach(section: ReachProblem) -> ReachSettings:
+    return ReachSettings(
         frame=section.frame,
         position=section.position_m,
         rpy_deg=section.rpy_deg,
@@ -74,22 +110,20 @@ def _reach(robot: Robot, section: ReachProblem) -> Scenario:
         node_duration=section.node_s,
         weights=ReachWeights(**section.weights.model_dump()),
     )
-    return build_reach(robot, settings)
 
 
-def _flight(robot: Robot, section: FlightProblem) -> Scenario:
-    settings = FlightSettings(
+def _flight(section: FlightProblem) -> FlightSettings:
+    return FlightSettings(
         rotors=_rotors(section.rotors),
         start=section.start_m,
         waypoints=tuple(FlightWaypoint(p.name, p.time_s, p.position_m, p.rotation_deg) for p in section.waypoints),
         node_duration=section.node_s,
         weights=FlightWeights(**section.weights.model_dump()),
     )
-    return build_flight(robot, settings)
 
 
-def _recovery(robot: Robot, section: RecoveryProblem) -> Scenario:
-    settings = RecoverySettings(
+def _recovery(section: RecoveryProblem) -> RecoverySettings:
+    return RecoverySettings(
         rotors=_rotors(section.rotors),
         position=section.position_m,
         rotation_deg=section.rotation_deg,
@@ -100,12 +134,11 @@ def _recovery(robot: Robot, section: RecoveryProblem) -> Scenario:
         node_duration=section.node_s,
         weights=RecoveryWeights(**section.weights.model_dump()),
     )
-    return build_recovery(robot, settings)
 
 
-def _gait(robot: Robot, section: GaitProblem) -> Scenario:
+def _gait(section: GaitProblem) -> GaitSettings:
     phases = tuple(GaitPhase(phase.duration_s, phase.air, phase.height_m) for phase in section.phases)
-    settings = GaitSettings(
+    return GaitSettings(
         pattern=phases if section.pattern is None else section.pattern,
         cycles=section.cycles,
         swing=section.swing_s,
@@ -117,11 +150,10 @@ def _gait(robot: Robot, section: GaitProblem) -> Scenario:
         ramp=section.ramp_s,
         common=_legged(section, section.weights),
     )
-    return build_gait(robot, settings)
 
 
-def _jump(robot: Robot, section: JumpProblem) -> Scenario:
-    settings = JumpSettings(
+def _jump(section: JumpProblem) -> JumpSettings:
+    return JumpSettings(
         displacement=section.displacement_m,
         yaw=math.radians(section.yaw_deg),
         takeoff=section.takeoff_s,
@@ -130,10 +162,9 @@ def _jump(robot: Robot, section: JumpProblem) -> Scenario:
         height=section.height_m,
         common=_legged(section, section.weights),
     )
-    return build_jump(robot, settings)
 
 
-def _legged(section: LeggedSection, weights: GaitWeights) -> LeggedSettings:
+def _legged(section: LeggedSection, weights: GaitWeightsSection) -> LeggedSettings:
     return LeggedSettings(
         step=section.step_s,
         friction=section.friction,
@@ -143,8 +174,8 @@ def _legged(section: LeggedSection, weights: GaitWeights) -> LeggedSettings:
     )
 
 
-def _standing_reach(robot: Robot, section: StandingReachProblem) -> Scenario:
-    settings = StandingReachSettings(
+def _standing_reach(section: StandingReachProblem) -> StandingReachSettings:
+    return StandingReachSettings(
         frame=section.frame,
         position=section.position_m,
         rpy_deg=section.rpy_deg,
@@ -155,22 +186,22 @@ def _standing_reach(robot: Robot, section: StandingReachProblem) -> Scenario:
         node_duration=section.node_s,
         weights=StandingReachWeights(**section.weights.model_dump()),
     )
-    return build_standing_reach(robot, settings)
 
 
 def _rotors(section: RotorsSection) -> MultirotorSettings:
     return MultirotorSettings(section.frames, section.turning, section.max_thrust_n, section.drag_ratio_m)
 
 
-_BUILDERS: Mapping[type[Section], Callable[[Robot, Any], Scenario]] = {
-    ComCircleProblem: _com_circle,
-    FlightProblem: _flight,
-    GaitProblem: _gait,
-    JumpProblem: _jump,
-    ReachProblem: _reach,
-    RecoveryProblem: _recovery,
-    StandingReachProblem: _standing_reach,
+_KINDS: Mapping[type[Section], tuple[Callable[[Any], Any], Callable[[Robot, Any], Scenario]]] = {
+    ComCircleProblem: (_com_circle, build_com_circle),
+    FlightProblem: (_flight, build_flight),
+    GaitProblem: (_gait, build_gait),
+    JumpProblem: (_jump, build_jump),
+    ReachProblem: (_reach, build_reach),
+    RecoveryProblem: (_recovery, build_recovery),
+    StandingReachProblem: (_standing_reach, build_standing_reach),
 }
+"""What turns each section into settings, and settings into a scenario."""
 
 
 def _at_its_key(config: SolveConfig, error: InputError) -> ConfigError:

@@ -1,5 +1,64 @@
-"""Ready-made optimal control problems, each with its guess and what success means."""
+"""Ready-made optimal control problems.
 
+A builder takes a robot and settings, and returns a :class:`Scenario`: the shooting problem, a guess to start from, and
+the figures by which a solution is judged.
+
+    scenario = build_gait(robot, GaitSettings(pattern="walk", cycles=2))
+    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    print(scenario.figures(solution.trajectory))
+
+Gaits that have no name are put together of phases (:class:`Gait`), and :func:`build_legged` takes any of them along any
+motion of the base. Forces and margins of any trajectory, by Pinocchio, are in ``reactions`` and ``soles``.
+"""
+
+from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
+from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
+from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
+from lgmpc.problems.gait import FootSwing, Gait, GaitGrid, GaitPhase, QuadrupedFeet
+from lgmpc.problems.legged import build_gait, build_jump, build_legged
+from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
+from lgmpc.problems.multirotor import Multirotor, MultirotorSettings
+from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
+from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
 from lgmpc.problems.scenario import Controls, Scenario, Waypoint
+from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
 
-__all__ = ["Controls", "Scenario", "Waypoint"]
+__all__ = [
+    "BaseLeap",
+    "BaseMotion",
+    "BasePath",
+    "ComCircleSettings",
+    "ComCircleWeights",
+    "Controls",
+    "FlightSettings",
+    "FlightWaypoint",
+    "FlightWeights",
+    "FootSwing",
+    "Footsteps",
+    "Gait",
+    "GaitGrid",
+    "GaitPhase",
+    "GaitSettings",
+    "JumpSettings",
+    "LeggedSettings",
+    "LeggedWeights",
+    "Multirotor",
+    "MultirotorSettings",
+    "QuadrupedFeet",
+    "ReachSettings",
+    "ReachWeights",
+    "RecoverySettings",
+    "RecoveryWeights",
+    "Scenario",
+    "StandingReachSettings",
+    "StandingReachWeights",
+    "Waypoint",
+    "build_com_circle",
+    "build_flight",
+    "build_gait",
+    "build_jump",
+    "build_legged",
+    "build_reach",
+    "build_recovery",
+    "build_standing_reach",
+]

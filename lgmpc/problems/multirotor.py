@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import solve_ivp
 
 from lgmpc.actions import FreeForwardDynamics, thrusters
 from lgmpc.errors import InputError
@@ -137,6 +136,8 @@ def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
         us: (N, nu) thrusts, each constant over its interval, N.
         durations: (N,) s.
     """
+    from scipy.integrate import solve_ivp  # not above: it takes longer to load than all problems
+
     model, data = vehicle.robot.model, vehicle.robot.create_data()
     actuation = np.asarray(vehicle.dynamics.actuation.full())
 

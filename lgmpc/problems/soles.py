@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull
 
 from lgmpc.typing import Array
 
@@ -43,5 +42,7 @@ def margin_inside(corners: Array, points: Array) -> float:
 
     Negative if one is outside.
     """
+    from scipy.spatial import ConvexHull  # not above, for the sake of what imports no soles
+
     edges = ConvexHull(corners[:, :2]).equations
     return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

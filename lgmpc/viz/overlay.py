@@ -13,7 +13,7 @@ from lgmpc.viz.marks import COLORS, Arrow, Scale, add_ball, add_cone, add_plumb_
 from lgmpc.viz.mesh import sphere
 from lgmpc.viz.scene import Material, Scene
 
-__all__ = ["COLORS", "Frames", "Scale", "add_overlay"]
+__all__ = ["Frames", "add_overlay"]
 
 _NEAR_SLIP = 0.1
 """A cone is drawn in the warning colour when less than this fraction of ``mu f_n`` is left."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from lgmpc.errors import InputError
@@ -12,55 +9,13 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Run, push_intervals
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.viz.body import Body, load_body
-from lgmpc.viz.overlay import COLORS, Frames, Scale, add_overlay
-from lgmpc.viz.page import Readout, page_of, serve_page, time_line, write_page
+from lgmpc.viz.marks import COLORS, Scale
+from lgmpc.viz.overlay import Frames, add_overlay
+from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
 
-__all__ = ["export_html", "play", "replay_page"]
-
-
-def export_html(robot: Robot, run: Run, file: Path | str) -> Path:
-    """Write the replay of a run as one self-contained page.
-
-    Args:
-        robot: the robot of the run.
-        run: the run folder, read.
-        file: the page to write; complete or not there.
-
-    Returns:
-        The file's path.
-
-    Raises:
-        InputError: if the log has nothing to show or belongs to another robot.
-        RunFolderError: if the file cannot be written.
-        MissingDependencyError: if meshcat is not installed.
-    """
-    return write_page(replay_page(robot, run), file)
-
-
-def play(
-    robot: Robot,
-    run: Run,
-    *,
-    port: int = 0,
-    open_browser: bool = False,
-    notify: Callable[[str], None] = print,
-) -> None:
-    """Serve the replay of a run on 127.0.0.1 until Ctrl-C.
-
-    Args:
-        robot: the robot of the run.
-        run: the run folder, read.
-        port: TCP port; 0 = any free one.
-        open_browser: open the page in the default browser.
-        notify: told the address.
-
-    Raises:
-        InputError: as :func:`export_html`, or if the port is taken.
-        MissingDependencyError: if meshcat is not installed.
-    """
-    serve_page(replay_page(robot, run), run.path.name, port=port, open_browser=open_browser, notify=notify)
+__all__ = ["replay_page"]
 
 
 def replay_page(robot: Robot, run: Run) -> str:

@@ -65,7 +65,7 @@ def snapshots(
 
     Args:
         browser: from :func:`headless_chromium`.
-        page: the page that :func:`lgmpc.viz.replay.export_html` wrote.
+        page: a page that :func:`lgmpc.viz.write_page` wrote.
         times: s since the start of the log.
         size: width and height, pixels.
         panels: with title, legend and time line, or the scene alone.

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from lgmpc.errors import InputError
-from lgmpc.viz.replay import export_html
+from lgmpc.viz import replay_page, write_page
 from lgmpc.viz.snapshot import find_chromium, headless_chromium, snapshots
 
 pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
@@ -49,7 +49,7 @@ class Picture:
 
 @pytest.fixture(scope="module")
 def page(solo12, pushed_run, tmp_path_factory) -> Path:
-    return export_html(solo12, pushed_run, tmp_path_factory.mktemp("page") / "replay.html")
+    return write_page(replay_page(solo12, pushed_run), tmp_path_factory.mktemp("page") / "replay.html")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lgmpc.viz.overlay import Frames, Scale, add_overlay
+from lgmpc.viz.marks import Scale
+from lgmpc.viz.overlay import Frames, add_overlay
 from lgmpc.viz.scene import Scene
 
 from .conftest import PUSH_END, PUSH_FORCE, PUSH_START

@@ -17,9 +17,8 @@ from lgmpc.errors import InputError, RunFolderError
 from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.runs import Outcome, Verdict
 from lgmpc.runs.log import CHANNELS
-from lgmpc.viz import replay
-from lgmpc.viz.page import PageServer
-from lgmpc.viz.replay import export_html, play, replay_page
+from lgmpc.viz.page import PageServer, serve_page, write_page
+from lgmpc.viz.replay import replay_page
 
 from .test_scene import unpack
 
@@ -93,20 +92,18 @@ def test_a_run_of_another_robot_or_of_nothing_is_refused(solo12, pushed_run) -> 
         replay_page(solo12, replace(pushed_run, log=log))
 
 
-def test_the_page_is_written_whole_or_not_at_all(solo12, pushed_run, tmp_path, monkeypatch) -> None:
-    file = export_html(solo12, pushed_run, tmp_path / "replay.html")
-    before = file.read_bytes()
-    assert before.startswith(b"<!DOCTYPE html>") and before.rstrip().endswith(b"</html>")
+def test_the_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
+    file = write_page("<html>first</html>", tmp_path / "replay.html")
     with pytest.raises(RunFolderError, match="no such file"):
-        export_html(solo12, pushed_run, tmp_path / "nowhere" / "replay.html")
+        write_page("x", tmp_path / "nowhere" / "replay.html")
 
-    def interrupted(robot, run):
+    def interrupted(descriptor):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(replay, "replay_page", interrupted)
+    monkeypatch.setattr(os, "fsync", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        export_html(solo12, pushed_run, file)
-    assert file.read_bytes() == before
+        write_page("<html>second</html>", file)
+    assert file.read_text(encoding="utf-8") == "<html>first</html>"
     assert [child.name for child in tmp_path.iterdir()] == ["replay.html"]
 
 
@@ -132,7 +129,7 @@ def test_a_port_that_cannot_be_is_refused() -> None:
         PageServer("x", 70000)
 
 
-def test_playing_tells_the_address_and_ends_with_ctrl_c(solo12, pushed_run) -> None:
+def test_serving_tells_the_address_and_ends_with_ctrl_c() -> None:
     told: list[str] = []
     pages: list[bytes] = []
 
@@ -149,6 +146,6 @@ def test_playing_tells_the_address_and_ends_with_ctrl_c(solo12, pushed_run) -> N
         finally:
             os.kill(os.getpid(), signal.SIGINT)
 
-    play(solo12, pushed_run, notify=look_and_press)
+    serve_page("<html>solo12_pushed</html>", "a run", notify=look_and_press)
     assert len(told) == 1
     assert b"solo12_pushed" in pages[0]

@@ -18,7 +18,7 @@ from lgmpc.config.schema.mpc import (
     WholeBodyMpcWeights,
 )
 from lgmpc.config.schema.plant import PlantSection
-from lgmpc.config.schema.problem import ComCircleProblem, ProblemSection, ReachProblem
+from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ComCircleReference, ReferenceSection, StandReference
 from lgmpc.config.schema.robot import RobotSection
@@ -31,7 +31,6 @@ from lgmpc.config.schema.wbc import WbcGain, WbcGains, WbcSection, WbcWeights
 
 __all__ = [
     "CentroidalMpcSection",
-    "ComCircleProblem",
     "ComCircleReference",
     "Config",
     "Document",
@@ -51,7 +50,6 @@ __all__ = [
     "PlantSection",
     "ProblemSection",
     "PushSection",
-    "ReachProblem",
     "ReferenceSection",
     "RobotSection",
     "Section",

@@ -8,10 +8,10 @@ from pydantic import Field
 
 from lgmpc.config.schema.base import Count, NonNegative, Positive, Section
 
-__all__ = ["ComCircleProblem", "ComCircleWeights"]
+__all__ = ["ComCircleProblem", "ComCircleWeightsSection"]
 
 
-class ComCircleWeights(Section):
+class ComCircleWeightsSection(Section):
     """Weights of the squared deviations, per second of the horizon."""
 
     com: Positive = Field(default=1e4, description="Centre of mass from the circle, 1/m2.")
@@ -36,4 +36,4 @@ class ComCircleProblem(Section):
     friction: Positive = Field(
         default=0.6, description="Friction coefficient of the cones that the contact forces are drawn into."
     )
-    weights: ComCircleWeights = Field(default=ComCircleWeights(), description="Weights of the cost.")
+    weights: ComCircleWeightsSection = Field(default=ComCircleWeightsSection(), description="Weights of the cost.")

@@ -18,10 +18,17 @@ from lgmpc.config.schema.base import (
     problem,
 )
 
-__all__ = ["GaitPhaseSection", "GaitProblem", "GaitWeights", "JumpProblem", "JumpWeights", "LeggedSection"]
+__all__ = [
+    "GaitPhaseSection",
+    "GaitProblem",
+    "GaitWeightsSection",
+    "JumpProblem",
+    "JumpWeightsSection",
+    "LeggedSection",
+]
 
 
-class GaitWeights(Section):
+class GaitWeightsSection(Section):
     """Weights of squared deviations, without dimension: the units are the robot's mass, leg length and weight."""
 
     position: NonNegative = Field(default=0.1, description="Base, ahead and to the left, from where it is commanded.")
@@ -39,7 +46,7 @@ class GaitWeights(Section):
     terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
 
 
-class JumpWeights(GaitWeights):
+class JumpWeightsSection(GaitWeightsSection):
     """Weights as those of a gait, with other defaults: little on the way, all on the landing and the end."""
 
     height: NonNegative = Field(default=1.0, description="Height of the base.")
@@ -91,7 +98,7 @@ class GaitProblem(LeggedSection):
     yaw_rate_deg_s: Finite = Field(default=0.0, description="Rate of turning to the left, degrees per s.")
     settle_s: Positive = Field(default=0.2, description="How long the robot stands before and after, s.")
     ramp_s: NonNegative = Field(default=0.2, description="How long the base takes to its speed, and from it, s.")
-    weights: GaitWeights = Field(default=GaitWeights(), description="Weights of the cost.")
+    weights: GaitWeightsSection = Field(default=GaitWeightsSection(), description="Weights of the cost.")
 
     @model_validator(mode="after")
     def _one_gait(self) -> GaitProblem:
@@ -113,4 +120,4 @@ class JumpProblem(LeggedSection):
     landing_s: Positive = Field(default=0.5, description="How long it has to come to rest, s.")
     height_m: NonNegative = Field(default=0.1, description="By which feet rise above the straight line, m.")
     step_s: Positive = Field(default=0.01, description="About the length of an interval, s; they end on switches.")
-    weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")
+    weights: JumpWeightsSection = Field(default=JumpWeightsSection(), description="Weights of the cost.")

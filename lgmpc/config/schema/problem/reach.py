@@ -8,10 +8,10 @@ from pydantic import Field
 
 from lgmpc.config.schema.base import Count, NonNegative, Positive, Section, Vector3
 
-__all__ = ["ReachProblem", "ReachWeights"]
+__all__ = ["ReachProblem", "ReachWeightsSection"]
 
 
-class ReachWeights(Section):
+class ReachWeightsSection(Section):
     """Weights of the cost; those of the running cost are per second of the horizon."""
 
     position: Positive = Field(default=1e5, description="Frame from its target at the end, 1/m2.")
@@ -40,4 +40,4 @@ class ReachProblem(Section):
     )
     nodes: Count = Field(default=100, description="Number of intervals.")
     node_s: Positive = Field(default=0.01, description="Length of each interval, s.")
-    weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
+    weights: ReachWeightsSection = Field(default=ReachWeightsSection(), description="Weights of the cost.")

@@ -26,7 +26,7 @@ def test_a_force_that_is_not_in_the_lagrangian_is_noticed(monkeypatch: pytest.Mo
     rough = free_body(symmetry._BOX, spatial_force=lambda s: ca.DM([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
     monkeypatch.setattr(symmetry, "_CASES", (replace(free, system=rough), *others))
     wrong = {row.quantity for row in symmetry.run().rows if not row.agrees}
-    assert wrong == {"free: momenta that stay", "free: relative change of those"}
+    assert wrong == {"free: momenta that stay", "free: relative change of these"}
 
 
 def test_a_textbook_that_is_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

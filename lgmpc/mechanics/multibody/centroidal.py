@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.lie import quaternion, se3
+from lgmpc.lie import checks, quaternion, se3
+from lgmpc.mechanics.checks import check_vector
 from lgmpc.mechanics.multibody.floating_base import EquationsOfMotion
 from lgmpc.typing import Array
 
@@ -38,13 +39,23 @@ class CentroidalTerms:
     gravity: Array
 
     def momentum(self, v: ArrayLike) -> Array:
-        """Return (6,) h for a velocity (nv,)."""
-        found: Array = self.matrix @ np.asarray(v)
+        """Return (6,) h for a velocity (nv,).
+
+        Raises:
+            InputError: another shape, or not finite.
+        """
+        found: Array = self.matrix @ check_vector("v", v, self.matrix.shape[1])
         return found
 
     def momentum_rate(self, v: ArrayLike, acceleration: ArrayLike) -> Array:
-        """Return (6,) h' for a velocity and an acceleration (nv,); equals the sum of all external wrenches."""
-        found: Array = self.matrix @ np.asarray(acceleration) + self.rate @ np.asarray(v)
+        """Return (6,) h' for a velocity and an acceleration (nv,); equals the sum of all external wrenches.
+
+        Raises:
+            InputError: another shape, or not finite.
+        """
+        size = self.matrix.shape[1]
+        found: Array = self.matrix @ check_vector("acceleration", acceleration, size)
+        found += self.rate @ check_vector("v", v, size)
         return found
 
 
@@ -66,13 +77,10 @@ def centroidal_terms(equations: EquationsOfMotion, q: ArrayLike, v: ArrayLike) -
     Raises:
         InputError: the robot's base is bolted, or the state does not fit.
     """
-    configuration, velocity = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
     if len(equations.mass) - len(equations.selection) != 6:
         raise InputError("equations", "a robot with a bolted base", "a robot whose first joint is a free-flyer")
-    if configuration.shape != (len(equations.mass) + 1,):
-        raise InputError("q", f"shape {configuration.shape}", f"shape {(len(equations.mass) + 1,)}")
-    if velocity.shape != (len(equations.mass),):
-        raise InputError("v", f"shape {velocity.shape}", f"shape {(len(equations.mass),)}")
+    configuration = check_vector("q", q, len(equations.mass) + 1)
+    velocity = check_vector("v", v, len(equations.mass))
     locked = equations.locked_inertia
     mass = float(locked[0, 0])
     rotation = quaternion.to_matrix(configuration[3:7])
@@ -103,12 +111,12 @@ def wrench_about(com: ArrayLike, points: ArrayLike, forces: ArrayLike, moments: 
         moments: (k, 3) world axes, N.m; none if omitted.
 
     Raises:
-        InputError: shapes that do not fit.
+        InputError: shapes that do not fit, or numbers that are not finite.
     """
-    places, pulls = np.asarray(points, dtype=np.float64), np.asarray(forces, dtype=np.float64)
+    places, pulls = checks.finite("points", points), checks.finite("forces", forces)
     if places.ndim != 2 or places.shape[1] != 3:
         raise InputError("points", f"shape {places.shape}", "shape (k, 3)")
     if pulls.shape != places.shape:
         raise InputError("forces", f"shape {pulls.shape}", f"shape {places.shape}, as the points")
-    turns = np.cross(places - np.asarray(com, dtype=np.float64), pulls) + np.asarray(moments, dtype=np.float64)
+    turns = np.cross(places - check_vector("com", com, 3), pulls) + checks.finite("moments", moments)
     return np.concatenate([pulls.sum(axis=0), turns.sum(axis=0)])

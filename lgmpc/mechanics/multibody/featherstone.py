@@ -16,6 +16,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics.checks import check_inertia, check_positive, check_vector
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody
+from lgmpc.mechanics.reduction.groups import SE3
 from lgmpc.typing import Array
 
 __all__ = [
@@ -72,28 +73,44 @@ def swap(value: ArrayLike) -> Array:
 
 
 def motion_transform(placement: ArrayLike) -> Array:
-    """Return (6, 6) X: motion vectors from the outer frame to the placed one, angular first (eq. 2.24)."""
-    pose = np.asarray(placement, dtype=np.float64)
+    """Return (6, 6) X: motion vectors from the outer frame to the placed one, angular first (eq. 2.24).
+
+    Raises:
+        InputError: no placement (4, 4).
+    """
+    pose = SE3.check_element("placement", placement)
     turn, r = pose[:3, :3].T, so3.hat(pose[:3, 3])
     return np.block([[turn, np.zeros((3, 3))], [-turn @ r, turn]])
 
 
 def force_transform(placement: ArrayLike) -> Array:
-    """Return (6, 6) X* = X^-T: force vectors from the outer frame to the placed one, angular first (eq. 2.25)."""
-    pose = np.asarray(placement, dtype=np.float64)
+    """Return (6, 6) X* = X^-T: force vectors from the outer frame to the placed one, angular first (eq. 2.25).
+
+    Raises:
+        InputError: no placement (4, 4).
+    """
+    pose = SE3.check_element("placement", placement)
     turn, r = pose[:3, :3].T, so3.hat(pose[:3, 3])
     return np.block([[turn, -turn @ r], [np.zeros((3, 3)), turn]])
 
 
 def motion_cross(v: ArrayLike) -> Array:
-    """Return (6, 6) v x on motions, angular first (eq. 2.31)."""
-    omega, linear = so3.hat(np.asarray(v)[:3]), so3.hat(np.asarray(v)[3:])
+    """Return (6, 6) v x on motions, angular first (eq. 2.31).
+
+    Raises:
+        InputError: ``v`` is not (6,), or not finite.
+    """
+    omega, linear = (so3.hat(part) for part in np.split(check_vector("v", v, 6), 2))
     return np.block([[omega, np.zeros((3, 3))], [linear, omega]])
 
 
 def force_cross(v: ArrayLike) -> Array:
-    """Return (6, 6) v x* on forces, angular first (eq. 2.32)."""
-    omega, linear = so3.hat(np.asarray(v)[:3]), so3.hat(np.asarray(v)[3:])
+    """Return (6, 6) v x* on forces, angular first (eq. 2.32).
+
+    Raises:
+        InputError: ``v`` is not (6,), or not finite.
+    """
+    omega, linear = (so3.hat(part) for part in np.split(check_vector("v", v, 6), 2))
     return np.block([[omega, linear], [np.zeros((3, 3)), omega]])
 
 
@@ -129,9 +146,8 @@ def correspondences(
     Raises:
         InputError: no placement, no twist, or no inertia.
     """
-    pose = np.asarray(placement, dtype=np.float64)
+    pose, twist = SE3.check_element("placement", placement), check_vector("xi", xi, 6)
     back = se3.inverse(pose)
-    twist = np.asarray(xi, dtype=np.float64)
     body = spatial_inertia(mass, com, inertia)
     # The kinetic energy's quadratic form, from the velocity of the centre of mass: no spatial algebra in it.
     to_com = np.hstack([np.eye(3), -so3.hat(np.asarray(com, dtype=np.float64))])

@@ -62,9 +62,12 @@ class EquationsOfMotion:
         """Return (6,) the acceleration of a free base that joint accelerations (n,) alone cause.
 
         ``-M_bb^-1 M_bj q''``: what lifting a leg does to the trunk (chapter 4.12.5).
+
+        Raises:
+            InputError: another shape, or not finite.
         """
-        found: Array = -np.linalg.solve(self.locked_inertia, self.coupling @ np.asarray(joint_acceleration))
-        return found
+        acceleration = check_vector("joint_acceleration", joint_acceleration, self.coupling.shape[1])
+        return np.asarray(-np.linalg.solve(self.locked_inertia, self.coupling @ acceleration), dtype=np.float64)
 
 
 class FloatingBaseDynamics:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lgmpc.mechanics.checks import check_positive
 from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
 from lgmpc.mechanics.quadrotor.trajectory import FlatTrajectory
 from lgmpc.mechanics.rigid_body import GRAVITY
@@ -25,6 +26,9 @@ class EulerGains:
         angle: of the errors of roll, pitch and yaw.
         angle_rate: of their derivatives.
         tilt: largest roll and pitch that are asked for, rad.
+
+    Raises:
+        InputError: one that is not positive.
     """
 
     position: float = 4.0
@@ -33,6 +37,10 @@ class EulerGains:
     angle: float = 100.0
     angle_rate: float = 20.0
     tilt: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            check_positive(name, value, "rad" if name == "tilt" else "a gain")
 
 
 class EulerAnglePid:

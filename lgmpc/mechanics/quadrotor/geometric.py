@@ -13,6 +13,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
+from lgmpc.mechanics.checks import check_positive
 from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
 from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory
 from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
@@ -47,8 +48,7 @@ class GeometricGains:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(name, value, "a positive gain")
+            check_positive(name, value, "a gain")
 
     @classmethod
     def of_the_paper(cls, mass: float = 4.34) -> GeometricGains:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.mechanics.checks import check_vector
 from lgmpc.typing import Array
 
 __all__ = ["FlatOutput", "Hover", "Lissajous", "FlatTrajectory"]
@@ -40,10 +41,18 @@ class Hover:
     Attributes:
         point: (3,) m.
         heading: (3,) direction of the body's x axis.
+
+    Raises:
+        InputError: a vector of another shape or not finite, or no direction.
     """
 
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heading: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_vector("point", self.point, 3)
+        if not check_vector("heading", self.heading, 3).any():
+            raise InputError("heading", self.heading, "a direction")
 
     def at(self, time: float) -> FlatOutput:
         """Return the point, whatever the time."""

@@ -98,5 +98,13 @@ def test_bad_input_is_refused() -> None:
         f.spatial_inertia(1.0, COM, np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(InputError, match="symmetric"):
         f.spatial_inertia(1.0, COM, INERTIA + np.triu(np.ones((3, 3)), 1))
+    for transform in (f.motion_transform, f.force_transform):
+        with pytest.raises(InputError, match="placement"):
+            transform(2.0 * np.eye(4))
+    for product in (f.motion_cross, f.force_cross):
+        with pytest.raises(InputError, match="v: got shape"):
+            product(np.zeros(3))
+    with pytest.raises(InputError, match="xi"):
+        f.correspondences(PLACEMENT.homogeneous, np.full(6, np.nan), MASS, COM, INERTIA)
     with pytest.raises(InputError, match="value"):
         f.swap(np.zeros(5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -113,6 +114,53 @@ def test_blocks_of_the_mass_matrix_mean_what_the_chapter_says() -> None:
     assert np.linalg.eigvalsh(terms.mass)[0] > 0
 
 
+def test_the_two_link_robot_moves_as_by_lagranges_equations_in_euler_angles() -> None:
+    """Exercises H.2 and 4.4.2: eight coordinates, Lagrange's equations, no group and no body velocity in them."""
+    x, rate = ca.SX.sym("x", 8), ca.SX.sym("rate", 8)
+
+    def turn(axis: int, angle: ca.SX) -> ca.SX:
+        i, j = [(1, 2), (2, 0), (0, 1)][axis]
+        matrix = ca.SX.eye(3)
+        matrix[i, i] = matrix[j, j] = ca.cos(angle)
+        matrix[j, i], matrix[i, j] = ca.sin(angle), -ca.sin(angle)
+        return matrix
+
+    def along(expression: ca.SX) -> ca.SX:
+        return ca.reshape(ca.jtimes(ca.vec(expression), x, rate), expression.shape)
+
+    def spin(rotation: ca.SX) -> ca.SX:
+        omega = rotation.T @ along(rotation)
+        return ca.vertcat(omega[2, 1], omega[0, 2], omega[1, 0])
+
+    base = turn(2, x[5]) @ turn(1, x[4]) @ turn(0, x[3])
+    upper = base @ turn(1, x[6])
+    lower = upper @ turn(2, x[7])
+    hip = x[:3] + base @ ca.DM([0.2, 0.1, -0.1])
+    knee = hip + upper @ ca.DM([0.0, 0.05, -0.3])
+    lagrangian = 0
+    for mass, rotation, center, moments in (
+        (4.0, base, x[:3] + base @ ca.DM([0.03, -0.02, 0.05]), [0.05, 0.08, 0.1]),
+        (1.2, upper, hip + upper @ ca.DM([0.0, 0.01, -0.15]), [0.02, 0.021, 0.004]),
+        (0.7, lower, knee + lower @ ca.DM([0.02, 0.0, -0.12]), [0.009, 0.01, 0.002]),
+    ):
+        lagrangian += 0.5 * mass * ca.sumsqr(along(center)) + 0.5 * ca.dot(ca.DM(moments), spin(rotation) ** 2)
+        lagrangian -= mass * 9.81 * center[2]
+    tau, momentum = ca.SX.sym("tau", 2), ca.gradient(lagrangian, rate)
+    force = ca.gradient(lagrangian, x) - along(momentum) + ca.vertcat(ca.SX.zeros(6), tau)
+    second = ca.solve(ca.jacobian(momentum, rate), force)
+    velocity = ca.vertcat(base.T @ rate[:3], spin(base), rate[6:])
+    slope = along(velocity) + ca.jacobian(velocity, rate) @ second
+    by_lagrange = ca.Function("by_lagrange", [x, rate, tau], [base, velocity, slope])
+
+    dynamics, rng = FloatingBaseDynamics(two_link()), np.random.default_rng(3)
+    for _ in range(4):
+        point, torque = rng.uniform(-1.2, 1.2, 8), rng.normal(size=2)
+        rotation, v, expected = (value.full() for value in by_lagrange(point, rng.normal(size=8), torque))
+        q = np.concatenate((pin.SE3ToXYZQUAT(pin.SE3(rotation, point[:3])), point[6:]))
+        found = dynamics.forward_dynamics(q, v.ravel(), torque)
+        np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-10)
+
+
 def test_lifting_a_leg_pushes_the_trunk() -> None:
     """Chapter 4.12.5, in free fall and at rest, where the coupling is all there is."""
     model = load("solo12").model
@@ -214,6 +262,12 @@ def test_bad_input_is_refused() -> None:
         centroidal_terms(equations, q, v[:-1])
     with pytest.raises(InputError, match="points"):
         wrench_about(np.zeros(3), np.zeros(3), np.zeros(3))
+    with pytest.raises(InputError, match="com"):
+        wrench_about(np.full(3, np.inf), np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(InputError, match="joint_acceleration"):
+        equations.recoil(np.zeros(3))
+    with pytest.raises(InputError, match="acceleration"):
+        centroidal_terms(equations, q, v).momentum_rate(v, np.full(model.nv, np.nan))
     with pytest.raises(InputError, match="forces"):
         wrench_about(np.zeros(3), np.zeros((2, 3)), np.zeros((1, 3)))
     arm = FloatingBaseDynamics(load("talos_arm").model)

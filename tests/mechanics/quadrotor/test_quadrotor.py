@@ -14,6 +14,7 @@ from lgmpc.lie import so3
 from lgmpc.mechanics.quadrotor import (
     AttitudeCommand,
     EulerAnglePid,
+    EulerGains,
     FlatOutput,
     GeometricController,
     GeometricGains,
@@ -251,6 +252,12 @@ def test_bad_input_is_refused() -> None:
         QUADROTOR.limited(2.0, -1.0)
     with pytest.raises(InputError, match="rate: got -1"):
         GeometricGains(1.0, 1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="integral: got -1"):
+        EulerGains(integral=-1.0)
+    with pytest.raises(InputError, match="point"):
+        Hover((0.0, np.nan, 0.0))
+    with pytest.raises(InputError, match="heading: .* a direction"):
+        Hover(heading=(0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="step"):
         fly(QUADROTOR, Idle(), QuadrotorState.at_rest(np.eye(3)), 1.0, 0.0)
     with pytest.raises(InputError):

@@ -78,3 +78,23 @@ def test_dimensions_that_do_not_exist_are_refused() -> None:
         translations(0)
     with pytest.raises(InputError, match=r"velocity: got shape \(2,\)"):
         SO3.check_tangent("velocity", [1.0, 2.0])
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.name)
+def test_velocities_vary_with_a_bracket(group: LieGroup, side: str) -> None:
+    """What Euler and Poincare's equations rest on: ``delta xi = eta' + [xi, eta]`` for ``xi = g^-1 g'`` (chapter 4.3.2;
+    Marsden and Ratiu 1999, 13.5.2), and ``zeta' - [xi, zeta]`` for ``xi = g' g^-1`` (appendix on the spatial form)."""
+    rng, t, e = np.random.default_rng(4), ca.SX.sym("t"), ca.SX.sym("e")
+    a, b, c, d = rng.normal(size=(4, group.dim))
+    symbolic, n = group.symbolic, group.size
+    motion, nudge = symbolic.exp(ca.DM(a) * t + ca.DM(b) * t**2), symbolic.exp(e * (ca.DM(c) + ca.DM(d) * t))
+    pose = symbolic.compose(motion, nudge) if side == "left" else symbolic.compose(nudge, motion)
+    rate = ca.reshape(ca.jacobian(ca.vec(pose), t), n, n)
+    velocity = symbolic.inverse(pose) @ rate if side == "left" else rate @ symbolic.inverse(pose)
+    varied = ca.reshape(ca.jacobian(ca.vec(velocity), e), n, n)
+    xi_hat, delta = (m.full() for m in ca.Function("variation", [t, e], [velocity, varied])(0.7, 0.0))
+    xi, eta = group.numeric.vee(xi_hat), c + 0.7 * d
+    sign = 1.0 if side == "left" else -1.0
+    expected = d + sign * group.numeric.ad(xi) @ eta
+    np.testing.assert_allclose(delta, group.numeric.hat(expected), rtol=0, atol=1e-12)

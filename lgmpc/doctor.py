@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lgmpc.chromium import find_chromium
 from lgmpc.errors import CompileError, InputError
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ def iterate_checks() -> Iterator[Check]:
     yield _guarded("robot", _check_robot, 'pip install "pin>=4,<5" "example-robot-data-loaders>=4.4,<6"')
     for name, solve in _QP_SOLVERS.items():
         yield _guarded(f"QP by {name}", functools.partial(_check_qp, name, solve), f"pip install {name}")
+    for name in _QUIET:
+        yield _guarded(f"NLP by {name}", functools.partial(_check_nlp, name), "pip install --force-reinstall casadi")
     yield _guarded("mujoco plant", _check_mujoco, "pip install mujoco")
     yield _guarded("chromium", _check_chromium, "")
     yield _guarded("threads", _check_threads, "")
@@ -253,6 +256,23 @@ def _check_qp(name: str, solve: Callable[[], Array]) -> Check:
     return Check(f"QP by {name}", ok, f"{error:.0e} from the known solution", "" if ok else f"pip install -U {name}")
 
 
+_QUIET: dict[str, dict[str, Any]] = {"ipopt": {"print_level": 0, "sb": "yes"}, "fatrop": {"print_level": 0}}
+"""Options by which CasADi's plugins print nothing."""
+
+
+def _check_nlp(name: str) -> Check:
+    """Let CasADi's plugin minimise (x - 2)^2 subject to x <= 1."""
+    import casadi
+
+    x = casadi.MX.sym("x")
+    quiet = {"print_time": False, name: _QUIET[name]}
+    solver = casadi.nlpsol("self_test", name, {"x": x, "f": (x - 2.0) ** 2, "g": x}, quiet)
+    error = abs(float(solver(x0=0.0, lbg=-casadi.inf, ubg=1.0)["x"]) - 1.0)
+    return Check(
+        f"NLP by {name}", error < 1e-6, f"{error:.0e} from the known solution", "" if error < 1e-6 else _REINSTALL
+    )
+
+
 def _check_mujoco() -> Check:
     from lgmpc.simulation.mujoco import MujocoPlant
 
@@ -270,8 +290,6 @@ def _check_mujoco() -> Check:
 
 
 def _check_chromium() -> Check:
-    from lgmpc.viz.snapshot import find_chromium
-
     found = find_chromium()
     if found is None:
         return Check("chromium", True, "none found", "only pictures of replays need one: apt install chromium")

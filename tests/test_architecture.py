@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
 # Every room may import these: they are about no robot, no problem and no solver.
-FOUNDATION = "errors typing compile proxqp"
+FOUNDATION = "errors typing compile proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation simulation"
@@ -59,7 +59,7 @@ ARROWS: dict[str, str] = {
     "config.closed_loop": f"{_PARTS} control runs",
     "config.execution": "runs",
     "config.session": "runs",
-    "doctor": f"{_PARTS} viz",
+    "doctor": _PARTS,
     "cli": "config problems robot runs viz doctor demos",
     "__main__": "cli",
     # The foundation itself, and the package's own front page.
@@ -67,6 +67,7 @@ ARROWS: dict[str, str] = {
     "typing": "errors",
     "compile": "errors typing",
     "proxqp": "",
+    "chromium": "",
     "": "",
 }
 

@@ -34,7 +34,8 @@ def test_everything_the_tests_need_is_sound(tmp_path: Path) -> None:
     declared = {Requirement(line).name for line in metadata.requires("lgmpc") or () if "extra ==" not in line}
     assert declared < set(names)
     asked = {"python", "compiler", "compiled code", "cache", "robot", "mujoco plant", "chromium", "threads"}
-    assert asked | {"QP by osqp", "QP by piqp", "QP by proxsuite"} == set(names) - declared
+    solvers = {"QP by osqp", "QP by piqp", "QP by proxsuite", "NLP by ipopt", "NLP by fatrop"}
+    assert asked | solvers == set(names) - declared
     assert "solo12: 12 actuated joints" in next(c.detail for c in checks if c.name == "robot")
     assert list((tmp_path / "cache").iterdir()) == [], "the self-test leaves nothing in the cache"
 
@@ -96,7 +97,7 @@ print(*(check.name for check in diagnose() if not check.ok), sep=",")
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=dict(os.environ))
     assert done.returncode == 0, done.stderr
     failed = set(done.stdout.strip().split(","))
-    assert {"QP by osqp", "mujoco plant"} <= failed
+    assert {"QP by osqp", "NLP by ipopt", "mujoco plant"} <= failed
     assert failed.isdisjoint({"python", "QP by piqp", "QP by proxsuite", "chromium", "threads", "osqp"})
 
 

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError, MissingDependencyError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-__all__ = ["find_chromium", "headless_chromium", "snapshots"]
-
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+__all__ = ["headless_chromium", "snapshots"]
 
 # WebGL in software: a machine without a display and without a graphics card draws the same picture.
 _ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-
-
-def find_chromium() -> Path | None:
-    """Return the installed Chromium: what the environment variable CHROMIUM names, else the first on the path."""
-    named = os.environ.get("CHROMIUM")
-    found = shutil.which(named) if named else next(filter(None, map(shutil.which, _NAMES)), None)
-    return Path(found) if found else None
 
 
 @contextmanager

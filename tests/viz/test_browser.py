@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
 from lgmpc.viz import replay_page, write_page
-from lgmpc.viz.snapshot import find_chromium, headless_chromium, snapshots
+from lgmpc.viz.snapshot import headless_chromium, snapshots
 
 pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from lgmpc.chromium import find_chromium
 from lgmpc.config import dump_config, load_config
 from lgmpc.runs import RunFolder
-from lgmpc.viz.snapshot import find_chromium
 
 ROOT = Path(__file__).parents[2]
 

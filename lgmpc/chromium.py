@@ -1,0 +1,18 @@
+"""Where Chromium is installed, if it is: pictures of replays need one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+__all__ = ["find_chromium"]
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+def find_chromium() -> Path | None:
+    """Return the installed Chromium: what the environment variable CHROMIUM names, else the first on the path."""
+    named = os.environ.get("CHROMIUM")
+    found = shutil.which(named) if named else next(filter(None, map(shutil.which, _NAMES)), None)
+    return Path(found) if found else None

@@ -1,4 +1,4 @@
-"""A thousand seconds of a free rigid body: what each integrator loses (chapter 4.14.2, 4.18)."""
+"""A thousand seconds of a free rigid body: what each integrator loses (chapter 4.18)."""
 
 from __future__ import annotations
 

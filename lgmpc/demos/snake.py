@@ -1,4 +1,7 @@
-"""Three links in space turn by wriggling, at zero angular momentum; the area they go around tells how far (4.16)."""
+"""Three links in space turn by wriggling, at zero angular momentum; how far, the area they go around tells.
+
+Chapter 4.16.
+"""
 
 from __future__ import annotations
 

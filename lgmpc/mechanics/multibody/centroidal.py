@@ -1,4 +1,8 @@
-"""Centroidal momentum read off the mass matrix, and its balance (chapter 4.8; Orin, Goswami and Lee 2013).
+"""Centroidal momentum read off the mass matrix, and its balance (chapter 4.8).
+
+Orin, Goswami and Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35 (2013); Wensing and Orin,
+"Improved computation of the humanoid centroidal dynamics and application for whole-body control", Int. J. Humanoid
+Robotics 13 (2016).
 
 Wrenches and momenta are [linear; angular] about the centre of mass, world axes, as Pinocchio's ``hg`` and ``Ag``; the
 chapter writes [angular; linear].

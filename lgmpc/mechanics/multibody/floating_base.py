@@ -4,6 +4,9 @@
     d/dt dT/dq' - dT/dq + dV/dq = tau                    the joints, on T^n
 
 Together ``M(q) v' + C(q, v) v + g(q) = S^T tau + J^T lambda`` (chapter 4.7.2). The derivatives are CasADi's.
+
+Marsden and Scheurle, "The reduced Euler-Lagrange equations", Fields Inst. Commun. 1 (1993); Featherstone, "Rigid
+body dynamics algorithms" (2008), chapter 9, for the same equations by recursion.
 """
 
 from __future__ import annotations

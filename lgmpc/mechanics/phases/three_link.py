@@ -1,5 +1,7 @@
 """Three links in a plane that turn by wriggling, at zero angular momentum: a swimmer in space (chapter 4.16).
 
+Kelly and Murray, "Geometric phases and robotic locomotion", J. Robotic Systems 12 (1995).
+
 Shape r = (r_1, r_2), the angles of the first and the last link to the middle one, whose angle in the world is theta.
 """
 

@@ -1,4 +1,7 @@
-"""What a quadrotor is to follow: position and heading, with the derivatives that its flatness needs."""
+"""What a quadrotor is to follow: position and heading, with the derivatives that its flatness needs (chapter 4.12.3).
+
+Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011.
+"""
 
 from __future__ import annotations
 

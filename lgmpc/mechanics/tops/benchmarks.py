@@ -1,4 +1,7 @@
-"""Heavy tops that the literature measures integrators on, with a reference that knows nothing of groups."""
+"""Heavy tops that the literature measures integrators on, with a reference that knows nothing of groups.
+
+Their equations are those of chapter 4.17.
+"""
 
 from __future__ import annotations
 

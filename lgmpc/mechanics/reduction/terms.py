@@ -1,4 +1,4 @@
-"""The vocabulary of reduced systems: what their expressions are written in, and what a computed motion is (chapter 4.2)."""
+"""The vocabulary of reduced systems: what their expressions are written in, and what a computed motion is."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Solvers of optimal control problems: FDDP, SQP on structured QPs, and ipopt; one loop, one solution."""
 
-from lgmpc.solvers.fddp import BoxFddp, Fddp, FddpSettings
+from lgmpc.solvers.box_fddp import BoxFddp
+from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress
 from lgmpc.solvers.nlp import NlpSolver

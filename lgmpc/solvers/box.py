@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import lapack
 
 from lgmpc.actions import Action
 from lgmpc.errors import InputError
-from lgmpc.ocp import ShootingProblem
-from lgmpc.solvers.sweep import BackwardSweep
+from lgmpc.ocp import ShootingFunctions, ShootingProblem
+from lgmpc.solvers.compiled_sweep import make_sweep
+from lgmpc.solvers.sweep import all_finite
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["BoxSweep", "ControlBounds", "control_bounds", "minimise_in_box"]
+__all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
+
+_ROUNDING = 1e-12  # by which a free control may pass its bound, relative to it
+_EXCHANGES = 10  # of held controls; a model that takes more is far from the truth, and regularisation settles it
 
 
 @dataclass(frozen=True)
@@ -85,77 +89,123 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
     return np.array(rows, dtype=np.int64), ca.Function("limits", [p], edges)
 
 
-class BoxSweep(BackwardSweep):
-    """A sweep whose feedforward keeps each control within its bounds, with feedback in the free controls only."""
+@dataclass(frozen=True)
+class _Held:
+    """An expansion in which some controls are known: their columns have moved into gaps and gradients."""
 
-    def run(self, regularization: float, *, closed: bool) -> bool:
-        """Sweep once; with gaps left the bounds wait (the roll-out keeps to them)."""
-        self._boxed = closed
-        return super().run(regularization, closed=closed)
+    jacobian: Array
+    hessian: Array
+    gradient: Array
+    gaps: Array
+    last_hessian: Array
+    last_gradient: Array
+    feedback: Array
+    feedforward: Array
+    compiled: bool
 
-    def _gains(self, t: int, quu: Array, qux: Array, qu: Array, feedback: Array, feedforward: Array) -> bool:
-        f = self._functions
-        if not self._boxed or not (np.isfinite(f.u_lower[t]).any() or np.isfinite(f.u_upper[t]).any()):
-            return super()._gains(t, quu, qux, qu, feedback, feedforward)
-        step, free = minimise_in_box(quu, qu, f.u_lower[t] - f.us[t], f.u_upper[t] - f.us[t])
-        if step is None:
-            return False
-        feedback[...] = 0.0
-        if free.any():
-            factor, failed = lapack.dpotrf(quu[np.ix_(free, free)], 1, 0)
-            if failed:
-                return False
-            feedback[free] = lapack.dpotrs(factor, qux[free], 1)[0]
-        feedforward[...] = -step
-        self.control_product[t] = quu.dot(feedforward)
-        return True
-
-    def _lower(self, g: Array, qux: Array, qu: Array, t: int, feedback: Array, feedforward: Array) -> None:
-        # Also the controls that move to their bounds move the gradient; the free ones' own gradients vanish there.
-        g -= feedforward.dot(qux)
+    @classmethod
+    def of(cls, f: ShootingFunctions) -> _Held:
+        """One of the same size that writes the same gains."""
+        jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
+        return cls(
+            jacobian, hessian, gradient, gaps, f.last_hessian, f.last_gradient, f.feedback, f.feedforward, f.compiled
+        )
 
 
-def minimise_in_box(
-    hessian: Array, gradient: Array, lower: Array, upper: Array, max_iterations: int = 100
-) -> tuple[Array | None, Array]:
-    """Minimise ``1/2 d^T H d + g^T d`` over ``lower <= d <= upper`` by projected Newton steps.
+class BoxSweep:
+    """Minimises the linear-quadratic model over all controls between their bounds, on the whole horizon at once.
 
-    Bertsekas, "Projected Newton methods for optimization problems with simple constraints", SIAM J. Control Optim. 20,
-    1982.
+    A control is free or held at a bound. With the held ones known, a backward sweep and a linear forward one give the
+    minimiser over the free ones, and the multipliers of the held ones. Then free controls beyond a bound are held, held
+    ones whose multiplier has the wrong sign are freed, until there are none (the primal-dual active set method:
+    Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002); the next run begins with what is held. That Newton's step in
+    the free controls is a sweep: Dunn and Bertsekas, J. Optim. Theory Appl. 63, 1989; Pantoja and Mayne, Int. J.
+    Control 53, 1991.
+
+    Boxes on each node's own step (Tassa, Mansard, Todorov, ICRA 2014) would leave out what feedback adds to it: where
+    the states move far, the roll-out then cuts controls off that the sweep counted on, and the line search stalls.
 
     Args:
-        hessian: (n, n) symmetric.
-        gradient: (n,).
-        lower: (n,) at most ``upper``.
-        upper: (n,).
-        max_iterations: Newton steps.
+        functions: where expansion and bounds are read and the gains are written.
+        progress: told what is being compiled.
 
-    Returns:
-        The minimiser (n,) and which entries (n,) no bound holds; None for the former if H is not positive definite in
-        the free entries.
+    Attributes:
+        value_hessian: (N+1, ndx, ndx) of the cost-to-go, the held controls being held.
+        value_gradient: (N+1, ndx).
+        held: (N, nu) -1 at the lower bound, 1 at the upper one, 0 free.
+        dxs: (N+1, ndx) the minimiser.
+        dus: (N, nu).
     """
-    n = gradient.size
-    d = np.clip(np.zeros(n), lower, upper)
-    free = np.ones(n, dtype=bool)
-    scale = 1e-12 * max(1.0, float(np.abs(gradient).max(initial=0.0)))
-    for _ in range(max_iterations):
-        slope = gradient + hessian.dot(d)
-        free = ~(((d <= lower) & (slope > 0.0)) | ((d >= upper) & (slope < 0.0)))
-        if not free.any() or float(np.abs(slope[free]).max()) <= scale:
-            break
-        factor, failed = lapack.dpotrf(hessian[np.ix_(free, free)], 1, 0)
-        if failed:
-            return None, free
-        newton = np.zeros(n)
-        newton[free] = -lapack.dpotrs(factor, slope[free], 1)[0]
-        value = d.dot(0.5 * hessian.dot(d) + gradient)
-        length = 1.0
-        while length > 1e-8:
-            moved = np.clip(d + length * newton, lower, upper)
-            if value - moved.dot(0.5 * hessian.dot(moved) + gradient) >= 0.1 * slope.dot(d - moved):
-                break
-            length *= 0.5
-        if np.array_equal(moved, d):
-            break
-        d = moved
-    return d, free
+
+    def __init__(self, functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
+        self._functions, self._model = functions, _Held.of(functions)
+        self._sweep = make_sweep(self._model, progress)
+        self.value_hessian, self.value_gradient = self._sweep.value_hessian, self._sweep.value_gradient
+        self.held: IntArray = np.zeros(functions.us.shape, dtype=np.int64)
+        self.dxs: Array = np.zeros(functions.gaps.shape)
+        self.dus: Array = np.zeros(functions.us.shape)
+
+    def run(self, regularization: float, *, closed: bool) -> bool:
+        """Minimise, and write the gains; False if that takes more regularisation.
+
+        It does where a Hessian in the free controls is not positive definite, and where what is held does not settle.
+
+        Args:
+            regularization: added to the diagonals of the Hessians in controls and states.
+            closed: whether all gaps are zero.
+        """
+        f, held = self._functions, self.held
+        low, high = f.u_lower - f.us, f.u_upper - f.us
+        rounding = _ROUNDING * (1.0 + np.abs(f.us))
+        fixed = low == high
+        held[fixed] = 1
+        for _ in range(_EXCHANGES):
+            if not self._minimise(np.where(held > 0, high, np.where(held < 0, low, 0.0)), regularization, closed):
+                return False
+            above, below = self.dus > high + rounding, self.dus < low - rounding
+            beyond = (held == 0) & (above | below)
+            pulled = (held * self._slopes(regularization) > 0.0) & ~fixed
+            if not (beyond | pulled).any():
+                return True
+            held[pulled] = 0
+            held[beyond] = np.where(above, 1, -1)[beyond]
+        return False
+
+    def expected(self, *, closed: bool) -> tuple[float, float]:
+        """Slope and curvature of the model's decrease along its step."""
+        f, dxs = self._functions, self.dxs
+        step = np.hstack([dxs[:-1], self.dus])
+        slope = np.vdot(f.gradient, step) + np.vdot(f.last_gradient, dxs[-1])
+        curvature = np.einsum("ki,kij,kj->", step, f.hessian, step) + dxs[-1] @ f.last_hessian @ dxs[-1]
+        return -float(slope), -float(curvature)
+
+    def _minimise(self, move: Array, regularization: float, closed: bool) -> bool:
+        """Minimise over the free controls, the held ones moving by ``move`` (N, nu)."""
+        f, m, held = self._functions, self._model, self.held != 0
+        ndx = self.dxs.shape[1]
+        free = np.hstack([np.ones((held.shape[0], ndx)), ~held])
+        np.multiply(f.jacobian, free[:, :, None], out=m.jacobian)
+        np.multiply(f.hessian, free[:, :, None] * free[:, None, :], out=m.hessian)
+        m.hessian[:, range(free.shape[1]), range(free.shape[1])] += 1.0 - free
+        np.multiply(f.gradient + np.einsum("kij,kj->ki", f.hessian[:, :, ndx:], move), free, out=m.gradient)
+        m.gaps[...] = 0.0 if closed else f.gaps
+        m.gaps[1:] += np.einsum("kij,ki->kj", f.jacobian[:, ndx:], move)
+        if not self._sweep.run(regularization, closed=closed and not move.any()):
+            return False
+        f.feedforward[held] = -move[held]
+        self.dxs[0] = m.gaps[0]
+        for t, (dx, du) in enumerate(zip(self.dxs, self.dus, strict=False)):
+            np.subtract(-f.feedforward[t], f.feedback[t].dot(dx), out=du)
+            self.dxs[t + 1] = m.gaps[t + 1] + dx.dot(m.jacobian[t, :ndx]) + du.dot(m.jacobian[t, ndx:])
+        return all_finite(self.dxs)
+
+    def _slopes(self, regularization: float) -> Array:
+        """The regularised model's slopes (N, nu) in the controls at the minimiser: zero in free ones."""
+        f, ndx = self._functions, self.dxs.shape[1]
+        # The sweep's gradients are those where the gaps are closed.
+        moved = self.dxs - self._model.gaps
+        costates = self.value_gradient + np.einsum("kij,kj->ki", self.value_hessian, moved)
+        step = np.hstack([self.dxs[:-1], self.dus])
+        slopes: Array = f.gradient[:, ndx:] + np.einsum("kij,kj->ki", f.hessian[:, ndx:], step)
+        slopes += regularization * self.dus + np.einsum("kij,kj->ki", f.jacobian[:, ndx:], costates[1:])
+        return slopes

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from lgmpc.compile import compile_source
-from lgmpc.ocp import ShootingFunctions
 from lgmpc.solvers.routines import routine_addresses
-from lgmpc.solvers.sweep import BackwardSweep, all_finite
+from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite
 
 __all__ = ["CompiledSweep", "make_sweep"]
 
@@ -103,10 +102,9 @@ class CompiledSweep(BackwardSweep):
         library: the machine code.
     """
 
-    def __init__(self, functions: ShootingFunctions, library: ctypes.CDLL) -> None:
+    def __init__(self, functions: Expansion, library: ctypes.CDLL) -> None:
         super().__init__(functions)
         n, width, ndx = functions.jacobian.shape
-        self.control_product = self.control_gradient  # Quu k = Qu where no bound holds a control
         self._plan = np.array([n, ndx, width - ndx, 0], dtype=np.int64)
         self._shift = np.zeros(1)
         f = functions
@@ -127,7 +125,7 @@ class CompiledSweep(BackwardSweep):
         return self._call(self._frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
 
 
-def make_sweep(functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> BackwardSweep:
+def make_sweep(functions: Expansion, progress: Callable[[str], None] | None = None) -> BackwardSweep:
     """The compiled sweep; in numpy where nothing can be compiled."""
     library = compile_source("lgmpc_sweep", _SOURCE, progress=progress) if functions.compiled else None
     return BackwardSweep(functions) if library is None else CompiledSweep(functions, ctypes.CDLL(str(library)))

@@ -1,12 +1,12 @@
-"""Feasibility-driven differential dynamic programming, without constraints and with bounds on the controls.
+"""Feasibility-driven differential dynamic programming, for problems without path constraints.
 
 It starts from any trajectory, feasible or not, and opens or closes the dynamics' gaps together: a step of length alpha
 keeps ``1 - alpha`` of each gap, as multiple shooting does, and the states in between come from a roll-out under the
 sweep's feedback, as in differential dynamic programming. Mastalli et al., "Crocoddyl: an efficient and versatile
-framework for multi-contact optimal control", ICRA 2020; with bounds: Mastalli, Merkt, Marti-Saumell, Ferrolho, Sola,
-Mansard, Vijayakumar, "A feasibility-driven approach to control-limited DDP", Autonomous Robots 46, 2022.
+framework for multi-contact optimal control", ICRA 2020.
 
-Acceptance, regularisation and stopping are those of Crocoddyl 3, so that its settings and iteration counts carry over.
+Acceptance and regularisation are those of Crocoddyl 3, so that its settings and iteration counts carry over; a solution
+has to be stationary as well (:class:`FddpSettings`), for which an iteration or two more may be needed.
 """
 
 from __future__ import annotations
@@ -19,22 +19,30 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.solvers.box import BoxSweep, control_bounds
+from lgmpc.solvers.box import BoxSweep
 from lgmpc.solvers.compiled_sweep import make_sweep
 from lgmpc.solvers.loop import IterativeSolver, Progress
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite
 from lgmpc.typing import Array
 
-__all__ = ["BoxFddp", "Fddp", "FddpSettings"]
+__all__ = ["Fddp", "FddpSettings"]
+
+_PATIENCE = 5  # steps that only rounding makes and that do not halve the gradient
 
 
 @dataclass(frozen=True)
 class FddpSettings:
     """Tolerances and schedules; the standard values are Crocoddyl's.
 
+    A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
+    does not depend on how states and controls are scaled, but says nothing of conditions on which the cost hardly
+    depends. The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review
+    47, 2005), since it is their differences; infinity asks for the first only, as Crocoddyl does.
+
     Attributes:
-        tolerance: the expected reduction of the cost at which a feasible trajectory is a solution.
+        tolerance: largest expected reduction of the cost.
+        stationarity: largest entry of the Lagrangian's gradient, per ``1 + the largest multiplier``.
         step_lengths: tried in this order, beginning with 1.
         acceptance: least fraction of the expected reduction that a step has to bring.
         ascent_acceptance: most multiples of an expected increase (a price of closing gaps) that a step may bring.
@@ -47,6 +55,7 @@ class FddpSettings:
     """
 
     tolerance: float = 1e-9
+    stationarity: float = 1e-6
     step_lengths: tuple[float, ...] = tuple(2.0**-i for i in range(10))
     acceptance: float = 0.1
     ascent_acceptance: float = 2.0
@@ -66,8 +75,9 @@ class FddpSettings:
             raise InputError("regularization_factor", self.regularization_factor, "above 1")
         if not self.step_lengths or not all(0.0 < a <= 1.0 for a in self.step_lengths):
             raise InputError("step_lengths", self.step_lengths, "numbers above 0, at most 1")
-        if not self.tolerance > 0.0:
-            raise InputError("tolerance", self.tolerance, "above 0")
+        for name in ("tolerance", "stationarity"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(name, getattr(self, name), "above 0")
 
 
 class Fddp(IterativeSolver):
@@ -100,6 +110,7 @@ class Fddp(IterativeSolver):
         self.functions = ShootingFunctions(problem, progress)
         self.sweep = self._make_sweep(progress)
         self._clock = [0.0, 0.0, 0.0]
+        self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
 
     def _check_constraints(self) -> None:
         for k, action in enumerate(self.problem.actions):
@@ -107,7 +118,7 @@ class Fddp(IterativeSolver):
                 expected = "an action without constraints (BoxFddp takes bounds on controls; the NLP and SQP take all)"
                 raise InputError(f"actions[{k}]", f"'{action.name}', which has path constraints", expected)
 
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep:
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep | BoxSweep:
         return make_sweep(self.functions, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
@@ -123,29 +134,21 @@ class Fddp(IterativeSolver):
         self._accepted, self._step_length = False, 1.0
         self._cost = self._criterion = self._gap = np.nan
         self._expand()
-        self._closed = self._was_closed = self._gap <= self.settings.rounding
-        self._fresh = True  # whether the expansion is that of the current trajectory
-        return None if self._finite() else Status.NOT_FINITE
+        self._closed = self._gap <= self.settings.rounding
+        self._least, self._patience = np.inf, _PATIENCE
+        return None if self._finite else Status.NOT_FINITE
 
     def _iterate(self) -> Status | None:
         f, s = self.functions, self.settings
         if not self._fresh:
             self._expand()
-            if not self._finite():
-                return Status.NOT_FINITE
-            self._fresh = True
+        if not self._finite:
+            return Status.NOT_FINITE
         # A closed trajectory is one that a roll-out made: what is left in its gaps is rounding.
-        self._was_closed = self._closed
-        while True:
-            swept = self._sweep()
-            if swept:
-                break
-            self._increase()
-            if self._regularization >= s.regularization[1]:
-                self._accepted = False
-                return Status.STALLED
-        slope, curvature = self._expected_from_sweep()
-        self._accepted = False
+        was_closed, self._accepted = self._closed, False
+        if not self._swept and not self._sweep():
+            return Status.STALLED
+        slope, curvature = self.sweep.expected(closed=self._closed)
         d0 = d1 = np.nan
         for alpha in s.step_lengths:
             self._step_length = alpha
@@ -166,6 +169,7 @@ class Fddp(IterativeSolver):
                 self._closed = self._closed or alpha == 1.0
                 self._accepted, self._fresh = True, False
                 break
+        self._swept = False
         if self._step_length > s.decrease_above:
             self._regularization = max(self._regularization / s.regularization_factor, s.regularization[0])
         if self._step_length <= s.increase_below:
@@ -173,8 +177,26 @@ class Fddp(IterativeSolver):
             if self._regularization >= s.regularization[1]:
                 return Status.STALLED
         self._criterion = abs(d0 + 0.5 * d1)
-        # Two different conditions: the trajectory was feasible before the step, and had little left to gain.
-        return Status.CONVERGED if self._was_closed and self._criterion < s.tolerance else None
+        # The trajectory was feasible before the step, and had little left to gain.
+        return self._judge() if was_closed and self._criterion < s.tolerance else None
+
+    def _judge(self) -> Status | None:
+        """Whether the trajectory, around which everything is expanded anew, is stationary, or will never be."""
+        if not self._fresh:
+            self._expand()
+        if not self._finite:
+            return Status.NOT_FINITE
+        if not self._sweep():
+            return Status.STALLED
+        costates, multipliers, rest = self._stationarity()
+        largest = max(float(np.abs(costates).max()), float(np.abs(multipliers).max(initial=0.0)))
+        residual = float(np.abs(rest).max()) / (1.0 + largest)
+        if residual <= self.settings.stationarity and self._accepted:
+            return Status.CONVERGED
+        self._patience = _PATIENCE if residual < 0.5 * self._least else self._patience - 1
+        self._least = min(self._least, residual)
+        rounding = np.finfo(np.float64).eps * (1.0 + abs(self._cost))
+        return Status.PRECISION_LIMIT if self._patience <= 0 and self._criterion < rounding else None
 
     def _progress(self, iteration: int, elapsed: float) -> Progress:
         return Progress(
@@ -183,27 +205,39 @@ class Fddp(IterativeSolver):
         )  # fmt: skip
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
-        f, n, ndx = self.functions, self.problem.nodes, self.problem.state.ndx
+        f = self.functions
         if not self._fresh:
             self._expand()
-            if not self._finite():
-                status = Status.NOT_FINITE
-            self._fresh = True
-        costates, gradient = np.empty((n, ndx)), np.empty((n, self.problem.nu))
-        costate = f.last_gradient
-        for k in reversed(range(n)):
-            costates[k] = costate
-            both = f.gradient[k] + f.jacobian[k].dot(costate)
-            costate, gradient[k] = both[:ndx], both[ndx:]
-        multipliers, rest = self._split(gradient)
+        if not self._finite:
+            status = Status.NOT_FINITE
+        possible = status not in (Status.NOT_FINITE, Status.INFEASIBLE)
+        if not (self._swept or (possible and self._sweep())):
+            self.sweep.value_gradient[...] = 0.0  # no multipliers are known
+        costates, multipliers, rest = self._stationarity()
         gap = float(np.abs(f.gaps).max())
         kkt = KktResidual(float(np.abs(rest).max(initial=0.0)), gap, 0.0, 0.0)
         expansion, backward, forward = self._clock
         return Solution(
-            self.problem.copy(), f.xs.copy(), f.us.copy(), f.feedback.copy(), f.feedforward.copy(), costates,
+            self.problem.copy(), f.xs.copy(), f.us.copy(), f.feedback.copy(), f.feedforward.copy(), costates.copy(),
             multipliers, status, iterations, self._cost, f.gaps.copy(), kkt,
             Timings(time.perf_counter() - start, expansion, backward, forward), self._criterion,
         )  # fmt: skip
+
+    def _stationarity(self) -> tuple[Array, Array, Array]:
+        """Costates (N, ndx), multipliers (N, ng), and the Lagrangian's gradient (N+1, ndx + nu) that they leave.
+
+        The costates are the gradients of the sweep's cost-to-go, under feedback. Those of the adjoint equation would
+        leave nothing in the states, but grow along unstable dynamics as open loops do, and all rounding with them.
+        """
+        f, ndx = self.functions, self.problem.state.ndx
+        costates = self.sweep.value_gradient
+        rest = np.zeros((len(costates), f.gradient.shape[1]))
+        rest[:-1] = f.gradient + np.einsum("kij,kj->ki", f.jacobian, costates[1:])
+        rest[-1, :ndx] = f.last_gradient
+        rest[:, :ndx] -= costates
+        rest[0, :ndx] = 0.0  # the first state is given
+        multipliers, rest[:-1, ndx:] = self._split(rest[:-1, ndx:])
+        return costates[1:], multipliers, rest
 
     def _split(self, gradient: Array) -> tuple[Array, Array]:
         """Return multipliers (N, ng), and what they leave of the Lagrangian's gradient in the controls (N, nu)."""
@@ -211,17 +245,23 @@ class Fddp(IterativeSolver):
 
     def _expand(self) -> None:
         start = time.perf_counter()
-        self.functions.expand()
-        finite = all_finite(self.functions.costs)
-        self._cost = float(self.functions.costs.sum()) if finite else np.nan
-        self._gap = float(np.abs(self.functions.gaps).max())
+        f = self.functions
+        f.expand()
+        self._cost = float(f.costs.sum()) if all_finite(f.costs) else np.nan
+        self._gap = float(np.abs(f.gaps).max())
+        self._finite = all_finite(f.jacobian, f.hessian, f.gradient, f.gaps, f.costs, f.last_hessian, f.last_gradient)
+        self._fresh, self._swept = True, False
         self._clock[0] += time.perf_counter() - start
 
     def _sweep(self) -> bool:
+        """Sweep, with as much regularisation as it takes; False if even the most is not enough."""
         start = time.perf_counter()
-        done = self.sweep.run(self._regularization, closed=self._closed)
+        self._swept = self.sweep.run(self._regularization, closed=self._closed)
+        while not self._swept and self._regularization < self.settings.regularization[1]:
+            self._increase()
+            self._swept = self.sweep.run(self._regularization, closed=self._closed)
         self._clock[1] += time.perf_counter() - start
-        return done
+        return self._swept
 
     def _try(self, alpha: float) -> float:
         """Roll out with a step length; its cost, NaN where it diverges."""
@@ -235,61 +275,12 @@ class Fddp(IterativeSolver):
         self._clock[2] += time.perf_counter() - start
         return cost
 
-    def _finite(self) -> bool:
-        f = self.functions
-        parts = (f.jacobian, f.hessian, f.gradient, f.gaps, f.costs, f.last_hessian, f.last_gradient)
-        return all_finite(*parts)
-
     def _increase(self) -> None:
         s = self.settings
         self._regularization = min(self._regularization * s.regularization_factor, s.regularization[1])
-
-    def _expected_from_sweep(self) -> tuple[float, float]:
-        """Slope and curvature of the expected reduction along the step, as far as the sweep knows them."""
-        f, sweep = self.functions, self.sweep
-        slope = float(np.vdot(sweep.control_gradient, f.feedforward))
-        curvature = -float(np.vdot(f.feedforward, sweep.control_product))
-        if not self._closed:
-            slope -= float(np.vdot(sweep.value_gradient, f.gaps))
-            curvature += float(np.einsum("ki,kij,kj->", f.gaps, sweep.value_hessian, f.gaps))
-        return slope, curvature
 
     def _expected_from_gaps(self) -> float:
         """What the gaps add along the last roll-out."""
         f = self.functions
         f.measure_move()
         return -float(np.einsum("ki,kij,kj->", f.gaps, self.sweep.value_hessian, f.moved))
-
-
-class BoxFddp(Fddp):
-    """Feasibility-driven DDP whose controls stay within bounds: every constraint row bounds one control.
-
-    The bounds are those of the actions' path constraints and may depend on parameters. The roll-out keeps to them, and
-    the sweep minimises over each node's box (Tassa, Mansard, Todorov, "Control-limited differential dynamic
-    programming", ICRA 2014) once the trajectory is feasible.
-
-    Raises:
-        InputError: a path constraint that is not a bound on a control.
-    """
-
-    name = "box FDDP"
-
-    def _check_constraints(self) -> None:
-        self._bounds = control_bounds(self.problem)
-
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep:
-        return BoxSweep(self.functions)
-
-    def _begin(self, guess: Trajectory) -> Status | None:
-        f = self.functions
-        self._bounds.write(self.problem.parameters, f.u_lower, f.u_upper)
-        if not (f.u_lower <= f.u_upper).all():
-            super()._begin(guess)
-            nan = np.isnan(f.u_lower).any() or np.isnan(f.u_upper).any()
-            return Status.NOT_FINITE if nan else Status.INFEASIBLE
-        return super()._begin(Trajectory(guess.xs, np.clip(guess.us, f.u_lower, f.u_upper)))
-
-    def _split(self, gradient: Array) -> tuple[Array, Array]:
-        f = self.functions
-        held = ((f.us <= f.u_lower) & (gradient > 0.0)) | ((f.us >= f.u_upper) & (gradient < 0.0))
-        return self._bounds.multipliers(np.where(held, -gradient, 0.0)), np.where(held, 0.0, gradient)

@@ -23,6 +23,7 @@ class Status(Enum):
     ACCEPTABLE = "nothing to do if the accuracy is enough; else bring the weights closer together"
     ITERATION_LIMIT = "raise max_iterations, or start closer to the solution"
     TIME_LIMIT = "raise time_limit, or start closer to the solution"
+    PRECISION_LIMIT = "rounding hides what is left to gain: loosen the tolerance, or bring the weights closer together"
     STOPPED = "nothing to do: the callback asked to stop"
     STALLED = (
         "no step lowers the cost: start elsewhere, make the intervals shorter, or bring the weights closer together"

@@ -13,14 +13,54 @@ control", ICRA 2020.
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import lapack
 
-from lgmpc.ocp import ShootingFunctions
 from lgmpc.typing import Array
 
-__all__ = ["BackwardSweep", "all_finite"]
+__all__ = ["BackwardSweep", "Expansion", "all_finite"]
+
+
+class Expansion(Protocol):
+    """What a sweep reads, and the gains that it writes: see :class:`~lgmpc.ocp.ShootingFunctions`."""
+
+    @property
+    def jacobian(self) -> Array:
+        """(N, ndx + nu, ndx) ``[A B]^T``."""
+
+    @property
+    def hessian(self) -> Array:
+        """(N, ndx + nu, ndx + nu)."""
+
+    @property
+    def gradient(self) -> Array:
+        """(N, ndx + nu)."""
+
+    @property
+    def gaps(self) -> Array:
+        """(N+1, ndx)."""
+
+    @property
+    def last_hessian(self) -> Array:
+        """(ndx, ndx)."""
+
+    @property
+    def last_gradient(self) -> Array:
+        """(ndx,)."""
+
+    @property
+    def feedback(self) -> Array:
+        """(N, nu, ndx) K."""
+
+    @property
+    def feedforward(self) -> Array:
+        """(N, nu) k."""
+
+    @property
+    def compiled(self) -> bool:
+        """Whether machine code is wanted."""
 
 
 def all_finite(*arrays: Array) -> bool:
@@ -30,7 +70,7 @@ def all_finite(*arrays: Array) -> bool:
 
 
 class BackwardSweep:
-    """Sweeps over the expansion in :class:`~lgmpc.ocp.ShootingFunctions`, writing its gains.
+    """Sweeps over an expansion, writing its gains.
 
     Args:
         functions: where the expansion is read and the gains are written.
@@ -39,10 +79,9 @@ class BackwardSweep:
         value_hessian: (N+1, ndx, ndx) V.
         value_gradient: (N+1, ndx) v.
         control_gradient: (N, nu) Qu.
-        control_product: (N, nu) Quu k.
     """
 
-    def __init__(self, functions: ShootingFunctions) -> None:
+    def __init__(self, functions: Expansion) -> None:
         n, width, ndx = functions.jacobian.shape
         nu = width - ndx
         self._functions = functions
@@ -50,14 +89,13 @@ class BackwardSweep:
         self.value_hessian: Array = np.zeros((n + 1, ndx, ndx))
         self.value_gradient: Array = np.zeros((n + 1, ndx))
         self.control_gradient: Array = np.zeros((n, nu))
-        self.control_product: Array = np.zeros((n, nu))
         self._product: Array = np.zeros((width, ndx))
         self._q: Array = np.zeros((width, width))
         self._right: Array = np.zeros((nu, ndx + 1), order="F")
         self._drop: Array = np.zeros((ndx, ndx))
         f = functions
         self._stages = tuple(
-            (t, f.jacobian[t], f.jacobian[t].T, f.hessian[t], f.gradient[t], f.feedback[t], f.feedforward[t],
+            (f.jacobian[t], f.jacobian[t].T, f.hessian[t], f.gradient[t], f.feedback[t], f.feedforward[t],
              self.value_hessian[t], self.value_gradient[t], f.gaps[t],
              self.value_hessian[t].reshape(-1)[:: ndx + 1], self.control_gradient[t])
             for t in reversed(range(n))
@@ -81,7 +119,7 @@ class BackwardSweep:
         qxx, qux, quu = q[:ndx, :ndx], q[ndx:, :ndx], q[ndx:, ndx:]
         quu_diagonal = q.reshape(-1)[ndx * (q.shape[0] + 1) :: q.shape[0] + 1]
         matmul, dot, add, subtract = np.matmul, np.dot, np.add, np.subtract
-        for t, jacobian_t, jacobian, hessian, gradient, feedback, feedforward, v, g, gap, diagonal, qu in self._stages:
+        for jacobian_t, jacobian, hessian, gradient, feedback, feedforward, v, g, gap, diagonal, qu in self._stages:
             dot(jacobian_t, v_next, out=product)
             dot(product, jacobian, out=q)
             add(q, hessian, out=q)
@@ -89,7 +127,7 @@ class BackwardSweep:
             both += gradient
             qu[...] = both[ndx:]
             quu_diagonal += regularization
-            if not self._gains(t, quu, qux, qu, feedback, feedforward):
+            if not self._gains(quu, qux, qu, feedback, feedforward):
                 return False
             matmul(qux.T, feedback, out=drop)
             subtract(qxx, drop, out=drop)
@@ -97,14 +135,28 @@ class BackwardSweep:
             v *= 0.5
             diagonal += regularization
             g[...] = both[:ndx]
-            self._lower(g, qux, qu, t, feedback, feedforward)
+            g -= qu.dot(feedback)
             if not closed:
                 g += v.dot(gap)
             v_next, g_next = v, g
         return all_finite(self.value_gradient, v_next)
 
-    def _gains(self, t: int, quu: Array, qux: Array, qu: Array, feedback: Array, feedforward: Array) -> bool:
-        """Write K, k and Quu k of one interval."""
+    def expected(self, *, closed: bool) -> tuple[float, float]:
+        """Slope and curvature of the model's decrease along its step, without what depends on the roll-out's states.
+
+        Args:
+            closed: whether all gaps are zero.
+        """
+        f = self._functions
+        slope = float(np.vdot(self.control_gradient, f.feedforward))
+        curvature = -slope
+        if not closed:
+            slope -= float(np.vdot(self.value_gradient, f.gaps))
+            curvature += float(np.einsum("ki,kij,kj->", f.gaps, self.value_hessian, f.gaps))
+        return slope, curvature
+
+    def _gains(self, quu: Array, qux: Array, qu: Array, feedback: Array, feedforward: Array) -> bool:
+        """Write K and k of one interval."""
         factor, failed = lapack.dpotrf(quu, 1, 0)
         if failed:
             return False
@@ -114,9 +166,4 @@ class BackwardSweep:
         solved, _ = lapack.dpotrs(factor, right, 1)
         feedback[...] = solved[:, :-1]
         feedforward[...] = solved[:, -1]
-        self.control_product[t] = qu
         return True
-
-    def _lower(self, g: Array, qux: Array, qu: Array, t: int, feedback: Array, feedforward: Array) -> None:
-        """Take what the controls gain off the gradient Qx in ``g``."""
-        g -= qu.dot(feedback)

@@ -72,7 +72,7 @@ def test_the_thrusts_take_it_there_by_another_integrator_but_not_from_semi_impli
     """Why the default is Runge and Kutta's method: same grid, same solver."""
     assert loop()[1]["integration_error_m"] < 1e-3
     scenario = build_flight(iris(), replace(LOOP, integrator=SemiImplicitEuler()))
-    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    solution = BoxFddp(scenario.problem).solve(scenario.guess, max_iterations=200)
     assert solution.status is Status.CONVERGED
     assert scenario.figures(solution.trajectory)["integration_error_m"] > 0.5
 

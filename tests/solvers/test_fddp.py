@@ -7,11 +7,22 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, Bounded
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, NlpSolver, PrintProgress, Progress, Solution, Status
-from lgmpc.solvers.box import minimise_in_box
+from lgmpc.problems.reach import ReachSettings, build_reach
+from lgmpc.robot import RobotSpec, load_robot
+from lgmpc.solvers import (
+    BoxFddp,
+    Fddp,
+    FddpSettings,
+    LineSearchSqp,
+    NlpSolver,
+    PrintProgress,
+    Progress,
+    Solution,
+    Status,
+)
 
 Make = Callable[..., ShootingProblem]
 
@@ -143,20 +154,95 @@ def test_box_fddp_finds_the_solution_of_ipopt(satellite: Make, limit: float) -> 
     assert solution.residual().stationarity < 1e-4
 
 
-def test_box_minimiser_satisfies_its_conditions() -> None:
-    rng = np.random.default_rng(7)
-    for _ in range(200):
-        n = int(rng.integers(1, 8))
-        root = rng.standard_normal((n, n))
-        hessian, gradient = root @ root.T + 1e-3 * np.eye(n), 3.0 * rng.standard_normal(n)
-        lower, upper = -rng.random(n), rng.random(n)
-        d, free = minimise_in_box(hessian, gradient, lower, upper)
-        slope = gradient + hessian @ d
-        assert (lower <= d).all() and (d <= upper).all()
-        np.testing.assert_allclose(slope[free], 0.0, atol=1e-9)
-        assert (slope[(d == lower) & ~free] > 0.0).all() and (slope[(d == upper) & ~free] < 0.0).all()
-        assert ((d == lower) | (d == upper))[~free].all()
-    assert minimise_in_box(-np.eye(2), np.ones(2), -np.ones(2), np.ones(2))[0] is None
+class Boxed(Action):
+    """An action whose controls stay within a limit."""
+
+    def __init__(self, base: Action, limit: float) -> None:
+        self.name, self.state, self.nu, self.parameters = "boxed", base.state, base.nu, base.parameters
+        self.step, self.cost, self.terminal_cost, self.limit = base.step, base.cost, base.terminal_cost, limit
+
+    def step(self, x, u, p):
+        raise AssertionError
+
+    cost = terminal_cost = step
+
+    def constraint(self, x, u, p):
+        return Bounded(u, ca.repmat(-self.limit, self.nu, 1), ca.repmat(self.limit, self.nu, 1))
+
+
+def bounded_linear_problem(linear: Callable[..., Action], growth: float, limit: float) -> ShootingProblem:
+    rng = np.random.default_rng(5)
+    base = linear(growth * np.eye(4) + 0.1 * rng.standard_normal((4, 4)), rng.standard_normal((4, 2)), np.zeros(4))
+    problem = ShootingProblem(Boxed(base, limit), 12)
+    problem.set("weight", 0.1)
+    problem.set_initial_state(0.3 * rng.standard_normal(4))
+    return problem
+
+
+@pytest.mark.parametrize(("growth", "limit"), [(1.0, 0.05), (1.2, 0.6)])
+@pytest.mark.parametrize("rolled_out", [False, True])
+def test_bounded_linear_quadratic_problems_are_solved_in_one_step(
+    linear: Callable[..., Action], growth: float, limit: float, rolled_out: bool
+) -> None:
+    """Also unstable ones, where feedback moves controls to bounds that the steps without it are far from."""
+    problem = bounded_linear_problem(linear, growth, limit)
+    guess = problem.hold()
+    solution = BoxFddp(problem).solve(problem.rollout(guess.us) if rolled_out else guess, max_iterations=1)
+    held = np.abs(solution.us) == limit
+    assert 3 <= held.sum() <= 21
+    residual = solution.residual()
+    assert residual.largest < 1e-7 and residual.constraint == residual.complementarity == 0.0
+    assert (solution.multipliers[held] != 0.0).all()
+
+
+def test_where_what_is_held_does_not_settle_regularisation_helps(linear: Callable[..., Action]) -> None:
+    told: list[Progress] = []
+    solution = BoxFddp(bounded_linear_problem(linear, 1.2, 0.25)).solve(callback=told.append)
+    assert told[0].regularization > 0.1
+    assert solution.status is Status.CONVERGED and solution.iterations < 10
+    assert solution.residual().largest < 1e-4
+
+
+@pytest.mark.parametrize("effort", [2.0, 1.2, 0.8])
+@pytest.mark.parametrize("rolled_out", [False, True])
+def test_stiff_bounded_problems_take_as_few_iterations_as_the_sqp(effort: float, rolled_out: bool) -> None:
+    """Boxes on each node's step alone stall here, or take hundreds of iterations."""
+    robot = load_robot(
+        RobotSpec("double_pendulum", effort_limit=effort, velocity_limit=20.0, position_limit=(-3.0, 3.0))
+    )
+    settings = ReachSettings("link2", (0.0290872, 0.06, 0.115), nodes=20, node_duration=0.02)
+    problem = build_reach(robot, settings).problem
+    guess = problem.hold()
+    solution = BoxFddp(problem).solve(problem.rollout(guess.us) if rolled_out else guess)
+    reference = LineSearchSqp(problem).solve(guess)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    assert solution.iterations <= 5
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-8)
+    np.testing.assert_allclose(solution.us, reference.us, atol=1e-5)
+
+
+@pytest.mark.parametrize("which", ["unicycle", "satellite", "unstable"])
+def test_solutions_are_stationary_and_not_only_of_small_gain(
+    unicycle: ShootingProblem, satellite: Make, linear: Callable[..., Action], which: str
+) -> None:
+    if which == "unstable":  # a gradient at the first node grows a million times along the open loop
+        problem = ShootingProblem(linear(1.5 * np.eye(2), np.eye(2), np.zeros(2)), 40)
+        problem.set("weight", 1e-3)
+        problem.set_initial_state([1.0, -1.0])
+    else:
+        problem = unicycle if which == "unicycle" else satellite(bounded=True)
+    solution = BoxFddp(problem).solve()
+    scale = 1.0 + max(np.abs(solution.costates).max(), np.abs(solution.multipliers).max(initial=0.0))
+    assert solution.status is Status.CONVERGED and solution.criterion < 1e-9
+    assert solution.residual().stationarity <= 1e-6 * scale
+    assert solution.kkt.stationarity == pytest.approx(solution.residual().stationarity, rel=1e-3, abs=1e-9)
+
+
+def test_what_rounding_hides_is_no_solution(unicycle: ShootingProblem) -> None:
+    solution = Fddp(unicycle, FddpSettings(stationarity=1e-30)).solve()
+    assert solution.status is Status.PRECISION_LIMIT and not solution.status.solved
+    assert solution.residual().stationarity < 1e-10
+    assert "loosen the tolerance" in solution.explain()
 
 
 def test_constraints_that_a_solver_cannot_keep_are_refused(cart: ShootingProblem, satellite: Make) -> None:
@@ -303,7 +389,13 @@ def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("regularization", (0.0, 1.0)), ("regularization_factor", 1.0), ("step_lengths", ()), ("tolerance", 0.0)],
+    [
+        ("regularization", (0.0, 1.0)),
+        ("regularization_factor", 1.0),
+        ("step_lengths", ()),
+        ("tolerance", 0.0),
+        ("stationarity", float("nan")),
+    ],
 )
 def test_settings_that_cannot_work_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):

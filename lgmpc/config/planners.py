@@ -6,7 +6,13 @@ from typing import Any
 
 from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
-from lgmpc.config.schema.mpc import FullBodyMpcSection, KinodynamicMpcSection, LqrMpcSection, MpcSection
+from lgmpc.config.schema.mpc import (
+    CentroidalMpcSection,
+    FullBodyMpcSection,
+    KinodynamicMpcSection,
+    LqrMpcSection,
+    MpcSection,
+)
 from lgmpc.config.session import Notify
 from lgmpc.control import CentroidalPredictor, ComReference, Planner, PlannerSettings, Predictor, WholeBodyPredictor
 from lgmpc.estimation import WrenchObserver
@@ -49,17 +55,28 @@ def _predictor(section: MpcSection, robot: Robot, notify: Notify) -> Predictor:
     horizon, weights = _horizon(section, robot), _weights(section, robot)
     if isinstance(section, FullBodyMpcSection):
         full = FullBodyMpcSettings(**horizon, reach=section.reach_rad, weights=FullBodyWeights(**weights))
-        return WholeBodyPredictor(FullBodyMpc(robot, full, notify), robot)
+        return WholeBodyPredictor(FullBodyMpc(robot, full, notify), robot, _stand_in(section, robot, notify))
     if isinstance(section, KinodynamicMpcSection):
         kinodynamic = KinodynamicMpcSettings(**horizon, reach=section.reach_rad, weights=KinodynamicWeights(**weights))
-        return WholeBodyPredictor(KinodynamicMpc(robot, kinodynamic, notify), robot)
+        mpc = KinodynamicMpc(robot, kinodynamic, notify)
+        return WholeBodyPredictor(mpc, robot, _stand_in(section, robot, notify))
     if isinstance(section, LqrMpcSection):
         lqr = LqrSettings(**horizon, weights=CentroidalWeights(**weights))
         return CentroidalPredictor(
             CentroidalLqr(robot.mass, robot.nc, lqr, gravity=robot.gravity), section.uprighting_rate_hz
         )
-    centroidal = CentroidalMpcSettings(**horizon, weights=CentroidalWeights(**weights))
-    mpc = CentroidalMpc(robot.mass, robot.nc, centroidal, gravity=robot.gravity, progress=notify)
+    return _centroidal(section, robot, notify)
+
+
+def _stand_in(section: MpcSection, robot: Robot, notify: Notify) -> CentroidalPredictor:
+    """The centroidal model over the same horizon with the same limits, with its own weights."""
+    shared = section.model_dump(include=set(CentroidalMpcSection.model_fields) - {"model", "weights"})
+    return _centroidal(CentroidalMpcSection(**shared), robot, notify)
+
+
+def _centroidal(section: CentroidalMpcSection, robot: Robot, notify: Notify) -> CentroidalPredictor:
+    settings = CentroidalMpcSettings(**_horizon(section, robot), weights=CentroidalWeights(**_weights(section, robot)))
+    mpc = CentroidalMpc(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=notify)
     return CentroidalPredictor(mpc, section.uprighting_rate_hz)
 
 

@@ -133,6 +133,7 @@ class Planner:
         self.spent = 0.0
         if self.planned:
             started = perf_counter()
+            self._stand(tracked)
             self.plan = self._plan(time, terms, tracked, wrench)
             # All ticks until the next plan in one call: NumPy's cost per call is that of a hundred rows.
             times = time + self._tick_times
@@ -158,6 +159,10 @@ class Planner:
         """Leave the centre of mass to the user's target, and the posture to where it began, as without an MPC."""
         tracked.angular_momentum[:] = 0.0
         tracked.angular_momentum_rate[:] = 0.0
+        self._stand(tracked)
+
+    def _stand(self, tracked: WholeBodyReference) -> None:
+        """Track the posture where it began, until a plan has one."""
         tracked.base_rotation[:] = self._base_rotation
         tracked.base_angular_velocity[:] = 0.0
         tracked.joint_position[:] = self._joint_position

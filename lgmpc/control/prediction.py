@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +15,8 @@ from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
 
 __all__ = ["CentroidalPredictor", "Predictor", "WholeBodyPredictor"]
+
+_LOG = logging.getLogger(__name__)
 
 
 class Predictor(Protocol):
@@ -93,25 +96,40 @@ class CentroidalPredictor:
 
 
 class WholeBodyPredictor:
-    """Plans with a model that knows base and joints, towards the robot's reference posture.
+    """Plans with a model that knows base and joints, towards the robot's reference posture, as far as its legs reach.
+
+    A stretched leg is singular: linearised there, it promises motions that it does not have, and an iteration from such
+    a plan leads away from the solution. In a push hard enough the forecast gets there long before the robot does, if
+    the robot does at all. So a plan that stretches a leg further than the model's ``reach``, like one that failed, is
+    dropped, and a centroidal model, which has no legs to stretch, plans instead. The whole body's plan is followed
+    again from the second one in a row that keeps the reach: the first began without a guess.
 
     Args:
         mpc: the receding-horizon controller.
         robot: whose reference posture to stay near.
+        stand_in: plans meanwhile.
 
     Attributes:
         mpc: as given.
+        stand_in: as given.
+        stood_in: updates so far that the stand-in planned.
     """
 
-    def __init__(self, mpc: WholeBodyMpc, robot: Robot) -> None:
+    def __init__(self, mpc: WholeBodyMpc, robot: Robot, stand_in: CentroidalPredictor) -> None:
         self.mpc = mpc
+        self.stand_in = stand_in
         self.mass = mpc.mass
         self.node_times = _node_times(mpc)
+        self.stood_in = 0
         self._q_reference = robot.q_reference
+        self._trusted = True
 
     def reset(self) -> None:
         """Forget the past."""
         self.mpc.reset()
+        self.stand_in.reset()
+        self.stood_in = 0
+        self._trusted = True
 
     def predict(
         self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, x_reference: Array, wrench: Array
@@ -119,7 +137,16 @@ class WholeBodyPredictor:
         """Plan from the measured configuration and velocity; see :class:`Predictor`."""
         if tracked.friction is not None:
             self.mpc.friction = tracked.friction
-        return self.mpc.update(time, terms.q, terms.v, tracked.stance, x_reference, self._q_reference, wrench)
+        plan = self.mpc.update(time, terms.q, terms.v, tracked.stance, x_reference, self._q_reference, wrench)
+        trusted_before, self._trusted = self._trusted, plan.status.fresh and self.mpc.keeps_reach(plan)
+        if not self._trusted:
+            self.mpc.forget()
+        if self._trusted and trusted_before:
+            return plan
+        if trusted_before:
+            _LOG.info("at %.3f s the plan stretches the legs or failed: the centroidal model plans instead", time)
+        self.stood_in += 1
+        return self.stand_in.predict(time, terms, tracked, x_reference, wrench)
 
 
 def _node_times(mpc: CentroidalMpc | CentroidalLqr | WholeBodyMpc) -> Array:

@@ -53,7 +53,7 @@ class FullBodyMpc(WholeBodyMpc):
         model, contacts = contact_point_model(robot)
         self._dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
         costs = [
-            *common_costs(robot, self._dynamics.state, s.reach),
+            *common_costs(self._dynamics.state),
             CostItem("effort", Control(robot.nu)),
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
         ]

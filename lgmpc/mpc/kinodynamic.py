@@ -49,7 +49,7 @@ class KinodynamicMpc(WholeBodyMpc):
         self._data = self._model.createData()
         self._nf = 3 * robot.nc
         state = StateMomentum(self._model)
-        costs = [*common_costs(robot, state, s.reach), CostItem("control", Control(self._nf + robot.nu))]
+        costs = [*common_costs(state), CostItem("control", Control(self._nf + robot.nu))]
         self._action = KinodynamicAction(
             f"kinodynamic_{robot.nc}x{s.facets}", self._model, contacts, costs, common_constraints(contacts, s.facets)
         )

@@ -93,6 +93,10 @@ class RecedingHorizon(ABC):
         self.failures_in_a_row = 0
         self._plan = None
         self._trajectory = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin the next update without a guess, at rest; the last plan remains what to fall back on."""
         self._guess_time = None
 
     @property

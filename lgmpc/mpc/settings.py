@@ -77,7 +77,6 @@ class KinodynamicWeights(CentroidalWeights):
     Attributes:
         base_orientation: 1/rad^2; turn from the reference.
         posture: 1/rad^2; joints from the reference posture.
-        reach: 1/rad^2; of what joints are further from it than they should be.
         joint_velocity: 1/(rad/s)^2, positive.
 
     Raises:
@@ -87,7 +86,6 @@ class KinodynamicWeights(CentroidalWeights):
     angular_momentum: float | tuple[float, float, float] = 10.0
     base_orientation: float | tuple[float, float, float] = 1.0
     posture: float = 0.1
-    reach: float = 100.0
     joint_velocity: float = 1e-3
 
     @property
@@ -102,7 +100,6 @@ class FullBodyWeights(CentroidalWeights):
     Attributes:
         base_orientation: 1/rad^2; turn from the reference.
         posture: 1/rad^2; joints from the reference posture.
-        reach: 1/rad^2; of what joints are further from it than they should be.
         joint_velocity: 1/(rad/s)^2.
         effort: 1/(N.m)^2, positive.
 
@@ -113,7 +110,6 @@ class FullBodyWeights(CentroidalWeights):
     angular_momentum: float | tuple[float, float, float] = 10.0
     base_orientation: float | tuple[float, float, float] = 1.0
     posture: float = 0.1
-    reach: float = 100.0
     joint_velocity: float = 1e-3
     effort: float = 1e-3
 
@@ -195,8 +191,8 @@ class WholeBodyMpcSettings(MpcSettings):
     """Those of :class:`MpcSettings`, and how far joints should go.
 
     Attributes:
-        reach: rad; how far a joint may be from the reference posture before ``weights.reach`` draws it back. Less than
-            what stretches a leg: a stretched leg is singular, and linearised there no plan makes sense.
+        reach: rad; how far from the reference posture a joint may be in a plan that is worth following. Less than what
+            stretches a leg: a stretched leg is singular, and linearised there no plan makes sense.
 
     Raises:
         InputError: a value that cannot be used; names it.

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.compile import compile_map
-from lgmpc.costs import ConstraintItem, CostItem, Parameter, QuadraticBarrier, Residual, StageSymbols
+from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, FrictionCone, StateError
 from lgmpc.errors import InputError
 from lgmpc.mpc.plan import CentroidalPlan, PosturePlan
@@ -48,29 +48,12 @@ def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
     return model, tuple(names)
 
 
-class JointPosition(Residual):
-    """Positions of the joints behind the free base minus ``reference`` (nu,), rad.
-
-    Args:
-        reference: default of the parameter ``reference``.
-    """
-
-    def __init__(self, reference: Array) -> None:
-        self.nr = reference.size
-        self.parameters = (Parameter("reference", self.nr, "joint positions to stay near, rad", reference),)
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.q[7:] - s["reference"]
-
-
-def common_costs(robot: Robot, state: State, reach: float) -> list[CostItem]:
-    """Costs ``com``, ``momentum``, ``state`` and ``reach``; their weights are written by :class:`WholeBodyMpc`."""
+def common_costs(state: State) -> list[CostItem]:
+    """Costs ``com``, ``momentum`` and ``state``; their weights are written by :class:`WholeBodyMpc`."""
     return [
         CostItem("com", CoMPosition()),
         CostItem("momentum", CentroidalMomentum()),
         CostItem("state", StateError(state)),
-        CostItem("reach", JointPosition(robot.q_reference[robot.joint_q]), 1.0, QuadraticBarrier(-reach, reach)),
     ]
 
 
@@ -109,16 +92,15 @@ class WholeBodyMpc(RecedingHorizon):
         self._set_weight(problem, "com", weights.state()[:3], settings)
         self._set_weight(problem, "momentum", weights.state()[3:], settings)
         self._set_weight(problem, "state", self._state_weights(robot, settings), settings)
-        self._set_weight(problem, "reach", np.full(robot.nu, weights.reach), settings)
         for i in range(nc):
             problem.set(f"cone{i}_friction", settings.friction)
         super().__init__(problem, settings, robot.mass, -robot.mass * robot.gravity, progress)
         self.robot = robot
+        self._reach = settings.reach
         view = problem.view
         self._wrench = view("external_wrench")
         self._com_reference, self._momentum_reference = view("com_reference"), view("momentum_reference")
         self._q_reference = view("state_reference")[:, : robot.nq]
-        self._joint_reference = view("reach_reference")
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         x, u, p = (
             ca.SX.sym(name, size)
@@ -183,6 +165,11 @@ class WholeBodyMpc(RecedingHorizon):
             self._measure(q, v)
         return self._advance(t, start)
 
+    def keeps_reach(self, plan: CentroidalPlan) -> bool:
+        """Whether no joint of a plan is further from the reference posture than ``settings.reach``, at any node."""
+        assert plan.posture is not None
+        return bool((np.abs(plan.posture.qs[:, 7:] - self._q_reference[:, 7:]) <= self._reach).all())
+
     @property
     def _friction_names(self) -> tuple[str, ...]:
         return tuple(f"cone{i}_friction" for i in range(self.robot.nc))
@@ -203,7 +190,6 @@ class WholeBodyMpc(RecedingHorizon):
             self._com_reference[...] = x_reference[..., :3]
             self._momentum_reference[...] = x_reference[..., 3:]
             self._q_reference[...] = q_reference
-            self._joint_reference[...] = self._q_reference[:, 7:]
         except ValueError as error:
             n, nc = self.settings.nodes, self.robot.nc
             expected = (

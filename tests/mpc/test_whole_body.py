@@ -242,6 +242,27 @@ def test_update_fits_its_period(mpc: WholeBodyMpc) -> None:
     assert np.median(times) < 0.02  # 3 ms on an idle machine
 
 
+def test_a_plan_that_stretches_a_leg_does_not_keep_the_reach(mpc: WholeBodyMpc) -> None:
+    assert mpc.keeps_reach(update(mpc))
+    # Pushed by most of its weight, 10 N more than friction gives, and already moving: it would go on for 10 cm.
+    plan = update(mpc, 0.02, pushed(0.3), external_wrench=np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0]))
+    assert plan.posture is not None
+    assert np.abs(plan.posture.qs[:, 7:] - solo().q_reference[7:]).max() > 0.9
+    assert not mpc.keeps_reach(plan)
+
+
+def test_what_is_forgotten_is_no_guess_but_still_a_plan_to_fall_back_on(mpc: WholeBodyMpc) -> None:
+    fresh = update(mpc, 0.0, pushed(0.1))
+    mpc.reset()
+    good = update(mpc, -0.02, pushed(0.3))
+    mpc.forget()
+    np.testing.assert_array_equal(update(mpc, 0.0, pushed(0.1)).forces, fresh.forces)
+    mpc.reset()
+    good = update(mpc, 0.0)
+    mpc.forget()
+    assert update(mpc, 0.02, np.full(18, np.nan)).xs is good.xs
+
+
 def test_contact_points_are_where_the_soles_are() -> None:
     model, names = contact_point_model(solo())
     data = model.createData()

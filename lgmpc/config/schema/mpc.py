@@ -50,7 +50,6 @@ class WholeBodyMpcWeights(MpcWeights):
 
     base_orientation: NonNegative = Field(default=1.0, description="Turn of the base, 1/rad2.")
     posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
-    reach: NonNegative = Field(default=100.0, description="Joints further from it than reach_rad, 1/rad2.")
 
 
 class KinodynamicMpcWeights(WholeBodyMpcWeights):
@@ -132,8 +131,8 @@ class _WholeBodyMpcSection(_OptimisingMpcSection):
     rate_hz: Positive = Field(default=50.0, description="Updates per second, Hz.")
     reach_rad: Positive = Field(
         default=0.9,
-        description="How far joints may be from the reference posture at no extra cost, rad; less than what stretches"
-        " a leg.",
+        description="How far joints of a plan may be from the reference posture, rad; less than what stretches a leg."
+        " Where it is further, the centroidal model plans instead.",
     )
 
 

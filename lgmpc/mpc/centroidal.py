@@ -9,8 +9,9 @@ import numpy as np
 
 from lgmpc.actions import CentroidalAction
 from lgmpc.errors import InputError
+from lgmpc.mpc.keeping import checked_mass, write_intervals
 from lgmpc.mpc.plan import CentroidalPlan
-from lgmpc.mpc.receding import RecedingHorizon, checked_mass, write_intervals
+from lgmpc.mpc.receding import RecedingHorizon
 from lgmpc.mpc.settings import CentroidalMpcSettings
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.solvers import SqpResult

@@ -1,8 +1,8 @@
 """Receding-horizon control of the whole robot by the torques of its motors.
 
 The limits are hard constraints of an SQP, not barriers of an FDDP: for Solo12 and 20 intervals one FDDP iteration takes
-2.3 ms and has soft friction cones, which slide where hard ones hold; the SQP's takes 3 ms while its active rows stay
-and some 10 ms while a push changes them, with every limit kept.
+2.3 ms with soft friction cones; the SQP's takes 3 ms while its active rows stay and some 10 ms while a push changes
+them, with every limit kept.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class FullBodyMpc(WholeBodyMpc):
 
     State (q, v), control the torques. The limits are hard constraints of each subproblem, which has no solution where
     they contradict each other: feet that have left the ground in a push too hard to stand. Then the last plan goes on.
+    What is planned with stretched legs is not worth following: see :meth:`keeps_reach`.
 
     Args:
         robot: the robot, with a floating base and contact frames.

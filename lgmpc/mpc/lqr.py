@@ -13,8 +13,6 @@ the chapter on geometric mechanics; Anderson and Moore, "Optimal Control: Linear
 
 from __future__ import annotations
 
-import dataclasses
-import logging
 import math
 import time
 from dataclasses import dataclass
@@ -23,15 +21,14 @@ import numpy as np
 from scipy.linalg import LinAlgError, expm, solve_discrete_are
 
 from lgmpc.errors import InputError
+from lgmpc.mpc.keeping import PlanKeeper, weight_shares, write_intervals
 from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
-from lgmpc.mpc.receding import checked_mass, write_intervals
 from lgmpc.mpc.settings import LqrSettings
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["CentroidalLqr", "LinearCentroidal", "linearize_centroidal"]
 
-_LOG = logging.getLogger(__name__)
 _MOVED = 0.005
 """m. Where contact points or reference are further than this from where the gain was computed, it is computed anew."""
 
@@ -75,7 +72,7 @@ def linearize_centroidal(mass: float, weight: Array, arms: Array, flags: Array, 
     return LinearCentroidal(exact[:9, :9], exact[:9, 9 : 9 + 3 * nc], exact[:9, 9 + 3 * nc :])
 
 
-class CentroidalLqr:
+class CentroidalLqr(PlanKeeper):
     """Contact forces by linear feedback of centre of mass and momenta, called as :class:`~lgmpc.mpc.CentroidalMpc` is.
 
     Each :meth:`update` predicts the regulated motion over a horizon. A known external wrench is met by the smallest
@@ -110,27 +107,23 @@ class CentroidalLqr:
     ) -> None:
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one contact point")
-        self.settings = LqrSettings() if settings is None else settings
-        self.mass = checked_mass(mass)
-        self.friction = self.settings.friction
+        s = LqrSettings() if settings is None else settings
+        super().__init__(s, mass)
+        self.friction = s.friction
         self.gain = np.zeros((3 * contacts, 9))
-        self.failures = 0
-        self.failures_in_a_row = 0
+        self._weights = s.weights
         self._weight: Array = -self.mass * np.asarray(gravity, dtype=np.float64)
-        n = self.settings.nodes
+        n = s.nodes
         self._flags = np.zeros((n + 1, contacts))
         self._wrench = np.zeros((n + 1, 6))
         self._reference = np.zeros((n + 1, 9))
         self._model: LinearCentroidal | None = None
         self._meet = np.zeros((3 * contacts, 6))
         self._place: tuple[Array, Array] | None = None  # arms and flags of the gain
-        self._plan: CentroidalPlan | None = None
 
     def reset(self) -> None:
         """Forget the last plan, the gain and the failure counts."""
-        self.failures = 0
-        self.failures_in_a_row = 0
-        self._plan = None
+        super().reset()
         self._place = None
 
     def update(
@@ -164,18 +157,16 @@ class CentroidalLqr:
             raise InputError("inputs of the LQR", str(error), expected) from error
         numbers = (x, points, self._flags, self._wrench, self._reference)
         if not math.isfinite(t + sum(float(array.sum()) for array in numbers) + self.friction):
-            return self._fall_back(MpcStatus.NOT_FINITE, t, start)
+            return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
         with np.errstate(over="ignore", invalid="ignore"):
             try:
                 self._regulate(points - self._reference[0, :3], self._flags[0])
             except LinAlgError:
-                return self._fall_back(MpcStatus.SOLVER_FAILED, t, start)
+                return self._fall_back(MpcStatus.SOLVER_FAILED, t, 0, start)
             xs, forces = self._predict(x)
         if not math.isfinite(float(xs.sum()) + float(forces.sum())):
-            return self._fall_back(MpcStatus.SOLVER_FAILED, t, start)
-        self.failures_in_a_row = 0
-        self._plan = self._make_plan(t, xs, forces, MpcStatus.SOLVED, start)
-        return self._plan
+            return self._fall_back(MpcStatus.SOLVER_FAILED, t, 0, start)
+        return self._keep(self._make_plan(t, xs, forces, KktResidual.unknown()), MpcStatus.SOLVED, 0, start)
 
     def _regulate(self, arms: Array, flags: Array) -> None:
         """Compute model and gain, unless those at hand are of the same contacts."""
@@ -185,7 +176,7 @@ class CentroidalLqr:
                 return
         s = self.settings
         model = linearize_centroidal(self.mass, self._weight, arms, flags, s.node_duration)
-        q, r = np.diag(s.weights.state()), np.diag(s.weights.forces(len(arms)))
+        q, r = np.diag(self._weights.state()), np.diag(self._weights.forces(len(arms)))
         cost_to_go = solve_discrete_are(model.A, model.B, q, r)
         right = model.B.T @ cost_to_go
         self.gain = np.linalg.solve(r + right @ model.B, right @ model.A)
@@ -198,7 +189,7 @@ class CentroidalLqr:
         assert self._model is not None
         model, nodes, nc = self._model, self.settings.nodes, self._flags.shape[1]
         flags = self._flags[:, :, None]
-        shares = (flags * self._weight / np.maximum(flags.sum(axis=1, keepdims=True), 1.0)).reshape(nodes + 1, -1)
+        shares = weight_shares(self._flags, self._weight).reshape(nodes + 1, -1)
         meeting = self._wrench @ self._meet.T
         xs, forces = np.empty((nodes + 1, 9)), np.empty((nodes, nc, 3))
         xs[0] = x
@@ -220,29 +211,15 @@ class CentroidalLqr:
         out[:, :2] *= np.minimum(1.0, self.friction * out[:, 2] / np.maximum(sideways, 1e-12))[:, None]
         return out
 
-    def _fall_back(self, status: MpcStatus, t: float, start: float) -> CentroidalPlan:
-        self.failures += 1
-        self.failures_in_a_row += 1
-        if self.failures_in_a_row == 1:
-            _LOG.warning("LQR update at %.3f s: %s (%s)", t, status.name, status.value)
-        if self.failures_in_a_row > self.settings.stale_after:
-            status = MpcStatus.STALE
-        self._place = None
-        if self._plan is None:
-            n, nc = self.settings.nodes, self._flags.shape[1]
-            x = np.concatenate([np.nan_to_num(self._reference[0, :3]), np.zeros(6)])
-            shares = np.nan_to_num(self._flags[:n, :, None] * self._weight / max(np.nansum(self._flags[0]), 1.0))
-            return self._make_plan(
-                t if math.isfinite(t) else 0.0, np.tile(x, (n + 1, 1)), shares.reshape(n, nc, 3), status, start
-            )
-        return dataclasses.replace(self._plan, status=status, update_time=time.perf_counter() - start)
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+        self._place = None  # the gain may be what is at fault
+        return super()._fall_back(status, t, qp_iterations, start)
 
-    def _make_plan(self, t: float, xs: Array, forces: Array, status: MpcStatus, start: float) -> CentroidalPlan:
-        xs.flags.writeable = forces.flags.writeable = False
-        elapsed = time.perf_counter() - start
-        return CentroidalPlan(
-            t, self.settings.node_duration, self.mass, xs, forces, status, 0, KktResidual.unknown(), elapsed
-        )
+    def _standing_plan(self, t: float) -> CentroidalPlan:
+        n = self.settings.nodes
+        x = np.concatenate([np.nan_to_num(self._reference[0, :3]), np.zeros(6)])
+        shares = weight_shares(np.nan_to_num(self._flags[:n]), self._weight)
+        return self._make_plan(t, np.tile(x, (n + 1, 1)), shares, KktResidual.unknown())
 
 
 def _skew(v: Array) -> Array:

@@ -1,33 +1,29 @@
-"""What all predictive controllers share: warm start, real-time iterations, fall-backs and timing."""
+"""What all controllers that optimise share: warm start, real-time iterations and their acceptance."""
 
 from __future__ import annotations
 
-import dataclasses
-import logging
 import math
-import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 
 import numpy as np
 
-from lgmpc.errors import InputError
+from lgmpc.mpc.keeping import PlanKeeper, weight_shares
 from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
 from lgmpc.mpc.settings import MpcSettings
-from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import SqpResult, SqpSolver, SqpStatus
-from lgmpc.typing import Array, BoolArray, IntArray
+from lgmpc.typing import Array, IntArray
 
-__all__ = ["RecedingHorizon", "write_intervals"]
+__all__ = ["RecedingHorizon"]
 
-_LOG = logging.getLogger(__name__)
 # A loosely solved subproblem is followed if it breaks its constraints by less than this share of the weight (forces,
 # N) and its dynamics by less than this (m, N.s, N.m.s).
 _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
 
 
-class RecedingHorizon(ABC):
+class RecedingHorizon(PlanKeeper):
     """Solves one problem again and again, each time from where the last solution has arrived.
 
     Each update shifts the last trajectory to the present, takes the configured number of SQP steps from there and
@@ -64,17 +60,13 @@ class RecedingHorizon(ABC):
         weight: Array,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.settings = settings
+        super().__init__(settings, mass)
         self.problem = problem
-        self.mass = checked_mass(mass)
         self.solver = SqpSolver(problem, settings.qp_solver, progress)
-        self.failures = 0
-        self.failures_in_a_row = 0
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)
-        self._plan: CentroidalPlan | None = None  # the last fresh one
-        self._trajectory: Trajectory | None = None  # and what it was made of
+        self._trajectory: Trajectory | None = None  # what the last fresh plan was made of
         self._guess_time: float | None = None
 
     @property
@@ -89,9 +81,7 @@ class RecedingHorizon(ABC):
 
     def reset(self) -> None:
         """Forget the last plan and the failure counts: the next update begins as the first one did."""
-        self.failures = 0
-        self.failures_in_a_row = 0
-        self._plan = None
+        super().reset()
         self._trajectory = None
         self.forget()
 
@@ -112,10 +102,6 @@ class RecedingHorizon(ABC):
     def _describe(self, t: float, trajectory: Trajectory, result: SqpResult) -> CentroidalPlan:
         """Return the plan that a solution from time ``t`` on amounts to; status and timing are filled in later."""
 
-    @abstractmethod
-    def _standing_plan(self, t: float) -> CentroidalPlan:
-        """Rest at the reference, all numbers finite: for when no update has succeeded yet."""
-
     def _advance(self, t: float, start: float) -> CentroidalPlan:
         """Plan from ``problem.x0`` at time ``t``; ``start`` is when the update began, by the performance counter."""
         x0 = self.problem.x0
@@ -134,12 +120,9 @@ class RecedingHorizon(ABC):
             plan = self._describe(t, result.trajectory, result)
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
-        self.failures_in_a_row = 0
         self._trajectory = result.trajectory
         status = MpcStatus.INACCURATE if result.status is SqpStatus.INACCURATE else MpcStatus.SOLVED
-        elapsed = time.perf_counter() - start
-        self._plan = dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
-        return self._plan
+        return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
         """Shift the last trajectory to the present; without one, stand still."""
@@ -161,32 +144,17 @@ class RecedingHorizon(ABC):
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
         """Go on with the last valid plan; the next update starts from it, unless it may be what made this one fail."""
-        self.failures += 1
-        self.failures_in_a_row += 1
-        if self.failures_in_a_row == 1:
-            _LOG.warning("MPC update at %.3f s: %s (%s)", t, status.name, status.value)
-        if self.failures_in_a_row > self.settings.stale_after:
-            status = MpcStatus.STALE
-        plan, trajectory = self._plan, self._trajectory
-        if plan is None or trajectory is None:
-            plan, self._guess_time = self._standing_plan(t if math.isfinite(t) else 0.0), None
-        elif status is not MpcStatus.NOT_FINITE:
-            self._guess_time = None  # it may be the guess that is at fault: the next update begins without one
+        plan = super()._fall_back(status, t, qp_iterations, start)
+        if self._plan is None or self._trajectory is None or plan.status is not MpcStatus.NOT_FINITE:
+            self.forget()  # it may be the guess that is at fault
         else:
-            self.solver.set_guess(trajectory)
+            self.solver.set_guess(self._trajectory)
             self._guess_time = plan.time
-        elapsed = time.perf_counter() - start
-        return dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+        return plan
 
     def _shares(self) -> Array:
         """(N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
-        standing = self._flags[:, :, None]
-        shares: Array = standing * self._weight / np.maximum(standing.sum(axis=1, keepdims=True), 1.0)
-        return shares
-
-    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> CentroidalPlan:
-        xs.flags.writeable = forces.flags.writeable = False
-        return CentroidalPlan(t, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, kkt, 0.0)
+        return weight_shares(self._flags, self._weight)
 
 
 _FAILURES = {
@@ -194,26 +162,6 @@ _FAILURES = {
     SqpStatus.QP_FAILED: MpcStatus.SOLVER_FAILED,
     SqpStatus.NOT_FINITE: MpcStatus.NOT_FINITE,
 }
-
-
-def checked_mass(mass: float) -> float:
-    """Return the mass, kg.
-
-    Raises:
-        InputError: it is not positive.
-    """
-    if not (math.isfinite(mass) and mass > 0):
-        raise InputError("mass", mass, "a positive number, kg")
-    return float(mass)
-
-
-def write_intervals(target: Array, value: Array | BoolArray | float) -> None:
-    """Write one value for all intervals, or one each (the terminal node, which reads none of them, keeps the last)."""
-    if np.ndim(value) == target.ndim:
-        target[:-1] = value
-        target[-1] = target[-2]
-    else:
-        target[...] = value
 
 
 def _columns_without_bounds(problem: ShootingProblem) -> slice | IntArray:

@@ -17,8 +17,9 @@ from lgmpc.compile import compile_map
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, FrictionCone, StateError
 from lgmpc.errors import InputError
+from lgmpc.mpc.keeping import write_intervals
 from lgmpc.mpc.plan import CentroidalPlan, PosturePlan
-from lgmpc.mpc.receding import RecedingHorizon, write_intervals
+from lgmpc.mpc.receding import RecedingHorizon
 from lgmpc.mpc.settings import FullBodyMpcSettings, KinodynamicMpcSettings
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot

@@ -1,0 +1,107 @@
+"""What all predictive controllers do with their last plan: keep it, and go on with it when an update fails."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+import time
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
+from lgmpc.mpc.settings import MpcSettings
+from lgmpc.ocp import KktResidual
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["PlanKeeper", "checked_mass", "weight_shares", "write_intervals"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class PlanKeeper(ABC):
+    """Counts failures, and answers them with the last fresh plan, whose later part is for the present.
+
+    Args:
+        settings: horizon, limits.
+        mass: of the robot, kg.
+
+    Attributes:
+        settings: as given.
+        mass: as given, kg.
+        failures: updates without a fresh plan so far.
+        failures_in_a_row: since the last fresh plan.
+
+    Raises:
+        InputError: mass not positive.
+    """
+
+    def __init__(self, settings: MpcSettings, mass: float) -> None:
+        self.settings = settings
+        self.mass = checked_mass(mass)
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._plan: CentroidalPlan | None = None  # the last fresh one
+
+    def reset(self) -> None:
+        """Forget the last plan and the failure counts: the next update begins as the first one did."""
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._plan = None
+
+    @abstractmethod
+    def _standing_plan(self, t: float) -> CentroidalPlan:
+        """Rest at the reference, all numbers finite: for when no update has succeeded yet."""
+
+    def _keep(self, plan: CentroidalPlan, status: MpcStatus, qp_iterations: int, start: float) -> CentroidalPlan:
+        """Return a fresh plan, complete; ``start`` is when the update began, by the performance counter."""
+        self.failures_in_a_row = 0
+        elapsed = time.perf_counter() - start
+        self._plan = dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+        return self._plan
+
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+        """Return the last fresh plan with a status that says why; STALE after too many failures in a row."""
+        self.failures += 1
+        self.failures_in_a_row += 1
+        if self.failures_in_a_row == 1:
+            _LOG.warning("%s update at %.3f s: %s (%s)", type(self).__name__, t, status.name, status.value)
+        if self.failures_in_a_row > self.settings.stale_after:
+            status = MpcStatus.STALE
+        plan = self._standing_plan(t if math.isfinite(t) else 0.0) if self._plan is None else self._plan
+        elapsed = time.perf_counter() - start
+        return dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+
+    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> CentroidalPlan:
+        """Return a plan whose status and timing are filled in later."""
+        xs.flags.writeable = forces.flags.writeable = False
+        return CentroidalPlan(t, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, kkt, 0.0)
+
+
+def checked_mass(mass: float) -> float:
+    """Return the mass, kg.
+
+    Raises:
+        InputError: it is not positive.
+    """
+    if not (math.isfinite(mass) and mass > 0):
+        raise InputError("mass", mass, "a positive number, kg")
+    return float(mass)
+
+
+def weight_shares(flags: Array, weight: Array) -> Array:
+    """(N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
+    standing = flags[:, :, None]
+    shares: Array = standing * weight / np.maximum(standing.sum(axis=1, keepdims=True), 1.0)
+    return shares
+
+
+def write_intervals(target: Array, value: Array | BoolArray | float) -> None:
+    """Write one value for all intervals, or one each (the terminal node, which reads none of them, keeps the last)."""
+    if np.ndim(value) == target.ndim:
+        target[:-1] = value
+        target[-1] = target[-2]
+    else:
+        target[...] = value

@@ -112,7 +112,7 @@ class SolveOutcome:
         figures: by name, the unit at its end; NaN where one could not be measured.
         verdict: pass, fail or interrupted, with reasons.
         status: how the solver ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
-        explanation: what held convergence back, in a few lines.
+        explanation: what held convergence back, in a few lines; empty if it converged.
     """
 
     log: TrajectoryLog

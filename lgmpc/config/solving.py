@@ -38,7 +38,8 @@ Solve = Callable[[Trajectory, Callback], Solution]
 
 _TOLERANCES = {"fddp": 1e-9, "box_fddp": 1e-9, "sqp": 1e-6, "ipopt": 1e-8, "fatrop": 1e-8}
 _VERIFIED = 1e-6
-"""Largest gap and violation of a solution: of the states' and constraints' own units; larger if the solver was told."""
+"""Largest gap, violation (in the states' and constraints' own units) and gradient of the Lagrangian (relative to
+1 + the largest multiplier) of a solution; larger if the solver was told."""
 _SOLVER_FIGURES = (
     "effort_ratio",
     "cost",
@@ -156,8 +157,8 @@ class SolveSession:
         measured = solution.residual() if _finite(solution) else KktResidual.unknown()
         figures = self._figures(solution, measured)
         verdict = self._judge(solution, measured, figures, interrupted)
-        explanation = solution.explain()
-        return SolveOutcome(self._log(solution), figures, verdict, solution.status.name.lower(), explanation)
+        status, explanation = solution.status, "" if solution.status.solved else solution.explain()
+        return SolveOutcome(self._log(solution), figures, verdict, status.name.lower(), explanation)
 
     def _figures(self, solution: Solution, measured: KktResidual) -> dict[str, float]:
         """All figures, in the order in which they are shown; NaN where the trajectory is not finite."""
@@ -190,7 +191,7 @@ class SolveSession:
             ending = status.name.lower().replace("_", " ")
             reasons.append(f"not converged: {ending} after {count}; {status.remedy}")
         if status.solved:
-            reasons += _unconfirmed(measured, max(_VERIFIED, self.config.solver.tolerance or 0.0))
+            reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.config.solver.tolerance or 0.0))
         reasons += judge_figures(figures, gate.bounds)
         return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 
@@ -239,13 +240,17 @@ class SolveSession:
         )
 
 
-def _unconfirmed(measured: KktResidual, tolerance: float) -> list[str]:
+def _unconfirmed(measured: KktResidual, scale: float, tolerance: float) -> list[str]:
     """What the solver called solved, but the problem's own equations, evaluated anew, do not confirm."""
-    parts = {"gaps of the dynamics": measured.dynamics, "violations of constraints": measured.constraint}
+    parts = {
+        "gaps of the dynamics": (measured.dynamics, tolerance),
+        "violations of constraints": (measured.constraint, tolerance),
+        "gradients of the Lagrangian": (measured.stationarity, tolerance * scale),
+    }
     return [
-        f"the solver converged, but {what} reach {value:.2g}, computed anew; allowed at most {tolerance:.2g}"
-        for what, value in parts.items()
-        if not value <= tolerance
+        f"the solver converged, but {what} reach {value:.2g}, computed anew; allowed at most {most:.2g}"
+        for what, (value, most) in parts.items()
+        if not value <= most
     ]
 
 

@@ -128,7 +128,7 @@ class SolveResult(_Result):
         verdict: pass, fail or interrupted, with reasons.
         method: the solver.
         status: how it ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
-        explanation: what held it back, or that nothing did.
+        explanation: what held it back, in a few lines; empty if nothing did.
         figures: by name, the unit at its end; NaN where one could not be measured.
         created: when it was made, UTC, ISO 8601.
         versions: versions of Python and packages.

@@ -102,8 +102,9 @@ def test_a_solved_run_is_plotted_and_played(invoke: Invoke, arm: Path) -> None:
 
 
 def test_ctrl_c_saves_the_iterate_and_exits_with_130(start: Start, arm: Path, tmp_path: Path) -> None:
-    long = ("problem.nodes=5000", "problem.node_s=8e-5", "solver.max_iterations=1000", "gate={}")  # 0.2 s an iteration
-    with start("solve", arm, "--set", *long) as process:
+    # A tolerance that it hardly reaches, at some 20 ms an iteration.
+    long = ("problem.nodes=1000", "problem.node_s=4e-4", "solver={method: box_fddp, tolerance: 1e-300}", "gate={}")
+    with start("solve", arm, "--set", *long, "solver.max_iterations=100000") as process:
         assert process.stderr is not None and process.stdout is not None
         while "left to gain" not in (line := process.stderr.readline()):
             assert line, "the solve ended before it began"

@@ -28,6 +28,7 @@ from lgmpc.config.schema.problem import (
     ProblemSection,
     ReachProblem,
     RecoveryProblem,
+    RightingProblem,
     StandingReachProblem,
 )
 from lgmpc.config.schema.problem.legged import GaitWeightsSection, LeggedSection
@@ -44,11 +45,14 @@ from lgmpc.problems import (
     JumpSettings,
     LeggedSettings,
     LeggedWeights,
+    LegStrokes,
     MultirotorSettings,
     ReachSettings,
     ReachWeights,
     RecoverySettings,
     RecoveryWeights,
+    RightingSettings,
+    RightingWeights,
     Scenario,
     StandingReachSettings,
     StandingReachWeights,
@@ -58,6 +62,7 @@ from lgmpc.problems import (
     build_jump,
     build_reach,
     build_recovery,
+    build_righting,
     build_standing_reach,
 )
 from lgmpc.robot import Robot
@@ -136,6 +141,21 @@ def _recovery(section: RecoveryProblem) -> RecoverySettings:
     )
 
 
+def _righting(section: RightingProblem) -> RightingSettings:
+    strokes = section.strokes
+    return RightingSettings(
+        strokes=LegStrokes(strokes.stretched_rad, strokes.folded_rad, strokes.sweep_rad, strokes.count, strokes.ramp_s),
+        position=section.position_m,
+        rotation_deg=section.rotation_deg,
+        velocity=section.velocity_m_s,
+        goal_rotation_deg=section.goal_rotation_deg,
+        trunk_half_size=section.trunk_half_size_m,
+        nodes=section.nodes,
+        node_duration=section.node_s,
+        weights=RightingWeights(**section.weights.model_dump()),
+    )
+
+
 def _gait(section: GaitProblem) -> GaitSettings:
     phases = tuple(GaitPhase(phase.duration_s, phase.air, phase.height_m) for phase in section.phases)
     return GaitSettings(
@@ -199,6 +219,7 @@ _KINDS: Mapping[type[Section], tuple[Callable[[Any], Any], Callable[[Robot, Any]
     JumpProblem: (_jump, build_jump),
     ReachProblem: (_reach, build_reach),
     RecoveryProblem: (_recovery, build_recovery),
+    RightingProblem: (_righting, build_righting),
     StandingReachProblem: (_standing_reach, build_standing_reach),
 }
 """What turns each section into settings, and settings into a scenario."""

@@ -15,11 +15,13 @@ from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
 from lgmpc.problems.gait import FootSwing, Gait, GaitGrid, GaitPhase, QuadrupedFeet
+from lgmpc.problems.leg_strokes import LegStrokes
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
 from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
+from lgmpc.problems.righting import RightingSettings, RightingWeights, build_righting
 from lgmpc.problems.scenario import Controls, Scenario, Waypoint
 from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
 
@@ -40,6 +42,7 @@ __all__ = [
     "GaitPhase",
     "GaitSettings",
     "JumpSettings",
+    "LegStrokes",
     "LeggedSettings",
     "LeggedWeights",
     "Multirotor",
@@ -49,6 +52,8 @@ __all__ = [
     "ReachWeights",
     "RecoverySettings",
     "RecoveryWeights",
+    "RightingSettings",
+    "RightingWeights",
     "Scenario",
     "StandingReachSettings",
     "StandingReachWeights",
@@ -60,5 +65,6 @@ __all__ = [
     "build_legged",
     "build_reach",
     "build_recovery",
+    "build_righting",
     "build_standing_reach",
 ]

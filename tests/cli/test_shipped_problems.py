@@ -11,7 +11,12 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 @pytest.mark.parametrize(
     "name",
-    ["iris_loop", "upside_down_recovery", pytest.param("talos_reach", marks=pytest.mark.slow)],
+    [
+        "iris_loop",
+        "upside_down_recovery",
+        pytest.param("talos_reach", marks=pytest.mark.slow),
+        pytest.param("solo12_righting", marks=pytest.mark.slow),
+    ],
 )
 def test_passes_its_gate(invoke: Invoke, tmp_path: Path, name: str) -> None:
     code, output = invoke("solve", CONFIGS / f"{name}.yaml", "--out", tmp_path / "runs", "--quiet")

@@ -16,15 +16,18 @@ from lgmpc.problems import (
     GaitPhase,
     GaitSettings,
     JumpSettings,
+    LegStrokes,
     MultirotorSettings,
     ReachSettings,
     RecoverySettings,
+    RightingSettings,
     StandingReachSettings,
 )
 
 ROTORS = {"frames": ["a", "b"], "turning": ["ccw", "cw"], "max_thrust_n": 2.0}
 PAIR = MultirotorSettings(("a", "b"), ("ccw", "cw"), 2.0)
 PLACE = (0.1, 0.2, 0.3)
+STROKES = {"stretched_rad": {"knee": 0.0}, "folded_rad": {"knee": 2.0}, "sweep_rad": {"hip": 1.0}}
 LEAST: list[tuple[dict[str, Any], Any]] = [
     ({"kind": "com_circle"}, ComCircleSettings()),
     ({"kind": "gait", "pattern": "trot"}, GaitSettings()),
@@ -32,6 +35,10 @@ LEAST: list[tuple[dict[str, Any], Any]] = [
     ({"kind": "reach", "frame": "hand", "position_m": PLACE}, ReachSettings("hand", PLACE)),
     ({"kind": "standing_reach", "frame": "hand", "position_m": PLACE}, StandingReachSettings("hand", PLACE)),
     ({"kind": "recovery", "rotors": ROTORS}, RecoverySettings(PAIR)),
+    (
+        {"kind": "righting", "strokes": STROKES},
+        RightingSettings(LegStrokes({"knee": 0.0}, {"knee": 2.0}, {"hip": 1.0})),
+    ),
     (
         {
             "kind": "flight",

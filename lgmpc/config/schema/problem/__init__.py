@@ -9,6 +9,7 @@ from lgmpc.config.schema.problem.flight import FlightProblem
 from lgmpc.config.schema.problem.legged import GaitProblem, JumpProblem
 from lgmpc.config.schema.problem.reach import ReachProblem
 from lgmpc.config.schema.problem.recovery import RecoveryProblem
+from lgmpc.config.schema.problem.righting import RightingProblem
 from lgmpc.config.schema.problem.standing_reach import StandingReachProblem
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "ProblemSection",
     "ReachProblem",
     "RecoveryProblem",
+    "RightingProblem",
     "StandingReachProblem",
 ]
 
@@ -30,6 +32,7 @@ ProblemSection = Annotated[
         JumpProblem,
         ReachProblem,
         RecoveryProblem,
+        RightingProblem,
         StandingReachProblem,
     ],
     Field(discriminator="kind"),

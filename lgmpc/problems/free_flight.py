@@ -1,0 +1,127 @@
+"""What really happens to a robot in the air: an independent simulation of a plan, and how close its parts come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
+
+from lgmpc.ocp import Trajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["Flown", "clearances", "refly", "spins", "trunk_spins"]
+
+_SAMPLES = 5
+"""Spheres along a shank, knee and foot included."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A plan carried out.
+
+    Attributes:
+        x: (nx,) last state.
+        spin: largest change of the angular momentum about the centre of mass on the way, N.m.s.
+        path_error: largest distance of a joint from its planned path, rad.
+    """
+
+    x: Array
+    spin: float
+    path_error: float
+
+
+def refly(
+    robot: Robot, plan: Trajectory, times: Array, stiffness: float, damping: float, step: float = 2.5e-4
+) -> Flown:
+    """Carry out a plan with its torques and a PD controller of each joint on its planned path.
+
+    By other means than any solver's: Pinocchio's articulated-body algorithm and Runge and Kutta's method on the
+    configuration's group, in steps much finer than the plan's. The torques, constant over a step and clipped to the
+    limits, are internal: they cannot give the robot any angular momentum, whatever the plan's integrator did.
+
+    Args:
+        robot: with a free base and joints of one angle each.
+        plan: states and torques at the nodes; the joints' path between them is the cubic of positions and rates.
+        times: (N+1,) of the nodes, s.
+        stiffness: of the joints' controllers, N.m/rad.
+        damping: of the joints' controllers, N.m.s/rad.
+        step: longest, s.
+    """
+    model, data, nq = robot.model, robot.create_data(), robot.nq
+    angles, rates = plan.xs[:, robot.joint_q], plan.xs[:, nq:][:, robot.joint_v]
+    path = CubicHermiteSpline(times, angles, rates)
+    x, start = plan.xs[0], spins(robot, plan.xs[:1])[0]
+    spin = error = 0.0
+    for k, span in enumerate(np.diff(times)):
+        count = int(np.ceil(span / step - 1e-9))
+        grid = times[k] + span / count * np.arange(count + 1)
+        wanted, moving = path(grid), path(grid, 1)
+        for i in range(count):
+            off, lag = wanted[i] - x[robot.joint_q], moving[i] - x[nq:][robot.joint_v]
+            effort = np.clip(plan.us[k] + stiffness * off + damping * lag, -robot.effort_limit, robot.effort_limit)
+            x = _runge_kutta(model, data, x, np.concatenate([np.zeros(6), effort]), span / count)
+            error = max(error, float(np.abs(wanted[i + 1] - x[robot.joint_q]).max()))
+        spin = max(spin, float(np.linalg.norm(spins(robot, x[None])[0] - start)))
+    return Flown(x, spin, error)
+
+
+def spins(robot: Robot, xs: Array) -> Array:
+    """Return (n, 3) the angular momentum about the centre of mass at states (n, nx), world axes, N.m.s."""
+    data, nq = robot.create_data(), robot.nq
+    found = [pin.computeCentroidalMomentum(robot.model, data, x[:nq], x[nq:]).angular.copy() for x in xs]
+    return np.array(found).reshape(-1, 3)
+
+
+def trunk_spins(robot: Robot, xs: Array) -> Array:
+    """Return (n, 3) the part of the base's own body in :func:`spins`, about its own centre of mass, base axes."""
+    inertia = robot.model.inertias[1].inertia
+    return np.array([inertia @ x[robot.nq + 3 : robot.nq + 6] for x in xs])
+
+
+def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, float]:
+    """Return the least distance of a shank from the trunk, and of two shanks from each other, m.
+
+    A shank is a row of spheres as large as the feet, from the last joint before a contact frame to that frame; the
+    trunk a box about the base's origin. Negative distances of shanks are overlaps.
+
+    Args:
+        robot: with feet.
+        xs: (n, nx) states.
+        trunk_half_size: (3,) of the box, m.
+    """
+    model, data, radius = robot.model, robot.create_data(), robot.contact_radius
+    share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    trunk = legs = np.inf
+    for x in xs:
+        pin.framesForwardKinematics(model, data, x[: robot.nq])
+        shanks = []
+        for index in robot.contact_ids:
+            knee, foot = data.oMi[model.frames[index].parentJoint].translation, data.oMf[index].translation
+            shanks.append((1.0 - share) * knee + share * foot)
+        base = data.oMi[1]
+        local = (np.concatenate(shanks) - base.translation) @ base.rotation
+        beside = np.linalg.norm(np.maximum(np.abs(local) - trunk_half_size, 0.0), axis=1)
+        trunk = min(trunk, float(beside.min()) - radius)
+        for one, other in combinations(shanks, 2):
+            apart = np.linalg.norm(one[:, None] - other[None], axis=2)
+            legs = min(legs, float(apart.min()) - 2.0 * radius)
+    return trunk, legs
+
+
+def _runge_kutta(model: pin.Model, data: pin.Data, x: Array, effort: Array, h: float) -> Array:
+    """One step of the classical method, commutator-free on the group (Celledoni, Marthinsen, Owren, 2003)."""
+    q, v = x[: model.nq], x[model.nq :]
+    a = pin.aba(model, data, q, v, effort).copy()
+    v2, q2 = v + h / 2 * a, pin.integrate(model, q, h / 2 * v)
+    a2 = pin.aba(model, data, q2, v2, effort).copy()
+    v3, q3 = v + h / 2 * a2, pin.integrate(model, q, h / 2 * v2)
+    a3 = pin.aba(model, data, q3, v3, effort).copy()
+    v4, q4 = v + h * a3, pin.integrate(model, q2, h * (v3 - v / 2))
+    a4 = pin.aba(model, data, q4, v4, effort)
+    halfway = pin.integrate(model, q, h / 12 * (3 * v + 2 * v2 + 2 * v3 - v4))
+    q_next = pin.integrate(model, halfway, h / 12 * (-v + 2 * v2 + 2 * v3 + 3 * v4))
+    return np.concatenate([q_next, v + h / 6 * (a + 2 * a2 + 2 * a3 + a4)])

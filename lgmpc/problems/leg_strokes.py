@@ -1,0 +1,140 @@
+"""Strokes of the legs that turn a robot in the air, and where they take a robot without angular momentum.
+
+Swung one way stretched and back folded, legs come back to where they were and the robot does not: the trunk's angular
+velocity is ``-A(q_j) q_j'`` with the mechanical connection A, the inertia of everything over that of the legs in the
+way of their swing, and A is larger for stretched legs. What is left after a cycle is A's curvature over the area that
+the cycle encloses in the joints' space (chapter 4.16; Montgomery, "Gauge theory of the falling cat", 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.ocp import Trajectory
+from lgmpc.robot import Robot
+from lgmpc.robot.actuators import match_joints
+from lgmpc.typing import Array
+
+__all__ = ["LegStrokes", "falling_motion"]
+
+_SUBSTEPS = 8
+"""Steps of the trunk's attitude within an interval."""
+
+
+@dataclass(frozen=True)
+class LegStrokes:
+    """Cycles of the joints about the middle of two postures, one a quarter of a cycle after the other.
+
+    At the phase phi they are at ``(stretched + folded) / 2 + (stretched - folded) / 2 cos(phi) + sweep sin(phi)``.
+    Postures and sweep are {joint name or glob pattern: rad}; joints that are not named are at zero.
+
+    Attributes:
+        stretched: posture in which the legs swing forth.
+        folded: posture in which they swing back.
+        sweep: amplitude of the swing; its sign is that of the motion while they are stretched.
+        count: number of cycles.
+        ramp: time in which the motion grows from the reference posture, and in which it ends there, s.
+    """
+
+    stretched: Mapping[str, float]
+    folded: Mapping[str, float]
+    sweep: Mapping[str, float]
+    count: int = 5
+    ramp: float = 0.12
+
+    def joints(self, robot: Robot, times: Array) -> CubicSpline:
+        """Return the joints' path (nu,) over time, at rest in the reference posture at both ends.
+
+        Args:
+            robot: whose joints have one angle each.
+            times: (N+1,) of the nodes, s.
+
+        Raises:
+            InputError: a name that no joint has, or ramps longer than the motion.
+        """
+        duration = float(times[-1] - times[0])
+        if not 0.0 < 2.0 * self.ramp <= duration:
+            raise InputError("ramp", self.ramp, f"above 0, at most {duration / 2:g} s, half of the motion")
+        stretched, folded, sweep = (_by_joint(robot, name, getattr(self, name)) for name in _POSTURES)
+        phase = 2.0 * np.pi * self.count * (times - times[0]) / duration
+        cosine, sine = np.cos(phase)[:, None], np.sin(phase)[:, None]
+        strokes = (stretched + folded) / 2.0 + (stretched - folded) / 2.0 * cosine + sweep * sine
+        share = np.minimum(_smooth((times - times[0]) / self.ramp), _smooth((times[-1] - times) / self.ramp))
+        reference = robot.q_reference[robot.joint_q]
+        return CubicSpline(times, reference + share[:, None] * (strokes - reference), bc_type="clamped")
+
+
+_POSTURES = ("stretched", "folded", "sweep")
+
+
+def falling_motion(robot: Robot, x0: Array, joints: CubicSpline, times: Array) -> Trajectory:
+    """Return how a robot falls without angular momentum while its joints move, and the torques of it.
+
+    The centre of mass follows its parabola; the base's velocity is the one that leaves the momentum as it is; torques
+    are those of the mean motion of each interval, clipped to the limits. In the continuous limit it is exact.
+
+    Args:
+        robot: with a free base.
+        x0: (nx,) first state; its joints are at rest where the path begins, and it does not turn.
+        joints: their path.
+        times: (N+1,) of the nodes, s.
+    """
+    model, data, nq = robot.model, robot.create_data(), robot.nq
+    rates = joints.derivative()
+    rotation = np.asarray(pin.Quaternion(x0[3:7]).matrix())
+    com = pin.centerOfMass(model, data, x0[:nq], x0[nq:]).copy()
+    speed = np.array(data.vcom[0])
+    xs = np.tile(x0, (len(times), 1))
+    for k, (t, h) in enumerate(zip(times, np.diff(times, append=times[-1]), strict=True)):
+        q = np.concatenate([np.zeros(3), pin.Quaternion(rotation).coeffs(), joints(t)])
+        fallen = com + t * speed + 0.5 * t**2 * robot.gravity
+        q[:3] = fallen - pin.centerOfMass(model, data, q)
+        momentum = robot.mass * np.concatenate([speed + t * robot.gravity, np.zeros(3)])
+        xs[k] = np.concatenate([q, _base_velocity(robot, data, q, rates(t), momentum), rates(t)])
+        for middle in t + h / _SUBSTEPS * (np.arange(_SUBSTEPS) + 0.5):
+            level = np.concatenate([np.zeros(6), [1.0], joints(middle)])
+            turning = _base_velocity(robot, data, level, rates(middle), np.zeros(6))[3:]
+            rotation = rotation @ so3.exp(h / _SUBSTEPS * turning)
+    limit = robot.effort_limit
+    us = [_torques(robot, data, x, after, h) for x, after, h in zip(xs, xs[1:], np.diff(times), strict=False)]
+    return Trajectory(xs, np.clip(us, -limit, limit))
+
+
+def _base_velocity(robot: Robot, data: pin.Data, q: Array, rates: Array, momentum: Array) -> Array:
+    """Return (6,) the base's velocity with which the centroidal momentum is ``momentum``."""
+    matrix = pin.computeCentroidalMap(robot.model, data, q)
+    velocity: Array = np.linalg.solve(matrix[:, :6], momentum - matrix[:, 6:] @ rates)
+    return velocity
+
+
+def _torques(robot: Robot, data: pin.Data, x: Array, after: Array, h: float) -> Array:
+    """Return (nu,) the torques of the mean motion of an interval; nothing pushes the base."""
+    model, nq = robot.model, robot.nq
+    q = pin.interpolate(model, x[:nq], after[:nq], 0.5)
+    v, a = (x[nq:] + after[nq:]) / 2.0, (after[nq:] - x[nq:]) / h
+    a[:6] = 0.0
+    pushed = pin.rnea(model, data, q, v, a)[:6]
+    a[:6] = np.linalg.solve(pin.crba(model, data, q, pin.Convention.WORLD)[:6, :6], -pushed)
+    effort: Array = pin.rnea(model, data, q, v, a)[6:].copy()
+    return effort
+
+
+def _by_joint(robot: Robot, argument: str, values: Mapping[str, float]) -> Array:
+    given, problems = match_joints(values, robot.joint_names, argument)
+    if problems:
+        raise InputError(argument, ", ".join(values), "names or patterns of joints", robot.joint_names)
+    return np.array([given.get(name, 0.0) for name in robot.joint_names])
+
+
+def _smooth(s: Array) -> Array:
+    """Rise from 0 to 1, with two derivatives of zero at both ends."""
+    s = np.clip(s, 0.0, 1.0)
+    risen: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return risen

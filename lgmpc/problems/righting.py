@@ -1,0 +1,178 @@
+"""A legged robot, dropped or tossed upside down without spin, turns upright in the air by moving its legs only.
+
+It is the falling cat's problem. Nothing pushes the robot, so that it can only turn by closed paths of its joints
+(:mod:`lgmpc.problems.leg_strokes`), and an integrator's error in the angular momentum, of the size of what such paths
+bring, would be taken for a turn: the problem has the variational integrator, which keeps the momentum, and its figures
+are those of an independent flight (:mod:`lgmpc.problems.free_flight`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.actions import FreeForwardDynamics, MultibodyAction, Variational
+from lgmpc.costs import ConstraintItem, CostItem, Parameter, Residual, StageSymbols
+from lgmpc.costs.library import Control, FrameRotationMatrix
+from lgmpc.errors import InputError
+from lgmpc.lie import so3
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems.attitude import angle_between, rotation_of, tilt
+from lgmpc.problems.free_flight import clearances, refly, spins, trunk_spins
+from lgmpc.problems.kinematics import com_positions
+from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
+from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.robot import Robot
+from lgmpc.typing import Array
+
+__all__ = ["JointMotion", "RightingSettings", "RightingWeights", "build_righting"]
+
+_STIFFNESS, _DAMPING = 3.0, 0.05
+"""Of the joints' controllers in the independent flight, N.m/rad and N.m.s/rad; moderate for Solo12's size."""
+
+
+@dataclass(frozen=True)
+class RightingWeights:
+    """Weights of the cost on the way (per second) and at the end.
+
+    Attributes:
+        strokes: joints from the strokes of the guess, on the way, 1/rad2.
+        rates: joint rates from those of the strokes, on the way, 1/(rad/s)2.
+        effort: torques, 1/(N.m)2.
+        rotation: from the attitude of the goal, at the end, 1/rad2 for small angles.
+        posture: joints from the reference posture, at the end, 1/rad2.
+        rest: joint rates at the end, 1/(rad/s)2.
+    """
+
+    strokes: float = 1.0
+    rates: float = 1e-3
+    effort: float = 1e-2
+    rotation: float = 1e2
+    posture: float = 1e2
+    rest: float = 1.0
+
+
+@dataclass(frozen=True)
+class RightingSettings:
+    """How the robot falls, how its legs move in the guess, and the grid.
+
+    Attributes:
+        strokes: of the legs; the guess.
+        position: (3,) of the base at first, world axes, m.
+        rotation_deg: (3,) its attitude at first as a rotation vector, degrees.
+        velocity: (3,) of all of the robot at first, world axes, m/s: upwards for a toss.
+        goal_rotation_deg: (3,) attitude at the end, degrees.
+        trunk_half_size: (3,) of the box that the shanks should stay out of, m; only for the figures.
+        nodes: number of intervals.
+        node_duration: length of each, s.
+        weights: of the cost.
+    """
+
+    strokes: LegStrokes
+    position: tuple[float, float, float] = (0.0, 0.0, 8.0)
+    rotation_deg: tuple[float, float, float] = (180.0, 0.0, 0.0)
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    trunk_half_size: tuple[float, float, float] = (0.2, 0.08, 0.03)
+    nodes: int = 240
+    node_duration: float = 0.005
+    weights: RightingWeights = RightingWeights()
+
+
+class JointMotion(Residual):
+    """Positions and rates of the actuated joints minus ``reference`` (2 nu,), rad and rad/s; joints of one angle each.
+
+    Args:
+        nu: number of actuated joints.
+    """
+
+    def __init__(self, nu: int) -> None:
+        self.nr = 2 * nu
+        self.parameters = (Parameter("reference", 2 * nu, "joint positions and rates to stay near, rad, rad/s"),)
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        nu = self.nr // 2
+        return ca.vertcat(s.q[s.robot.nq - nu :], s.v[s.robot.nv - nu :]) - s["reference"]
+
+
+def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
+    """Return the problem; torques, joint positions and joint rates keep to their limits by hard constraints.
+
+    Figures, of the plan: ``final_tilt_deg`` and ``final_rotation_deg``, of the base from upright and from the goal's
+    attitude; ``planned_spin_nms``, largest angular momentum about the centre of mass at the nodes, which is an error of
+    the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` and
+    ``leg_clearance_m`` (see :func:`lgmpc.problems.free_flight.clearances`); ``flight_height_m``, from the lowest to the
+    highest place of the centre of mass. Of the independent flight (see :func:`lgmpc.problems.free_flight.refly`):
+    ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the change of the angular momentum, beside the
+    largest ``trunk_spin_nms`` that the plan's trunk has; ``path_error_rad``, of the joints; and ``landing_rate_rad_s``,
+    of the base's rotation at the end.
+
+    Raises:
+        InputError: a robot without free base or feet or with joints of more than an angle, strokes of joints that it
+            does not have, or no duration.
+    """
+    s, w, nu = settings, settings.weights, robot.nu
+    if not s.node_duration > 0.0:
+        raise InputError("node_duration", s.node_duration, "above 0 s")
+    if not (robot.floating_base and robot.nc and robot.nq - 7 == nu):
+        raise InputError("robot", f"{robot.name}", "a free base, contact_frames, and joints of one angle each")
+    still = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(nu)])
+    lower = np.concatenate([robot.joint_lower, -robot.velocity_limit])
+    upper = np.concatenate([robot.joint_upper, robot.velocity_limit])
+    goal = so3.exp(np.radians(s.goal_rotation_deg))
+    costs = [
+        CostItem("rotation", FrameRotationMatrix(robot.body_names[0], pin.Quaternion(goal).coeffs()), 0.0),
+        CostItem("joints", JointMotion(nu), np.repeat([w.strokes, w.rates], nu)),
+        CostItem("effort", Control(nu), w.effort),
+    ]
+    limits = [
+        ConstraintItem("torque", Control(nu), -robot.effort_limit, robot.effort_limit),
+        ConstraintItem("range", JointMotion(nu), lower, upper),
+    ]
+    dynamics = FreeForwardDynamics(robot.model)
+    problem = ShootingProblem(MultibodyAction("righting", dynamics, costs, limits, Variational()), s.nodes)
+    problem.set("duration", s.node_duration)
+
+    start = so3.exp(np.radians(s.rotation_deg))
+    base = np.concatenate([s.position, pin.Quaternion(start).coeffs()])
+    x0 = np.concatenate([base, still[:nu], start.T @ s.velocity, np.zeros(3), still[nu:]])
+    problem.set_initial_state(x0)
+    times: Array = s.node_duration * np.arange(s.nodes + 1, dtype=np.float64)
+    guess = falling_motion(robot, x0, s.strokes.joints(robot, times), times)
+    strokes = np.hstack([guess.xs[:, robot.joint_q], guess.xs[:, robot.nq :][:, robot.joint_v]])
+    problem.set("joints_reference", strokes)
+    problem.set("joints_weight", np.repeat([w.posture, w.rest], nu), [s.nodes])
+    problem.set("rotation_weight", w.rotation, [s.nodes])
+
+    def figures(trajectory: Trajectory) -> dict[str, float]:
+        xs, end = trajectory.xs, trajectory.xs[-1]
+        motion = np.hstack([xs[:, robot.joint_q], xs[:, robot.nq :][:, robot.joint_v]])
+        outside = np.maximum(lower - motion, motion - upper)[:, :nu]
+        trunk, legs = clearances(robot, xs, np.array(s.trunk_half_size))
+        flown = refly(robot, trajectory, times, _STIFFNESS, _DAMPING)
+        return {
+            "final_tilt_deg": math.degrees(tilt(end)),
+            "final_rotation_deg": math.degrees(angle_between(rotation_of(end), goal)),
+            "planned_spin_nms": float(np.linalg.norm(spins(robot, xs), axis=1).max()),
+            "joint_range_violation_rad": float(max(outside.max(), 0.0)),
+            "joint_speed_ratio": float((np.abs(motion[:, nu:]) / robot.velocity_limit).max()),
+            "trunk_clearance_m": trunk,
+            "leg_clearance_m": legs,
+            "flight_height_m": float(np.ptp(com_positions(robot, xs)[:, 2])),
+            "reflown_tilt_deg": math.degrees(tilt(flown.x)),
+            "reflown_rotation_deg": math.degrees(angle_between(rotation_of(flown.x), goal)),
+            "reflown_spin_nms": flown.spin,
+            "trunk_spin_nms": float(np.linalg.norm(trunk_spins(robot, xs), axis=1).max()),
+            "path_error_rad": flown.path_error,
+            "landing_rate_rad_s": float(np.linalg.norm(flown.x[robot.nq + 3 : robot.nq + 6])),
+        }
+
+    mark = Waypoint("upright", float(times[-1]), guess.xs[-1, :3].copy(), goal)
+    durations = np.full(s.nodes, s.node_duration)
+    return Scenario("righting", robot, problem, guess, durations, figures, waypoints=(mark,))

@@ -25,9 +25,6 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.solvers.loop import IterativeSolver, Progress
 from lgmpc.solvers.qp import (
-    LARGE_STAGE,
-    PiqpSettings,
-    PiqpSolver,
     QpSolver,
     QpStatus,
     StructuredSettings,
@@ -41,6 +38,9 @@ from lgmpc.typing import Array
 __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 
 _KEPT = (0.0, 0.5, 0.9, 0.99)  # shares of gaps and violations that an infeasible subproblem may keep, one after another
+_LEAST_TOLERANCE = 1e-13
+_ROUNDING = 1e-13  # of the penalty function
+_PATIENCE = 6  # steps within rounding that do not halve the residual
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
     QpStatus.UNBOUNDED: Status.FAILED,
@@ -69,8 +69,8 @@ class LineSearchSqpSettings:
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
-        if not self.tolerance > 0.0:
-            raise InputError("tolerance", self.tolerance, "above 0")
+        if not self.tolerance >= _LEAST_TOLERANCE:
+            raise InputError("tolerance", self.tolerance, f"at least {_LEAST_TOLERANCE:g}: rounding hides what is less")
         if not 0.0 < self.acceptance < 0.5:
             raise InputError("acceptance", self.acceptance, "above 0, below 0.5")
         if self.memory < 1:
@@ -90,7 +90,7 @@ class LineSearchSqp(IterativeSolver):
         problem: the problem; its data are read at every solve.
         settings: tolerances.
         qp_solver: solver of the subproblems: a name, or a function that makes one. It has to be more accurate than the
-            tolerance; unless given one that is much more accurate, lgmpc's own or (small stages) PIQP.
+            tolerance; lgmpc's own unless given.
         progress: told what is being compiled.
 
     Raises:
@@ -116,7 +116,7 @@ class LineSearchSqp(IterativeSolver):
         elif qp_solver is not None:
             self.qp_solver = qp_solver(qp)
         else:
-            self.qp_solver = _accurate(qp, self.settings.tolerance, progress)
+            self.qp_solver = StructuredSolver(qp, StructuredSettings(1e-2 * self.settings.tolerance), progress=progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -129,6 +129,7 @@ class LineSearchSqp(IterativeSolver):
         self._costates, self._multipliers = np.zeros((s.nodes, s.ndx)), np.zeros((s.nodes, s.ng))
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
+        self._least, self._patience = np.inf, _PATIENCE
         self._clock = [0.0, 0.0, 0.0]
         self._linearize(0)
         self._kkt = KktResidual.unknown()
@@ -147,7 +148,8 @@ class LineSearchSqp(IterativeSolver):
         slope = self._slope(step.dxs, step.dus) - (1.0 - kept) * self._penalty * self._infeasibility
         worst = max(cost + self._penalty * outside for cost, outside in self._last)
         # What rounding alone changes is no increase.
-        worst += 1e-13 * (abs(worst) + self._penalty)
+        rounding = _ROUNDING * (abs(worst) + self._penalty)
+        worst += rounding
         f.xs_base[...] = f.xs
         us, dxs, dus = f.us.copy(), step.dxs.copy(), step.dus.copy()
         alpha, self._accepted = 1.0, False
@@ -169,7 +171,11 @@ class LineSearchSqp(IterativeSolver):
         self._costates += alpha * (step.costates - self._costates)
         self._multipliers += alpha * (step.multipliers - self._multipliers)
         self._kkt = self._residual()
-        return Status.CONVERGED if self._kkt.largest <= s.tolerance else None
+        if self._kkt.largest <= s.tolerance:
+            return Status.CONVERGED
+        self._patience = _PATIENCE if self._kkt.largest < 0.5 * self._least else self._patience - 1
+        self._least = min(self._least, self._kkt.largest)
+        return Status.PRECISION_LIMIT if self._patience <= 0 and -slope < rounding else None
 
     @property
     def qp(self) -> OcpQp:
@@ -253,11 +259,3 @@ class LineSearchSqp(IterativeSolver):
         below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(qp.vector("lower")))
         loose = float(np.maximum(above, below).max(initial=0.0))
         return KktResidual(stationarity, self._gap, float(self._outside.max(initial=0.0)), loose)
-
-
-def _accurate(qp: OcpQp, tolerance: float, progress: Callable[[str], None] | None) -> QpSolver:
-    """A solver of the subproblems that is much more accurate than a tolerance."""
-    if qp.structure.ndx + qp.structure.nu > LARGE_STAGE:
-        return StructuredSolver(qp, StructuredSettings(1e-2 * tolerance), progress=progress)
-    # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
-    return PiqpSolver(qp, PiqpSettings("sparse_ldlt", min(max(tolerance**2, 1e-11), 1e-2 * tolerance), 200))

@@ -108,6 +108,12 @@ class Solution:
         """States and controls."""
         return Trajectory(self.xs, self.us)
 
+    @property
+    def scale(self) -> float:
+        """1 + the largest multiplier or costate: what the stationarity of a solution is judged by (as in SNOPT)."""
+        largest = (float(np.abs(array).max(initial=0.0)) for array in (self.costates, self.multipliers))
+        return 1.0 + max(largest)
+
     def control(self, node: int, x: Array) -> Array:
         """The control (nu,) at a node for a state x (nx,) near its own: with feedback, where the solver gives it."""
         u: Array = self.us[node]

@@ -221,3 +221,20 @@ def test_a_solver_that_claims_too_much_is_found_out(monkeypatch: pytest.MonkeyPa
     assert outcome.status == "converged"
     assert outcome.verdict.outcome is Outcome.FAIL
     assert "gaps of the dynamics reach" in outcome.verdict.reasons[0] and "computed anew" in outcome.verdict.reasons[0]
+
+
+def test_multipliers_that_do_not_belong_to_the_trajectory_are_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    session = prepare_solve(arm("gate={converged: true}"))
+    honest = session.solve
+
+    def lie(guess, callback):  # type: ignore[no-untyped-def]
+        solution = honest(guess, callback)
+        return replace(solution, costates=1.01 * solution.costates)
+
+    assert session.run(lambda now: None).verdict.passed
+    monkeypatch.setattr(session, "solve", lie)
+    outcome = session.run(lambda now: None)
+    assert outcome.verdict.outcome is Outcome.FAIL
+    assert "gradients of the Lagrangian reach" in outcome.verdict.reasons[0]

@@ -122,6 +122,14 @@ def test_what_cannot_be_solved_says_so(cart: ShootingProblem) -> None:
     assert solver.solve().status is Status.NOT_FINITE
 
 
+def test_what_rounding_hides_is_no_contradiction(cart: ShootingProblem, unicycle: ShootingProblem) -> None:
+    """The tightest tolerance is either met or beyond the precision; nothing is infeasible."""
+    for problem in (cart, unicycle):
+        solution = LineSearchSqp(problem, LineSearchSqpSettings(tolerance=1e-13)).solve()
+        assert solution.status in (Status.CONVERGED, Status.PRECISION_LIMIT), solution.explain()
+        assert solution.residual().largest < 1e-10
+
+
 def test_solves_are_repeatable_to_the_bit(cart: ShootingProblem) -> None:
     solver = LineSearchSqp(cart)
     first, second = solver.solve(), solver.solve()
@@ -132,7 +140,14 @@ def test_solves_are_repeatable_to_the_bit(cart: ShootingProblem) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("tolerance", 0.0), ("acceptance", 0.5), ("memory", 0), ("least_step", 1.0), ("penalty_margin", 1.0)],
+    [
+        ("tolerance", 0.0),
+        ("tolerance", 1e-300),
+        ("acceptance", 0.5),
+        ("memory", 0),
+        ("least_step", 1.0),
+        ("penalty_margin", 1.0),
+    ],
 )
 def test_settings_that_cannot_work_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):

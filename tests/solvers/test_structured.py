@@ -14,6 +14,7 @@ from lgmpc.ocp.quadratic import kkt_function
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
+    Cascade,
     OsqpSettings,
     OsqpSolver,
     PiqpSettings,
@@ -163,6 +164,35 @@ def test_what_it_cannot_solve_is_told_and_forgotten(kind: str) -> None:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values
     np.testing.assert_allclose(solved(solver, qp.x0).dus, expected, atol=1e-5)
+
+
+def test_the_next_solver_is_asked_where_one_fails() -> None:
+    qp = random_problem(np.random.default_rng(6), 3.0)
+    hasty, patient = (PiqpSolver(qp, PiqpSettings(max_iterations=most)) for most in (2, 50))
+    one = Cascade([hasty, patient])
+    expected = solved(patient, qp.x0).dus.copy()
+    np.testing.assert_allclose(solved(one, qp.x0).dus, expected, atol=1e-6)
+    assert one.iterations == 2 + patient.iterations
+    hasty.prepare()
+    assert hasty.solve(qp.x0) is not QpStatus.SOLVED
+    assert Cascade([hasty, hasty]).solve(qp.x0) is not QpStatus.SOLVED
+    qp.vector("b")[3, 0] = np.nan
+    assert one.solve(qp.x0) is QpStatus.NOT_FINITE
+    for solvers in ([], [patient, PiqpSolver(random_problem(np.random.default_rng(7), 3.0))]):
+        with pytest.raises(InputError, match="of the same problem"):
+            Cascade(solvers)
+
+
+def test_the_active_rows_of_another_solver_are_finished_exactly() -> None:
+    """An interior point method leaves multipliers and distances whose products are small, not they themselves."""
+    qp = random_problem(np.random.default_rng(0), 10.0)
+    settings = StructuredSettings(tolerance=1e-9, max_iterations=0)  # no interior point method of its own
+    rough = PiqpSettings(tolerance=1e-6)
+    solver = StructuredSolver(qp, settings, fallback=lambda qp: PiqpSolver(qp, rough))
+    solution = solved(solver, qp.x0)
+    assert solver.took_over
+    assert residual(qp, solved(PiqpSolver(qp, rough), qp.x0)).largest > 1e-9
+    assert residual(qp, solution).largest < 2e-9
 
 
 def test_regulator_solves_the_equations_of_its_minimum() -> None:

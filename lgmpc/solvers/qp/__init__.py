@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.cascade import Cascade
 from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
@@ -16,6 +17,7 @@ from lgmpc.solvers.qp.structured import LARGE_STAGE, StructuredSettings, Structu
 __all__ = [
     "LARGE_STAGE",
     "QP_SOLVERS",
+    "Cascade",
     "OsqpSettings",
     "OsqpSolver",
     "PiqpSettings",

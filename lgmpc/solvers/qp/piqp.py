@@ -17,6 +17,7 @@ __all__ = ["PiqpSettings", "PiqpSolver"]
 
 KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
 _FAR = 1e3  # times the tolerance: a point that is further from feasible than this is no approximate solution
+_NEAR = 1e-6  # a point that is nearer than this is one, whatever the tolerance
 _STATUS = {
     "PIQP_SOLVED": QpStatus.SOLVED,
     "PIQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
@@ -112,7 +113,9 @@ class PiqpSolver:
         result = self._solver.result
         self.iterations = int(result.info.iter)
         status = _STATUS.get(code.name, QpStatus.NUMERICAL)
-        if status is QpStatus.MAX_ITERATIONS and result.info.primal_res > _FAR * self.settings.tolerance:
+        if status is QpStatus.MAX_ITERATIONS and not result.info.primal_res <= max(
+            _FAR * self.settings.tolerance, _NEAR
+        ):
             status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove as much
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             a.z[:] = result.x

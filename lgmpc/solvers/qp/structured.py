@@ -24,6 +24,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.cascade import Cascade
 from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
@@ -37,6 +38,7 @@ LARGE_STAGE = 30
 """States and controls of a stage from which dense blocks pay."""
 
 _REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
+_PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallback
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
@@ -74,7 +76,7 @@ class StructuredSolver:
     Args:
         qp: the problem.
         settings: tolerance and limits.
-        fallback: makes the solver that takes over; PIQP in dense blocks unless given.
+        fallback: makes the solver that takes over; PIQP unless given, in dense blocks first, then with sparse factors.
         progress: told what is being compiled.
 
     Attributes:
@@ -145,6 +147,9 @@ class StructuredSolver:
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             for mine, theirs in zip(vars(self.solution).values(), vars(self._fallback.solution).values(), strict=True):
                 mine[...] = theirs
+            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+                if self._ready and self._polish():
+                    return QpStatus.SOLVED
         return status
 
     def _solve(self) -> bool:
@@ -155,9 +160,19 @@ class StructuredSolver:
         rows = np.where(mu > 0.0, self._upper, np.where(mu < 0.0, self._lower, within))
         return self._active_set(rows, mu) or self._interior_point()
 
+    def _polish(self) -> bool:
+        """Solve exactly with the active rows of the other solver: those with more multiplier than distance."""
+        s, qp = self.solution, self.qp
+        rows = np.einsum("kij,kj->ki", qp.dense("C"), s.dxs[:-1]) + np.einsum("kij,kj->ki", qp.dense("D"), s.dus)
+        bounds = np.where(s.multipliers > 0.0, self._upper, self._lower)
+        active = np.abs(s.multipliers) > np.abs(rows - bounds)
+        rows = np.where(active, bounds, nearest_in(rows, self._lower, self._upper))
+        return self._active_set(rows, np.where(active, s.multipliers, 0.0))
+
     def _piqp(self, qp: OcpQp) -> QpSolver:
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
-        return PiqpSolver(qp, PiqpSettings("sparse_multistage", 1e-2 * self.settings.tolerance))
+        tolerance = 1e-2 * self.settings.tolerance
+        return Cascade([PiqpSolver(qp, PiqpSettings(name, tolerance, most)) for name, most in _PIQP])
 
     def _active_set(self, rows: Array, mu: Array) -> bool:
         """Penalise the rows outside their shifted bounds until they stay the same; False if they do not soon."""

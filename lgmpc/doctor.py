@@ -265,12 +265,12 @@ def _check_nlp(name: str) -> Check:
     import casadi
 
     x = casadi.MX.sym("x")
-    quiet = {"print_time": False, name: _QUIET[name]}
-    solver = casadi.nlpsol("self_test", name, {"x": x, "f": (x - 2.0) ** 2, "g": x}, quiet)
-    error = abs(float(solver(x0=0.0, lbg=-casadi.inf, ubg=1.0)["x"]) - 1.0)
-    return Check(
-        f"NLP by {name}", error < 1e-6, f"{error:.0e} from the known solution", "" if error < 1e-6 else _REINSTALL
-    )
+    problem: dict[str, Any] = {"x": x, "f": (x - 2.0) ** 2, "g": x}
+    options: dict[str, Any] = {"print_time": False, name: _QUIET[name]}
+    found = casadi.nlpsol("self_test", name, problem, options)(x0=0.0, lbg=-casadi.inf, ubg=1.0)["x"]
+    error = abs(float(found) - 1.0)
+    ok = error < 1e-6
+    return Check(f"NLP by {name}", ok, f"{error:.0e} from the known solution", "" if ok else _REINSTALL)
 
 
 def _check_mujoco() -> Check:

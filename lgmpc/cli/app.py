@@ -46,6 +46,9 @@ Overrides = Annotated[
 MoreOverrides = Annotated[
     list[str], typer.Argument(metavar="KEY=VALUE", help="More changes.", hidden=True, show_default=False)
 ]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder that the run's folder is made in.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")]
 RunName = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False)]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]
 
@@ -71,11 +74,12 @@ def run(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
     overrides: Overrides = [],  # noqa: B006
-    out: Annotated[Path, typer.Option(help="Folder that the run's folder is made in.")] = Path("runs"),
+    out: OutFolder = Path("runs"),
     plant: Annotated[
         PlantKind | None, typer.Option(help="Physics engine; the config's if not given.", show_default=False)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Simulate a config, save the run and judge it.
 
@@ -87,7 +91,7 @@ def run(
     loaded = load_config(config, changes)
     from lgmpc.cli.running import run_shown
 
-    raise typer.Exit(run_shown(loaded, out, as_json=as_json))
+    raise typer.Exit(run_shown(loaded, out, as_json=as_json, quiet=quiet))
 
 
 @app.command(epilog=help.SOLVE)
@@ -96,9 +100,9 @@ def solve(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
-    out: Annotated[Path, typer.Option(help="Folder that the run's folder is made in.")] = Path("runs"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")] = False,
+    out: OutFolder = Path("runs"),
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Optimise the trajectory of a config, save it and judge it.
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import logging
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol, TextIO
 
 from rich.console import Console
-from rich.logging import RichHandler
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
+from lgmpc.cli.display import Display, Silent, warnings_on
 from lgmpc.cli.figures import Row, figure_table
-from lgmpc.cli.screen import err, out, show_next, show_verdict
+from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import Config
 from lgmpc.config.build import build_gate
 from lgmpc.config.execution import FinishedRun, run_config
@@ -24,28 +20,29 @@ from lgmpc.config.session import Progress
 from lgmpc.runs import Gate, Metrics, measured
 from lgmpc.runs.figures import figure_of
 
-__all__ = ["run_shown", "warnings_on"]
+__all__ = ["run_shown"]
 
 
-def run_shown(config: Config, folder: Path, *, as_json: bool) -> int:
+def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> int:
     """Run ``config``, showing its progress, print the verdict, and return the exit code."""
     console = err()
-    with _display(console, config.duration_s) as display, warnings_on(console):
+    with _display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
         finished = run_config(config, folder, notify=display.tell, progress=display.move)
     if as_json:
-        _print_json(finished)
+        print_result(finished.folder.path, finished.result)
     else:
-        _show(finished, build_gate(config))
+        _show(finished, build_gate(config), quiet=quiet)
     return finished.session.verdict.exit_code
 
 
-def _show(run: FinishedRun, gate: Gate) -> None:
+def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
     """Print the figures, the verdict, and what can be done with the run."""
     console, metrics = out(), run.session.metrics
-    if metrics is not None:
+    if metrics is not None and not quiet:
         console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))
     show_verdict(console, run.session.verdict, run.result.name)
-    show_next(console, run.folder.path)
+    if not quiet:
+        show_next(console, run.folder.path)
 
 
 def _limited(metrics: Metrics, gate: Gate) -> Iterator[Row]:
@@ -67,16 +64,6 @@ def _always_shown(metrics: Metrics) -> Iterator[Row]:
         Row("real-time factor", "", metrics.real_time_factor),
     )
     return (row for row in rows if row.value is not None)
-
-
-class _Display(Protocol):
-    """Shows how far a run is."""
-
-    def tell(self, message: str) -> None:
-        """Show what is being prepared."""
-
-    def move(self, now: Progress) -> None:
-        """Show where the simulation is."""
 
 
 class _Lines:
@@ -111,7 +98,10 @@ class _Moving:
 
 
 @contextmanager
-def _display(console: Console, duration_s: float) -> Iterator[_Display]:
+def _display(console: Console, duration_s: float, *, quiet: bool) -> Iterator[Display[Progress]]:
+    if quiet:
+        yield Silent()
+        return
     if not console.is_terminal:
         yield _Lines(console)
         return
@@ -123,33 +113,3 @@ def _display(console: Console, duration_s: float) -> Iterator[_Display]:
     )
     with Bar(*columns, console=console, transient=True) as bar:
         yield _Moving(bar, duration_s)
-
-
-@contextmanager
-def warnings_on(console: Console) -> Iterator[None]:
-    """Show log records from WARNING on, and Python's warnings without the line of code they came from."""
-    handler = RichHandler(logging.WARNING, console, show_path=False, show_time=False)
-    logger = logging.getLogger("lgmpc")
-
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        logger.warning("%s", message)
-
-    logger.addHandler(handler)
-    before, warnings.showwarning = warnings.showwarning, show
-    try:
-        yield
-    finally:
-        warnings.showwarning = before
-        logger.removeHandler(handler)
-
-
-def _print_json(finished: FinishedRun) -> None:
-    content = json.loads(finished.result.to_json())
-    print(json.dumps({"folder": str(finished.folder.path), **content}, indent=2))

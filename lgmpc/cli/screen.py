@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -13,12 +14,13 @@ from rich.text import Text
 from lgmpc.errors import ConfigError, LgmpcError, ModelError, RunFolderError
 
 if TYPE_CHECKING:
-    from lgmpc.runs import Verdict
+    from lgmpc.runs import RunResult, SolveResult, Verdict
 
 __all__ = [
     "err",
     "has_desktop",
     "out",
+    "print_result",
     "show_crash",
     "show_error",
     "show_interrupted",
@@ -97,6 +99,11 @@ def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
     console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {name}"))
     for reason in verdict.reasons:
         console.print(Text(f"  - {reason}"))
+
+
+def print_result(path: Path, result: RunResult | SolveResult) -> None:
+    """Print what ``run.json`` holds, and the folder that it is in, as JSON."""
+    print(json.dumps({"folder": str(path), **json.loads(result.to_json())}, indent=2))
 
 
 def show_next(console: Console, path: Path) -> None:

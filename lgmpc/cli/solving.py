@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -16,9 +14,9 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
+from lgmpc.cli.display import Display, Silent, warnings_on
 from lgmpc.cli.figures import Row, figure_table
-from lgmpc.cli.running import warnings_on
-from lgmpc.cli.screen import err, out, show_next, show_verdict
+from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import SolveConfig
 from lgmpc.config.session import Iteration
 from lgmpc.config.solve_execution import FinishedSolve, solve_config
@@ -37,8 +35,7 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
     with _display(console, config, quiet=quiet) as display, warnings_on(console):
         finished = solve_config(config, folder, notify=display.tell, progress=display.move)
     if as_json:
-        content = json.loads(finished.result.to_json())
-        print(json.dumps({"folder": str(finished.folder.path), **content}, indent=2))
+        print_result(finished.folder.path, finished.result)
     else:
         _show(finished, config, quiet=quiet)
     return finished.outcome.verdict.exit_code
@@ -63,26 +60,6 @@ def _rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator
     for figure, value in figures.items():
         if figure not in bounded and not math.isnan(value):
             yield Row.of(figure, value)
-
-
-class _Display(Protocol):
-    """Shows how far a solve is."""
-
-    def tell(self, message: str) -> None:
-        """Show what is being prepared."""
-
-    def move(self, now: Iteration) -> None:
-        """Show an iteration."""
-
-
-class _Silent:
-    """Shows nothing."""
-
-    def tell(self, message: str) -> None:
-        pass
-
-    def move(self, now: Iteration) -> None:
-        pass
 
 
 class _Lines:
@@ -152,10 +129,10 @@ def _scientific(value: float) -> str:
 
 
 @contextmanager
-def _display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[_Display]:
+def _display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[Display[Iteration]]:
     columns = _columns(config.solver.method)
     if quiet:
-        yield _Silent()
+        yield Silent()
     elif not console.is_terminal:
         yield _Lines(console, columns)
     else:

@@ -94,6 +94,10 @@ class RunFolder:
                     break
                 except FileExistsError:
                     count += 1
+        except FileExistsError as error:
+            raise RunFolderError(
+                f"{out} is a file, not a folder to make runs in. Choose another one with --out"
+            ) from error
         except OSError as error:
             raise RunFolderError(
                 f"cannot make a run folder in {out}: {reason_of(error)}. Choose another one with --out"

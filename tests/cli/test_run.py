@@ -41,6 +41,10 @@ def test_a_run_that_breaks_its_gate_exits_with_1_and_says_why(invoke: Invoke, tm
     assert "broken" in output and "allowed at most 0.01 N.m (max_abs_torque_nm)" in output
 
 
+def test_quiet_is_quiet(invoke: Invoke, tmp_path: Path) -> None:
+    assert invoke("run", STAND, *SHORT, "--quiet", "--out", tmp_path) == (0, "PASS  solo12_stand\n")
+
+
 @pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
 def test_the_plant_can_be_chosen(plant: str, invoke: Invoke, tmp_path: Path) -> None:
     code, output = invoke("run", STAND, *SHORT, "--plant", plant, "--out", tmp_path)

@@ -96,7 +96,7 @@ def test_a_folder_that_cannot_be_made_says_why(tmp_path) -> None:
     blocker.write_text("")
     with pytest.raises(RunFolderError, match="cannot make a run folder in .*file/runs: not a directory.*--out"):
         RunFolder.create(blocker / "runs", "a")
-    with pytest.raises(RunFolderError, match="file exists"):
+    with pytest.raises(RunFolderError, match="file is a file, not a folder to make runs in.*--out"):
         RunFolder.create(blocker, "a")
 
 

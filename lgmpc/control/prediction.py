@@ -17,6 +17,8 @@ from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
 __all__ = ["CentroidalPredictor", "Predictor", "WholeBodyPredictor"]
 
 _LOG = logging.getLogger(__name__)
+_PAUSE = 4
+"""Updates that the whole body's model sits out after a plan that was dropped: its subproblems are the dearest then."""
 
 
 class Predictor(Protocol):
@@ -101,8 +103,8 @@ class WholeBodyPredictor:
     A stretched leg is singular: linearised there, it promises motions that it does not have, and an iteration from such
     a plan leads away from the solution. In a push hard enough the forecast gets there long before the robot does, if
     the robot does at all. So a plan that stretches a leg further than the model's ``reach``, like one that failed, is
-    dropped, and a centroidal model, which has no legs to stretch, plans instead. The whole body's plan is followed
-    again from the second one in a row that keeps the reach: the first began without a guess.
+    dropped, and a centroidal model, which has no legs to stretch, plans instead. Every fifth update the whole body's is
+    tried again, and followed from the second plan in a row that keeps the reach: the first began without a guess.
 
     Args:
         mpc: the receding-horizon controller.
@@ -123,6 +125,7 @@ class WholeBodyPredictor:
         self.stood_in = 0
         self._q_reference = robot.q_reference
         self._trusted = True
+        self._pause = 0
 
     def reset(self) -> None:
         """Forget the past."""
@@ -130,23 +133,36 @@ class WholeBodyPredictor:
         self.stand_in.reset()
         self.stood_in = 0
         self._trusted = True
+        self._pause = 0
 
     def predict(
         self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, x_reference: Array, wrench: Array
     ) -> CentroidalPlan:
         """Plan from the measured configuration and velocity; see :class:`Predictor`."""
+        if self._pause > 0:
+            self._pause -= 1
+        else:
+            trusted_before = self._trusted
+            plan = self._plan(time, terms, tracked, x_reference, wrench)
+            if self._trusted and trusted_before:
+                return plan
+            if trusted_before:
+                _LOG.info("at %.3f s the plan stretches the legs or failed: the centroidal model plans instead", time)
+        self.stood_in += 1
+        return self.stand_in.predict(time, terms, tracked, x_reference, wrench)
+
+    def _plan(
+        self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, x_reference: Array, wrench: Array
+    ) -> CentroidalPlan:
+        """Let the whole body's model plan, and judge the plan."""
         if tracked.friction is not None:
             self.mpc.friction = tracked.friction
         plan = self.mpc.update(time, terms.q, terms.v, tracked.stance, x_reference, self._q_reference, wrench)
-        trusted_before, self._trusted = self._trusted, plan.status.fresh and self.mpc.keeps_reach(plan)
+        self._trusted = plan.status.fresh and self.mpc.keeps_reach(plan)
         if not self._trusted:
             self.mpc.forget()
-        if self._trusted and trusted_before:
-            return plan
-        if trusted_before:
-            _LOG.info("at %.3f s the plan stretches the legs or failed: the centroidal model plans instead", time)
-        self.stood_in += 1
-        return self.stand_in.predict(time, terms, tracked, x_reference, wrench)
+            self._pause = _PAUSE
+        return plan
 
 
 def _node_times(mpc: CentroidalMpc | CentroidalLqr | WholeBodyMpc) -> Array:

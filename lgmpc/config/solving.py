@@ -3,40 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-import numpy as np
 
 from lgmpc.config.scenarios import build_scenario
 from lgmpc.config.schema import SolveConfig
 from lgmpc.config.session import Iteration, IterationReport, Notify, SolveOutcome
-from lgmpc.errors import ConfigErrors, InputError
-from lgmpc.ocp import KktResidual, Trajectory
+from lgmpc.config.solve_log import is_finite, trajectory_log
+from lgmpc.config.solvers import Solve, build_solver
+from lgmpc.errors import ConfigErrors
+from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario
-from lgmpc.problems.kinematics import com_positions, contact_positions
-from lgmpc.runs import Outcome, TrajectoryLog, Verdict, judge_figures
+from lgmpc.runs import Outcome, Verdict, judge_figures
 from lgmpc.runs.figures import unknown_bounds
 from lgmpc.solvers import (
-    BoxFddp,
-    Callback,
-    Fddp,
-    FddpSettings,
-    IterativeSolver,
-    LineSearchSqp,
-    LineSearchSqpSettings,
-    NlpSolver,
     Progress,
     Solution,
-    Status,
 )
 
-__all__ = ["SolveSession", "build_solver", "check_scenario", "prepare_solve"]
+__all__ = ["SolveSession", "check_scenario", "prepare_solve"]
 
-Solve = Callable[[Trajectory, Callback], Solution]
-"""From a guess to a solution, telling the callback after every iteration."""
-
-_TOLERANCES = {"fddp": 1e-9, "box_fddp": 1e-9, "sqp": 1e-6, "ipopt": 1e-8, "fatrop": 1e-8}
 _VERIFIED = 1e-6
 """Largest gap, violation (in the states' and constraints' own units) and gradient of the Lagrangian (relative to
 1 + the largest multiplier) of a solution; larger if the solver was told."""
@@ -66,35 +52,6 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
     notify("building the problem")
     scenario, _ = check_scenario(config)
     return SolveSession(config, scenario, build_solver(config, scenario, notify))
-
-
-def build_solver(config: SolveConfig, scenario: Scenario, notify: Notify = lambda message: None) -> Solve:
-    """Return what section ``solver`` says.
-
-    Raises:
-        ConfigError: a method that cannot take the problem's constraints.
-    """
-    section, problem = config.solver, scenario.problem
-    method, most, limit = section.method, section.max_iterations, section.time_limit_s
-    tolerance = _TOLERANCES[method] if section.tolerance is None else section.tolerance
-    try:
-        if method in ("ipopt", "fatrop"):
-            nlp = NlpSolver(problem, method, tolerance=tolerance, max_iterations=most, progress=notify)
-            if method == "fatrop":  # it can neither tell nor be stopped
-                return lambda guess, callback: nlp.solve(guess)
-            return lambda guess, callback: nlp.solve(guess, time_limit=limit, callback=callback)
-        solver: IterativeSolver
-        if method == "sqp":
-            solver = LineSearchSqp(problem, LineSearchSqpSettings(tolerance=tolerance), progress=notify)
-        else:
-            kind = Fddp if method == "fddp" else BoxFddp
-            solver = kind(problem, FddpSettings(tolerance=tolerance), progress=notify)
-    except InputError as error:
-        others = (
-            "sqp, ipopt or fatrop" if method == "box_fddp" else "box_fddp (bounds on controls), sqp, ipopt or fatrop"
-        )
-        raise config.error("solver.method", f"{method} for {error.got}", others) from error
-    return lambda guess, callback: solver.solve(guess, max_iterations=most, time_limit=limit, callback=callback)
 
 
 def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
@@ -154,16 +111,16 @@ class SolveSession:
 
         solution = self.solve(self.scenario.guess, told)
         interrupted = interrupted and not solution.status.solved
-        measured = solution.residual() if _finite(solution) else KktResidual.unknown()
+        measured = solution.residual() if is_finite(solution) else KktResidual.unknown()
         figures = self._figures(solution, measured)
         verdict = self._judge(solution, measured, figures, interrupted)
-        status, explanation = solution.status, "" if solution.status.solved else solution.explain()
-        return SolveOutcome(self._log(solution), figures, verdict, status.name.lower(), explanation)
+        log, status = trajectory_log(self.scenario, solution, self.iterations), solution.status
+        return SolveOutcome(log, figures, verdict, status.name.lower(), "" if status.solved else solution.explain())
 
     def _figures(self, solution: Solution, measured: KktResidual) -> dict[str, float]:
         """All figures, in the order in which they are shown; NaN where the trajectory is not finite."""
         scenario, milliseconds = self.scenario, 1e3 * solution.timings.total
-        finite = _finite(solution)
+        finite = is_finite(solution)
         own: Mapping[str, float] = scenario.figures(solution.trajectory if finite else scenario.guess)
         controls = scenario.controls
         return {
@@ -195,50 +152,6 @@ class SolveSession:
         reasons += judge_figures(figures, gate.bounds)
         return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 
-    def _log(self, solution: Solution) -> TrajectoryLog:
-        scenario, robot, told = self.scenario, self.scenario.robot, self.iterations
-        problem, waypoints, finite = scenario.problem, scenario.waypoints, _finite(solution)
-        nodes, nc = problem.nodes, robot.nc
-        trajectory = solution.trajectory
-        points, com = np.full((nodes + 1, nc, 3), np.nan), np.full((nodes + 1, 3), np.nan)
-        forces = np.zeros((nodes, nc, 3))
-        if finite:
-            com[:] = com_positions(robot, trajectory.xs)
-            points[:] = contact_positions(robot, trajectory.xs) - [0.0, 0.0, robot.contact_radius]
-            if scenario.contact_forces is not None:
-                forces[:] = scenario.contact_forces(trajectory)
-        controls = scenario.controls
-        unknown = np.full(problem.nu, np.inf)
-        names = controls.names if controls is not None else tuple(f"u{i}" for i in range(problem.nu))
-        rotations = [np.full((3, 3), np.nan) if w.rotation is None else w.rotation for w in waypoints]
-        return TrajectoryLog(
-            times=scenario.times,
-            xs=solution.xs.copy(),
-            us=solution.us.copy(),
-            com=com,
-            contact_points=points,
-            contact_flags=scenario.contact_flags.copy(),
-            contact_forces=forces,
-            contact_frames=np.array(robot.contact_frames, dtype=np.str_),
-            control_names=np.array(names, dtype=np.str_),
-            control_lower=-unknown if controls is None else controls.lower.copy(),
-            control_upper=unknown if controls is None else controls.upper.copy(),
-            waypoint_names=np.array([w.name for w in waypoints], dtype=np.str_),
-            waypoint_times=np.array([w.time for w in waypoints], dtype=np.float64),
-            waypoint_positions=np.array([w.position for w in waypoints], dtype=np.float64).reshape(-1, 3),
-            waypoint_rotations=np.array(rotations, dtype=np.float64).reshape(-1, 3, 3),
-            iteration_cost=np.array([p.cost for p in told]),
-            iteration_criterion=np.array([p.criterion for p in told]),
-            iteration_gap=np.array([p.gap for p in told]),
-            iteration_step=np.array([p.step_length if p.accepted else 0.0 for p in told]),
-            iteration_regularization=np.array([p.regularization for p in told]),
-            iteration_elapsed=np.array([p.elapsed for p in told]),
-            control_unit="" if controls is None else controls.unit,
-            nq=robot.nq,
-            floating_base=robot.floating_base,
-            friction=math.nan if scenario.friction is None else scenario.friction,
-        )
-
 
 def _unconfirmed(measured: KktResidual, scale: float, tolerance: float) -> list[str]:
     """What the solver called solved, but the problem's own equations, evaluated anew, do not confirm."""
@@ -252,11 +165,6 @@ def _unconfirmed(measured: KktResidual, scale: float, tolerance: float) -> list[
         for what, (value, most) in parts.items()
         if not value <= most
     ]
-
-
-def _finite(solution: Solution) -> bool:
-    fine = solution.status is not Status.NOT_FINITE
-    return fine and bool(np.isfinite(solution.xs).all() and np.isfinite(solution.us).all())
 
 
 def _iteration(progress: Progress) -> Iteration:

@@ -1,4 +1,4 @@
-"""What figures of all kinds of runs share: their files, titles and legends."""
+"""What figures of all kinds of runs share: their files, titles, legends and limits."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from lgmpc.errors import RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
-from lgmpc.viz.style import SOFT, figure_maker
+from lgmpc.viz.style import LIMIT, SOFT, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figure_title", "joint_kinds", "legend_above", "write_figures"]
+__all__ = ["draw_limits", "figure_title", "joint_kinds", "legend_above", "write_figures"]
 
 
 def write_figures(drawings: Mapping[str, Callable[[Figure], bool]], title: str, folder: Path) -> tuple[Path, ...]:
@@ -69,3 +69,20 @@ def legend_above(*all_axes: Axes) -> None:
     """Put the legend of each axes above its right end."""
     for axes in all_axes:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)
+
+
+def draw_limits(axes: Axes, low: float, high: float, text: str) -> None:
+    """Draw lines at two limits, and write below the upper one what they are."""
+    for value in (low, high):
+        axes.axhline(value, color=LIMIT, ls="--", lw=1.1)
+    axes.annotate(
+        text,
+        (0.995, high),
+        (0, -3),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        color=LIMIT,
+        ha="right",
+        va="top",
+        fontsize=8.5,
+    )

@@ -12,7 +12,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog, push_intervals
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import tilt_deg
-from lgmpc.viz.figure_files import figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, X, Y, Z
 
 if TYPE_CHECKING:
@@ -131,22 +131,8 @@ def _torques(figure: Figure, log: RunLog) -> bool:
             color = (X, Y, Z, EXTRA)[count % 4]
             label = names[joint].partition("_")[0] if alike else names[joint]
             axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
-        limits = sorted({float(limit) for limit in (log.effort_limit / scale)[joints]})
-        for limit in limits:
-            axes.axhline(limit, color=LIMIT, ls="--", lw=1.1)
-            axes.axhline(-limit, color=LIMIT, ls="--", lw=1.1)
-        text = f"limit {limits[-1]:g} N.m" if alike else "limit"
-        axes.annotate(
-            text,
-            (0.995, limits[-1]),
-            (0, -3),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            color=LIMIT,
-            ha="right",
-            va="top",
-            fontsize=8.5,
-        )
+        for limit in sorted({float(limit) for limit in (log.effort_limit / scale)[joints]}):
+            draw_limits(axes, -limit, limit, f"limit {limit:g} N.m" if alike else "limit")
         axes.set_ylabel("N.m" if alike else "share of the limit")
         axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
         _finish(log, axes)

@@ -13,7 +13,7 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
             share = 2.0 * (q[:, i] - lower[i]) / (upper[i] - lower[i]) - 1.0
             position.plot(log.times, share, color=color, ls=dashes, lw=1.1)
         velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], color=color, ls=dashes, lw=1.1, label=name)
-    _limits(position, -1.0, 1.0, "limit")
+    draw_limits(position, -1.0, 1.0, "limit")
     if np.abs(v / robot.velocity_limit).max() > _NEAR:
-        _limits(velocity, -1.0, 1.0, "limit")
+        draw_limits(velocity, -1.0, 1.0, "limit")
     position.set(title="Joint positions in their ranges", ylabel="share of the limit")
     velocity.set(title="Joint velocities", ylabel="share of the limit", xlabel="time, s")
     _finish(log, position, velocity)
@@ -120,7 +120,7 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
                 _steps(axes, log, log.us[:, i], _line(count)[0], names[i].partition("_")[0])
             if known:
                 low, high = float(log.control_lower[chosen].min()), float(log.control_upper[chosen].max())
-                _limits(axes, low, high, f"limit {high:g} {log.control_unit}")
+                draw_limits(axes, low, high, f"limit {high:g} {log.control_unit}")
             axes.set(title=f"Control, {kind}", ylabel=log.control_unit)
         legend_above(all_axes[0])
     else:
@@ -132,7 +132,7 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
             color, dashes = _line(i)
             axes.stairs(log.us[:, i] / scale[i], log.times, baseline=None, color=color, ls=dashes, label=name, lw=1.2)
         if known:
-            _limits(axes, float((log.control_lower / scale).min()), 1.0, "limit")
+            draw_limits(axes, float((log.control_lower / scale).min()), 1.0, "limit")
         axes.set(title="Controls", ylabel="share of the limit" if known else log.control_unit)
         if len(names) <= 18:
             figure.legend(loc="outside right center", fontsize=8)
@@ -206,23 +206,6 @@ def _steps(axes: Axes, log: TrajectoryLog, values: Array, color: str, label: str
 def _line(i: int) -> tuple[str, str]:
     """Colour and dashes of the i-th of many lines."""
     return _COLORS[i % len(_COLORS)], ("-", "--", ":")[i // len(_COLORS) % 3]
-
-
-def _limits(axes: Axes, low: float, high: float, text: str) -> None:
-    for value in (low, high):
-        axes.axhline(value, color=LIMIT, ls="--", lw=1.1)
-    where, offset = (0.995, high), (0, -3)
-    axes.annotate(
-        text,
-        where,
-        offset,
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        color=LIMIT,
-        ha="right",
-        va="top",
-        fontsize=8.5,
-    )
 
 
 def _finish(log: TrajectoryLog, *all_axes: Axes) -> None:

@@ -60,6 +60,7 @@ ARROWS: dict[str, str] = {
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} control runs",
     "config.execution": "runs",
+    "config.new_folder": "runs",
     "config.session": "runs",
     "doctor": _PARTS,
     "cli": "config problems robot runs viz doctor demos",

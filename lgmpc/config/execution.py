@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from lgmpc.config.build import prepare
 from lgmpc.config.interrupts import stop_between
-from lgmpc.config.loading import dump_config
+from lgmpc.config.new_folder import new_folder
 from lgmpc.config.schema import Config
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
 from lgmpc.runs import RunFolder, RunResult
@@ -40,9 +39,9 @@ def run_config(
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
-    The folder is made first, so that a run never ends with nowhere to go, and removed again if the run cannot start,
-    breaks, or cannot be saved. Ctrl-C during the simulation ends it between two ticks: what was recorded is saved,
-    marked as interrupted; Ctrl-C while saving lets it finish. A second Ctrl-C acts at once, wherever the program is.
+    Ctrl-C during the simulation ends it between two ticks: what was recorded is saved, marked as interrupted; Ctrl-C
+    while saving lets it finish. A second Ctrl-C acts at once, wherever the program is. The folder is as
+    :func:`lgmpc.config.new_folder.new_folder` has it: a run that cannot start, breaks, or cannot be saved leaves none.
 
     Args:
         config: what to run.
@@ -53,16 +52,11 @@ def run_config(
     Raises:
         LgmpcError: if the config cannot be built or the folder cannot be written.
     """
-    folder = RunFolder.create(out, config.name)
-    try:
-        folder.write_config(dump_config(config))
+    with new_folder(config, out) as folder:
         session = prepare(config, notify=notify)
         with stop_between(progress) as stoppable:
             result = session.run(stoppable)
             folder.write_log(result.log)
             saved = RunResult(name=config.name, verdict=result.verdict, metrics=result.metrics, seed=config.seed)
             folder.write_result(saved)
-    except BaseException:
-        shutil.rmtree(folder.path, ignore_errors=True)
-        raise
     return FinishedRun(folder, result, saved)

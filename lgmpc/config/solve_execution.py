@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from lgmpc.config.interrupts import stop_between
-from lgmpc.config.loading import dump_config
+from lgmpc.config.new_folder import new_folder
 from lgmpc.config.schema import SolveConfig
 from lgmpc.config.session import IterationReport, Notify, SolveOutcome
 from lgmpc.config.solving import prepare_solve
@@ -52,9 +51,7 @@ def solve_config(
     Raises:
         LgmpcError: if the config cannot be built or the folder cannot be written.
     """
-    folder = RunFolder.create(out, config.name)
-    try:
-        folder.write_config(dump_config(config))
+    with new_folder(config, out) as folder:
         session = prepare_solve(config, notify=notify)
         with stop_between(progress) as stoppable:
             notify("solving")
@@ -69,7 +66,4 @@ def solve_config(
                 figures=outcome.figures,
             )
             folder.write_result(saved)
-    except BaseException:
-        shutil.rmtree(folder.path, ignore_errors=True)
-        raise
     return FinishedSolve(folder, outcome, saved)

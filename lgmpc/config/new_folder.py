@@ -1,0 +1,33 @@
+"""The folder of a run that is about to begin."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from lgmpc.config.loading import dump_config
+from lgmpc.config.schema import Config, SolveConfig
+from lgmpc.runs import RunFolder
+
+__all__ = ["new_folder"]
+
+
+@contextmanager
+def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFolder]:
+    """Lend ``out/<time>-<name>/`` with the config in it.
+
+    It is made first, so that a run never ends with nowhere to go, and removed again if the block is left by an
+    exception: the run cannot start, breaks, or cannot be saved.
+
+    Raises:
+        RunFolderError: if it cannot be made or written.
+    """
+    folder = RunFolder.create(out, config.name)
+    try:
+        folder.write_config(dump_config(config))
+        yield folder
+    except BaseException:
+        shutil.rmtree(folder.path, ignore_errors=True)
+        raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import Control, ControlGravity, FrameRotation, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.kinematics import frame_placements
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
@@ -111,15 +113,15 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         end = frame_placements(robot, s.frame, trajectory.xs[-1:])[0]
         from_neutral = state.diff(np.tile(state.neutral(), (len(trajectory.xs), 1)), trajectory.xs)
         beyond = np.maximum(np.maximum(state.lower - from_neutral, from_neutral - state.upper), 0.0).max(axis=0)
-        found = {
+        off = math.degrees(angle_between(target.rotation, end.rotation))
+        turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
+        return {
             "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
+            **turned,
             "final_joint_velocity_rad_s": float(np.abs(trajectory.xs[-1, robot.nq :]).max()),
             "joint_limit_violation_rad": float(beyond[: robot.nv].max()),
             "joint_velocity_violation_rad_s": float(beyond[robot.nv :].max()),
         }
-        if s.rpy_deg is not None:
-            found["rotation_error_deg"] = float(np.degrees(np.linalg.norm(pin.log3(target.rotation.T @ end.rotation))))
-        return found
 
     duration = s.nodes * s.node_duration
     rotation = None if s.rpy_deg is None else target.rotation

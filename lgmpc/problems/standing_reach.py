@@ -7,6 +7,7 @@ its limits) are hard constraints, which SQP and ipopt keep; barriers in their pl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,7 @@ from lgmpc.costs.library import (
 )
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
 from lgmpc.problems.reactions import carry, friction_use, reactions
 from lgmpc.problems.scenario import Scenario, Waypoint
@@ -155,8 +157,11 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         total = forces.sum(axis=1)
         total[:, 3:] += np.cross(ground[None], forces[..., :3]).sum(axis=1)
         pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
-        found = {
+        off = math.degrees(angle_between(target.rotation, end.rotation))
+        turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
+        return {
             "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
+            **turned,
             "final_speed_m_s": com_speed(robot, xs[-1]),
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
             "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
@@ -167,10 +172,6 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
             "sole_turn_deg": float(np.degrees(max(np.linalg.norm(pin.log3(move.rotation)) for move in moved))),
             "joint_limit_violation_rad": joint_limit_violation(robot, xs),
         }
-        if s.rpy_deg is not None:
-            turned = np.linalg.norm(pin.log3(target.rotation.T @ end.rotation))
-            found["rotation_error_deg"] = float(np.degrees(turned))
-        return found
 
     rotation = None if s.rpy_deg is None else target.rotation
     return Scenario(

@@ -12,7 +12,17 @@ from .conftest import Invoke
 def test_this_installation_is_looked_at(invoke: Invoke) -> None:
     code, output = invoke("doctor")
     assert code == 0, output
-    for name in ("python", "pin", "casadi", "compiler", "cache", "robot", "NLP by ipopt", "NLP by fatrop", "mujoco plant"):
+    for name in (
+        "python",
+        "pin",
+        "casadi",
+        "compiler",
+        "cache",
+        "robot",
+        "NLP by ipopt",
+        "NLP by fatrop",
+        "mujoco plant",
+    ):
         assert any(line.startswith("ok") and f" {name} " in line for line in output.splitlines()), name
     assert "sound" in output
 

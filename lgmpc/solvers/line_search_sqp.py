@@ -7,9 +7,11 @@ the exact penalty function
 
 whose penalty stays above the largest multiplier (Nocedal and Wright, "Numerical optimization", 2nd ed., ch. 18). The
 decrease is measured from the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
-so that full steps along curved constraints are not refused. Where the linearised constraints contradict each other, a
-step removes a part of the gaps and violations only (Powell, "A fast algorithm for nonlinearly constrained optimization
-calculations", Lecture Notes in Mathematics 630, 1978). The Hessian is the Gauss-Newton one.
+so that full steps along curved constraints are not refused. Once a few steps have not halved the residual of the
+optimality conditions, steps that raise the penalty function have to lower that residual: the Hessian is the
+Gauss-Newton one, whose steps are too long where the cost's residuals curve upwards, and only the search shortens them.
+Where the linearised constraints contradict each other, a step removes a part of the gaps and violations only (Powell,
+"A fast algorithm for nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 _KEPT = (0.0, 0.5, 0.9, 0.99)  # shares of gaps and violations that an infeasible subproblem may keep, one after another
 _LEAST_TOLERANCE = 1e-13
 _ROUNDING = 1e-13  # of the penalty function
-_PATIENCE = 6  # steps within rounding that do not halve the residual
+_PATIENCE = 6  # steps that do not halve the residual
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
     QpStatus.UNBOUNDED: Status.FAILED,
@@ -129,7 +131,7 @@ class LineSearchSqp(IterativeSolver):
         self._costates, self._multipliers = np.zeros((s.nodes, s.ndx)), np.zeros((s.nodes, s.ng))
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
-        self._least, self._patience = np.inf, _PATIENCE
+        self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
         self._linearize(0)
         self._kkt = KktResidual.unknown()
@@ -146,35 +148,42 @@ class LineSearchSqp(IterativeSolver):
             self._penalty = 2.0 * s.penalty_margin * largest
         self._last.append((self._cost, self._infeasibility))
         slope = self._slope(step.dxs, step.dus) - (1.0 - kept) * self._penalty * self._infeasibility
-        worst = max(cost + self._penalty * outside for cost, outside in self._last)
-        # What rounding alone changes is no increase.
-        rounding = _ROUNDING * (abs(worst) + self._penalty)
-        worst += rounding
+        merits = [cost + self._penalty * outside for cost, outside in self._last]
+        worst = max(merits)
+        rounding = _ROUNDING * (abs(worst) + self._penalty)  # what it alone changes is no increase
         f.xs_base[...] = f.xs
         us, dxs, dus = f.us.copy(), step.dxs.copy(), step.dus.copy()
         alpha, self._accepted = 1.0, False
+        costates, multipliers = self._costates, self._multipliers
         while alpha >= s.least_step:
             np.multiply(dxs, alpha, out=f.dxs)
             f.retract()
             f.us[...] = us + alpha * dus
             self._linearize(2)
             merit = self._cost + self._penalty * self._infeasibility
-            if self._finite and merit <= worst + s.acceptance * alpha * min(slope, 0.0):
-                self._accepted = True
+            least = s.acceptance * alpha * min(slope, 0.0) + rounding
+            # Multipliers move along with the step, so that a trial point can be judged by its own.
+            self._costates = costates + alpha * (step.costates - costates)
+            self._multipliers = multipliers + alpha * (step.multipliers - multipliers)
+            if self._finite and merit <= worst + least:
+                kkt = self._residual()
+                falls = merit <= merits[-1] + least or kkt.largest < self._kkt.largest
+                self._accepted = falls or self._trusting
+            if self._accepted:
                 break
             alpha *= 0.5
         self._step_length = alpha
         if not self._accepted:
             f.xs[...], f.us[...] = f.xs_base, us
+            self._costates, self._multipliers = costates, multipliers
             self._linearize(0)
             return Status.STALLED
-        self._costates += alpha * (step.costates - self._costates)
-        self._multipliers += alpha * (step.multipliers - self._multipliers)
-        self._kkt = self._residual()
+        self._kkt = kkt
         if self._kkt.largest <= s.tolerance:
             return Status.CONVERGED
         self._patience = _PATIENCE if self._kkt.largest < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, self._kkt.largest)
+        self._trusting = self._trusting and self._patience > 0
         return Status.PRECISION_LIMIT if self._patience <= 0 and -slope < rounding else None
 
     @property

@@ -6,10 +6,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.actions import Action, Bounded
+from lgmpc.actions import Action, Bounded, LeastSquares, ParameterLayout
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, NlpSolver, Status
+from lgmpc.state import StateVector
 
 Make = Callable[..., ShootingProblem]
 
@@ -120,6 +121,35 @@ def test_what_cannot_be_solved_says_so(cart: ShootingProblem) -> None:
     cart.set("target", 1.0)
     cart.x0[1] = np.inf
     assert solver.solve().status is Status.NOT_FINITE
+
+
+class Curved(Action):
+    """Residuals that curve upwards: the full Gauss-Newton step is three times too long."""
+
+    name, nu = "curved", 1
+
+    def __init__(self) -> None:
+        self.state, self.parameters = StateVector(1), ParameterLayout()
+
+    def step(self, x, u, p):
+        return x + u
+
+    def cost(self, x, u, p):
+        return LeastSquares(ca.vertcat(x - 1.0, u, 1.0 + u**2), ca.vertcat(1.0, 0.5, 0.8))
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x - 1.0, ca.SX(1.0))
+
+    def constraint(self, x, u, p):
+        return Bounded.stack()
+
+
+def test_steps_that_are_too_long_are_shortened() -> None:
+    problem = ShootingProblem(Curved(), 6)
+    solution = LineSearchSqp(problem).solve()
+    assert solution.status is Status.CONVERGED and solution.residual().largest < 1e-6
+    assert solution.iterations < 50  # 95 if every point may be worse than the last few
+    assert solution.cost == pytest.approx(NlpSolver(problem).solve().cost, rel=1e-8)
 
 
 def test_what_rounding_hides_is_no_contradiction(cart: ShootingProblem, unicycle: ShootingProblem) -> None:

@@ -314,6 +314,17 @@ def test_second_time_comes_from_the_cache(cache: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("name", ["clock", "index", "div", "remove", "select"])
+def test_names_of_the_c_library_are_names_like_any_other(name: str, cache: Path) -> None:
+    x = casadi.SX.sym("x", 2)
+    function = casadi.Function(name, [x], [3 * x + 1], ["x"], ["y"])
+    for compiled in (compile_function(function), compile_map(function, 3)):
+        compiled.input("x")[:] = [1.0, 2.0]
+        compiled.run()
+        np.testing.assert_array_equal(compiled.output("y").reshape(-1, 2)[-1], [4.0, 7.0])
+
+
+@needs_compiler
 def test_expressions_and_flags_are_in_the_key(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compile_function(shift_function(1.0))
     compile_function(shift_function(2.0))

@@ -31,6 +31,8 @@ FLAGS: tuple[str, ...] = (
     "-fvisibility=hidden",
     "-DGCC_HASCLASSVISIBILITY",  # has CasADi's header export its entry points all the same
 )
+# A function that is called like one of the C library's (clock, index, ...) calls itself, not that one.
+_ELF_FLAGS = ("-Wl,-Bsymbolic",)
 # Gives up GCC's graph-colouring register allocator, quadratic in straight-line code: 2.2 s and 4.1 us instead.
 _GCC_FLAGS = ("--param=ira-max-conflict-table-size=0",)
 
@@ -132,6 +134,8 @@ def find_compiler() -> Compiler | None:
 
 def _describe(command: tuple[str, ...], version: str, extra: tuple[str, ...]) -> Compiler:
     flags = FLAGS
+    if sys.platform == "linux":
+        flags += _ELF_FLAGS
     if "Free Software Foundation" in version:
         flags += _GCC_FLAGS
     if "ziglang" in command:

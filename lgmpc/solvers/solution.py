@@ -180,7 +180,8 @@ class Solution:
 
     def _explanation(self) -> str:
         iterations = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
-        lines = [f"{self.status.name.lower()} after {iterations}: {self.status.remedy}."]
+        ended = self.status.name.lower().replace("_", " ")
+        lines = [f"{ended} after {iterations}: {self.status.remedy}."]
         if not np.isfinite(self.problem.x0).all():
             return "\n".join([*lines, "The first state holds NaN or infinity."])
         bad = np.flatnonzero(~np.isfinite(np.hstack([self.xs[:-1], self.us])).all(axis=1))

@@ -153,7 +153,7 @@ def test_what_did_not_converge_fails_unless_it_need_not() -> None:
     outcome = prepare_solve(arm("solver.max_iterations=1")).run(lambda now: None)
     assert outcome.verdict.outcome is Outcome.FAIL
     assert "not converged: iteration limit after 1 iteration; raise max_iterations" in outcome.verdict.reasons[0]
-    assert "iteration_limit after 1 iteration" in outcome.explanation
+    assert "iteration limit after 1 iteration" in outcome.explanation
     lenient = prepare_solve(arm("solver.max_iterations=1", "gate={converged: false}")).run(lambda now: None)
     assert lenient.verdict.outcome is Outcome.PASS and not lenient.converged
 

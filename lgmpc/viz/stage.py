@@ -96,8 +96,10 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
     offset = away * np.array([*(math.cos(elevation) * corner), math.sin(elevation)])
     # The time line covers the lower edge: the robot stands a little above the middle.
     target = 0.5 * (lowest + highest) - [0.0, 0.0, 0.16 * away * tangent]
-    leaves = float(np.ptp(travel[:, :2], axis=0).max()) > 0.5 * size
-    moves = (travel - travel[0]) * [1.0, 1.0, 0.0] if leaves else np.zeros((0, 3))
+    # Sideways as soon as it leaves the middle; upwards only if it flies: what a gait does is to be seen.
+    span = np.ptp(travel, axis=0)
+    followed = np.array([max(span[:2]) > 0.5 * size] * 2 + [span[2] > size])
+    moves = (travel - travel[0]) * followed if followed.any() else np.zeros((0, 3))
     return {
         "fov": _FIELD_OF_VIEW_DEG,
         "near": 0.02 * size,

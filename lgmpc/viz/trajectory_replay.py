@@ -25,6 +25,9 @@ _FACTS = 11
 """Figures that fit the card; all are in run.json."""
 _WIDE = 2.5
 """Motions of more than this many lengths of the robot are followed by the camera, smaller ones seen as a whole."""
+
+_TALL = 2.5
+"""So are flights this many times as high as they are wide, and as the robot is large."""
 _CLEARANCE = 0.25
 """How far above the floor what never touches it is shown, in lengths of the robot or of its way."""
 
@@ -101,7 +104,9 @@ class _Framing:
         if not grounded and not _CLEARANCE * size <= low[2] <= extent:  # below the floor, or out of its sight
             lift[2] = max(_CLEARANCE * size, _CLEARANCE * extent) - low[2]
         height = float(start_high[2] - start_low[2])
-        if grounded and log.floating_base and float(np.linalg.norm((high - low)[:2])) > _WIDE * size:
+        width, tall = float(np.linalg.norm((high - low)[:2])), float((high - low)[2])
+        far = log.floating_base and width > _WIDE * size if grounded else tall > _TALL * max(width, size)
+        if far:
             return cls(start_low, start_high, pictures.q[:, :3], lift, size, height)
         if not grounded:
             low = np.array([low[0], low[1], -lift[2]])  # down to the floor, on which the shadows fall

@@ -7,7 +7,6 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import CubicHermiteSpline
 
 from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
@@ -51,6 +50,8 @@ def refly(
         damping: of the joints' controllers, N.m.s/rad.
         step: longest, s.
     """
+    from scipy.interpolate import CubicHermiteSpline  # not above: it takes longer to load than all problems
+
     model, data, nq = robot.model, robot.create_data(), robot.nq
     angles, rates = plan.xs[:, robot.joint_q], plan.xs[:, nq:][:, robot.joint_v]
     path = CubicHermiteSpline(times, angles, rates)

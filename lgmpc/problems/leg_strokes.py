@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import CubicSpline
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
@@ -21,6 +21,9 @@ from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.actuators import match_joints
 from lgmpc.typing import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["LegStrokes", "falling_motion"]
 
@@ -59,6 +62,8 @@ class LegStrokes:
         Raises:
             InputError: a name that no joint has, or ramps longer than the motion.
         """
+        from scipy.interpolate import CubicSpline  # not above: it takes longer to load than all problems
+
         duration = float(times[-1] - times[0])
         if not 0.0 < 2.0 * self.ramp <= duration:
             raise InputError("ramp", self.ramp, f"above 0, at most {duration / 2:g} s, half of the motion")

@@ -46,9 +46,7 @@ class Planner:
     Every tick the observer compares the change of the centroidal momentum with what the whole-body QP asked for; every
     ``settings.every`` ticks the predictor plans anew from the measured state under the observed wrench; in between the
     plan is interpolated. Whatever the model, it is followed through the whole-body QP, also where it holds torques: the
-    QP keeps the friction cones at every tick. Measured with the full body's plans at 50 Hz, pushed sideways by 1, 2 and
-    3 N.s (Solo12, MuJoCo, friction 0.6): the base gives way by 0.5, 1.1 and 15 mm; with the plan's torques sent
-    directly, corrected every tick by the Riccati feedback of the last subproblem's active rows, by 0.8, 1.8 and 22 mm.
+    QP keeps the friction cones at every tick, which a plan's torques with feedback between two updates do not.
     A plan that is stale is not followed: the whole-body QP then regulates the centre of mass, the angular momentum and
     the posture by itself.
 

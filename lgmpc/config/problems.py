@@ -20,7 +20,7 @@ __all__ = ["as_config_error", "show_value"]
 
 _EXPECTED = {
     "bool_type": "true or false",
-    "dict_type": "a table {key: value}",
+    "dict_type": "a table {{key: value}}",
     "finite_number": "a finite number",
     "float_type": "a number",
     "float_parsing": "a number",

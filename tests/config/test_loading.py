@@ -12,6 +12,8 @@ from pydantic import ValidationError
 from lgmpc.config import Config, dump_config, load_any_config, load_config, parse_any_config, parse_config
 from lgmpc.errors import ConfigError, ConfigErrors
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 def message(text: str, *overrides: str) -> str:
     with pytest.raises(ConfigError) as caught:
@@ -101,6 +103,16 @@ def test_bad_values_say_where_what_came_and_what_was_expected(small: str, overri
     text = message(small, override)
     assert expected in text
     assert "--set: " in text
+
+
+@pytest.mark.parametrize(
+    ("value", "got"), [("0", "0"), ("[]", "the list []"), ("abc", "the text 'abc'"), ("null", "nothing (null)")]
+)
+def test_what_is_no_table_of_joints_is_refused(value: str, got: str) -> None:
+    key = "problem.strokes.stretched_rad"
+    with pytest.raises(ConfigError) as caught:
+        load_any_config(ROOT / "configs" / "solo12_righting.yaml", [f"{key}={value}"])
+    assert str(caught.value).startswith(f"--set: {key}: got {got}; expected a table {{key: value}} (")
 
 
 UNKNOWN_KEYS = [

@@ -14,7 +14,7 @@ from lgmpc.mpc.plan import CentroidalPlan
 from lgmpc.mpc.receding import RecedingHorizon
 from lgmpc.mpc.settings import CentroidalMpcSettings
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
-from lgmpc.solvers import SqpResult
+from lgmpc.solvers import RealTimeResult
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["CentroidalMpc"]
@@ -131,7 +131,7 @@ class CentroidalMpc(RecedingHorizon):
         n, nu = self.settings.nodes, self.problem.nu
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
-    def _describe(self, t: float, trajectory: Trajectory, result: SqpResult) -> CentroidalPlan:
+    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> CentroidalPlan:
         n, nc = self.settings.nodes, self._contacts
         forces = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
         return self._make_plan(t, trajectory.xs, forces, result.kkt)

@@ -12,7 +12,7 @@ from lgmpc.mpc.keeping import PlanKeeper, weight_shares
 from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import SqpResult, SqpSolver, SqpStatus
+from lgmpc.solvers import RealTimeResult, RealTimeSqp, RealTimeStatus
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["RecedingHorizon"]
@@ -62,7 +62,7 @@ class RecedingHorizon(PlanKeeper):
     ) -> None:
         super().__init__(settings, mass)
         self.problem = problem
-        self.solver = SqpSolver(problem, settings.qp_solver, progress)
+        self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)
@@ -99,7 +99,7 @@ class RecedingHorizon(PlanKeeper):
         """The guess without a last solution: stand still in the measured state."""
 
     @abstractmethod
-    def _describe(self, t: float, trajectory: Trajectory, result: SqpResult) -> CentroidalPlan:
+    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> CentroidalPlan:
         """Return the plan that a solution from time ``t`` on amounts to; status and timing are filled in later."""
 
     def _advance(self, t: float, start: float) -> CentroidalPlan:
@@ -121,7 +121,7 @@ class RecedingHorizon(PlanKeeper):
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
-        status = MpcStatus.INACCURATE if result.status is SqpStatus.INACCURATE else MpcStatus.SOLVED
+        status = MpcStatus.INACCURATE if result.status is RealTimeStatus.INACCURATE else MpcStatus.SOLVED
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
@@ -136,8 +136,8 @@ class RecedingHorizon(PlanKeeper):
                 ahead -= 1.0
         self._guess_time = t
 
-    def _is_acceptable(self, result: SqpResult) -> bool:
-        if result.status is not SqpStatus.INACCURATE:
+    def _is_acceptable(self, result: RealTimeResult) -> bool:
+        if result.status is not RealTimeStatus.INACCURATE:
             return result.status.usable
         limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
@@ -158,9 +158,9 @@ class RecedingHorizon(PlanKeeper):
 
 
 _FAILURES = {
-    SqpStatus.INACCURATE: MpcStatus.SOLVER_FAILED,
-    SqpStatus.QP_FAILED: MpcStatus.SOLVER_FAILED,
-    SqpStatus.NOT_FINITE: MpcStatus.NOT_FINITE,
+    RealTimeStatus.INACCURATE: MpcStatus.SOLVER_FAILED,
+    RealTimeStatus.QP_FAILED: MpcStatus.SOLVER_FAILED,
+    RealTimeStatus.NOT_FINITE: MpcStatus.NOT_FINITE,
 }
 
 

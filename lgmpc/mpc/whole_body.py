@@ -23,7 +23,7 @@ from lgmpc.mpc.receding import RecedingHorizon
 from lgmpc.mpc.settings import FullBodyMpcSettings, KinodynamicMpcSettings
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
-from lgmpc.solvers import SqpResult
+from lgmpc.solvers import RealTimeResult
 from lgmpc.state import State
 from lgmpc.typing import Array, BoolArray
 
@@ -208,7 +208,7 @@ class WholeBodyMpc(RecedingHorizon):
             upper[:, -1] = s.normal_force_max
         self._refer_forces(self._shares())
 
-    def _describe(self, t: float, trajectory: Trajectory, result: SqpResult) -> CentroidalPlan:
+    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> CentroidalPlan:
         xs, us, parameters = self._read.inputs
         xs[...] = trajectory.xs
         us[:-1] = trajectory.us

@@ -5,8 +5,8 @@ from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress
 from lgmpc.solvers.nlp import NlpSolver
+from lgmpc.solvers.real_time_sqp import RealTimeResult, RealTimeSqp, RealTimeStatus, RealTimeTimings
 from lgmpc.solvers.solution import Solution, Status, Timings
-from lgmpc.solvers.sqp import SqpResult, SqpSolver, SqpStatus, SqpTimings
 
 __all__ = [
     "BoxFddp",
@@ -19,11 +19,11 @@ __all__ = [
     "NlpSolver",
     "PrintProgress",
     "Progress",
+    "RealTimeResult",
+    "RealTimeSqp",
+    "RealTimeStatus",
+    "RealTimeTimings",
     "Solution",
-    "SqpResult",
-    "SqpSolver",
-    "SqpStatus",
-    "SqpTimings",
     "Status",
     "Timings",
 ]

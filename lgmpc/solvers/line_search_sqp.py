@@ -86,7 +86,7 @@ class LineSearchSqpSettings:
 class LineSearchSqp(IterativeSolver):
     """SQP with a line search, for any :class:`~lgmpc.ocp.ShootingProblem` (see the module).
 
-    :class:`~lgmpc.solvers.SqpSolver` is the one for control loops: full steps, one at a time.
+    :class:`~lgmpc.solvers.RealTimeSqp` is the one for control loops: full steps, one at a time.
 
     Args:
         problem: the problem; its data are read at every solve.

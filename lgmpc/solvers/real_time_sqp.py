@@ -23,10 +23,10 @@ from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem, Tra
 from lgmpc.solvers.qp import QpSolver, QpStatus, make_qp_solver
 from lgmpc.typing import Array
 
-__all__ = ["SqpResult", "SqpSolver", "SqpStatus", "SqpTimings"]
+__all__ = ["RealTimeResult", "RealTimeSqp", "RealTimeStatus", "RealTimeTimings"]
 
 
-class SqpStatus(Enum):
+class RealTimeStatus(Enum):
     """How the iterations ended; the value says what to do about it."""
 
     CONVERGED = "nothing to do"
@@ -39,11 +39,11 @@ class SqpStatus(Enum):
     @property
     def usable(self) -> bool:
         """Whether the trajectory was improved on."""
-        return self not in (SqpStatus.QP_FAILED, SqpStatus.NOT_FINITE)
+        return self not in (RealTimeStatus.QP_FAILED, RealTimeStatus.NOT_FINITE)
 
 
 @dataclass(frozen=True)
-class SqpTimings:
+class RealTimeTimings:
     """Where the time went, s.
 
     Attributes:
@@ -61,8 +61,8 @@ class SqpTimings:
 
 
 @dataclass(frozen=True)
-class SqpResult:
-    """The trajectory after the last step.
+class RealTimeResult:
+    """The trajectory after the last step of :class:`RealTimeSqp`.
 
     Attributes:
         trajectory: states (N+1, nx) and controls (N, nu); arrays of its own.
@@ -72,21 +72,21 @@ class SqpResult:
         iterations: subproblems solved.
         qp_iterations: of the QP solver, all subproblems together.
         kkt: residual of the optimality conditions; of the last subproblem (STEPPED, INACCURATE) or, from
-            :meth:`SqpSolver.solve`, of the nonlinear problem.
+            :meth:`RealTimeSqp.solve`, of the nonlinear problem.
         timings: of all iterations together.
     """
 
     trajectory: Trajectory
     costates: Array
     multipliers: Array
-    status: SqpStatus
+    status: RealTimeStatus
     iterations: int
     qp_iterations: int
     kkt: KktResidual
-    timings: SqpTimings
+    timings: RealTimeTimings
 
 
-class SqpSolver:
+class RealTimeSqp:
     """Real-time iterations, or iterations to convergence, on one :class:`~lgmpc.ocp.ShootingProblem`.
 
     The problem's parameters are read at every preparation. The current trajectory is in :attr:`xs` and :attr:`us`,
@@ -167,7 +167,7 @@ class SqpSolver:
         self.qp_solver.prepare()
         self._preparation = time.perf_counter() - start
 
-    def feedback(self, x0: Array) -> SqpResult:
+    def feedback(self, x0: Array) -> RealTimeResult:
         """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
 
         When the subproblem has no usable solution the current trajectory stays as it was.
@@ -177,7 +177,7 @@ class SqpSolver:
         kkt = self._residual(at_step=True) if status.usable else KktResidual.unknown()
         return self._result(status, 1, self.qp_solver.iterations, kkt, start, self._preparation)
 
-    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> SqpResult:
+    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> RealTimeResult:
         """Iterate from the current trajectory until the nonlinear problem's optimality conditions hold.
 
         Args:
@@ -193,9 +193,9 @@ class SqpSolver:
             start += self._preparation  # what is left is the feedback's share
             kkt = self._residual(at_step=False)
             if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
-                return self._result(SqpStatus.CONVERGED, taken, inner, kkt, start, preparation)
+                return self._result(RealTimeStatus.CONVERGED, taken, inner, kkt, start, preparation)
             if taken == max_iterations:
-                return self._result(SqpStatus.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
+                return self._result(RealTimeStatus.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
             status = _AFTER_STEP[self._step(self.problem.x0)]
             inner += self.qp_solver.iterations
             if not status.usable:
@@ -231,22 +231,22 @@ class SqpSolver:
         return KktResidual.of(self._functions.kkt.outputs[0])
 
     def _result(
-        self, status: SqpStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
-    ) -> SqpResult:
+        self, status: RealTimeStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
+    ) -> RealTimeResult:
         point = self.qp_solver.solution
         trajectory = Trajectory(self.xs.copy(), self.us.copy())
         elapsed = time.perf_counter() - start
-        timings = SqpTimings(preparation, elapsed)
-        return SqpResult(
+        timings = RealTimeTimings(preparation, elapsed)
+        return RealTimeResult(
             trajectory, point.costates.copy(), point.multipliers.copy(), status, iterations, inner, kkt, timings
         )
 
 
 _AFTER_STEP = {
-    QpStatus.SOLVED: SqpStatus.STEPPED,
-    QpStatus.MAX_ITERATIONS: SqpStatus.INACCURATE,
-    QpStatus.INFEASIBLE: SqpStatus.QP_FAILED,
-    QpStatus.UNBOUNDED: SqpStatus.QP_FAILED,
-    QpStatus.NUMERICAL: SqpStatus.QP_FAILED,
-    QpStatus.NOT_FINITE: SqpStatus.NOT_FINITE,
+    QpStatus.SOLVED: RealTimeStatus.STEPPED,
+    QpStatus.MAX_ITERATIONS: RealTimeStatus.INACCURATE,
+    QpStatus.INFEASIBLE: RealTimeStatus.QP_FAILED,
+    QpStatus.UNBOUNDED: RealTimeStatus.QP_FAILED,
+    QpStatus.NUMERICAL: RealTimeStatus.QP_FAILED,
+    QpStatus.NOT_FINITE: RealTimeStatus.NOT_FINITE,
 }

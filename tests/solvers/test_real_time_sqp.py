@@ -10,7 +10,7 @@ import pytest
 from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import NlpSolver, SqpSolver, SqpStatus, Status
+from lgmpc.solvers import NlpSolver, RealTimeSqp, RealTimeStatus, Status
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
 from lgmpc.state import StateMultibody
 
@@ -44,12 +44,12 @@ def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: st
     guess = standing(problem)
     reference = NlpSolver(problem).solve(guess)
     assert reference.status is Status.CONVERGED
-    solver = SqpSolver(problem, ACCURATE[qp_solver])
+    solver = RealTimeSqp(problem, ACCURATE[qp_solver])
     solver.set_guess(guess)
     for _ in range(30):
         solver.prepare()
         result = solver.feedback(problem.x0)
-        assert result.status is SqpStatus.STEPPED
+        assert result.status is RealTimeStatus.STEPPED
     np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, rtol=0, atol=1e-6)
     np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, rtol=0, atol=1e-5)
     np.testing.assert_allclose(result.costates, reference.costates, rtol=1e-6, atol=1e-5)
@@ -59,10 +59,10 @@ def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: st
 def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
     problem = centroidal()
     problem.set_initial_state(problem.x0 + PUSHES["oblique and turning"])
-    solver = SqpSolver(problem)
+    solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
     result = solver.solve(tolerance=1e-6)
-    assert result.status is SqpStatus.CONVERGED
+    assert result.status is RealTimeStatus.CONVERGED
     assert result.kkt.largest <= 1e-6
     assert 2 <= result.iterations <= 10
     xs, us = result.trajectory.xs, result.trajectory.us
@@ -72,7 +72,7 @@ def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
     again = solver.solve(tolerance=1e-6)
     assert again.iterations == 1  # from the solution itself
     solver.set_guess(standing(problem))
-    assert solver.solve(max_iterations=1, tolerance=1e-6).status is SqpStatus.ITERATION_LIMIT
+    assert solver.solve(max_iterations=1, tolerance=1e-6).status is RealTimeStatus.ITERATION_LIMIT
 
 
 def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(centroidal: Make) -> None:
@@ -82,7 +82,7 @@ def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(cen
     def run(iterations: int) -> np.ndarray:
         problem.set_initial_state(problem.x0)
         x, states = problem.x0.copy(), []
-        solver = SqpSolver(problem)
+        solver = RealTimeSqp(problem)
         solver.set_guess(standing(problem))
         for i in range(80):
             problem.set("external_wrench", [10.5, 10.5, 0.0, 0.0, 0.0, 0.1] if 10 <= i < 30 else 0.0)
@@ -106,7 +106,7 @@ def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(cen
 def test_shift_moves_trajectory_and_multipliers_ahead(centroidal: Make) -> None:
     problem = centroidal(nodes=6)
     problem.set_initial_state(problem.x0 + PUSHES["sideways"])
-    solver = SqpSolver(problem)
+    solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
     before = solver.solve(tolerance=1e-6)
     solver.shift(1.0)
@@ -120,7 +120,7 @@ def test_shift_moves_trajectory_and_multipliers_ahead(centroidal: Make) -> None:
 
 def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
     problem = centroidal(nodes=6)
-    solver = SqpSolver(problem)
+    solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
     solver.solve(tolerance=1e-6)
     xs = solver.xs.copy()
@@ -128,15 +128,15 @@ def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
     bad = problem.x0.copy()
     bad[1] = np.nan
     result = solver.feedback(bad)
-    assert result.status is SqpStatus.NOT_FINITE and not result.status.usable
+    assert result.status is RealTimeStatus.NOT_FINITE and not result.status.usable
     assert np.isnan(result.kkt.largest)
     np.testing.assert_array_equal(solver.xs, xs)
     problem.x0[0] = np.inf
-    assert solver.solve().status is SqpStatus.NOT_FINITE
+    assert solver.solve().status is RealTimeStatus.NOT_FINITE
 
 
 def test_wrong_shapes_are_named(centroidal: Make) -> None:
-    solver = SqpSolver(centroidal(nodes=6))
+    solver = RealTimeSqp(centroidal(nodes=6))
     with pytest.raises(InputError, match="xs: got shape"):
         solver.set_guess(Trajectory(np.zeros((6, 9)), np.zeros((6, 12))))
     with pytest.raises(InputError, match="us: got shape"):
@@ -182,11 +182,11 @@ def test_states_on_a_manifold_need_nothing_special(monkeypatch: pytest.MonkeyPat
     guess = Trajectory(np.tile(start, (11, 1)), np.zeros((10, 6)))
     reference = NlpSolver(problem).solve(guess)
     assert reference.status is Status.CONVERGED
-    solver = SqpSolver(problem)
+    solver = RealTimeSqp(problem)
     assert not solver.compiled
     solver.set_guess(guess)
     result = solver.solve(max_iterations=60, tolerance=1e-6)
-    assert result.status is SqpStatus.CONVERGED
+    assert result.status is RealTimeStatus.CONVERGED
     assert (np.abs(result.multipliers) > 1e-3).any()
     np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, atol=1e-5)
     np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, atol=1e-3)

@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
 # Every room may import these: they are about no robot, no problem and no solver.
-FOUNDATION = "errors typing compile proxqp chromium"
+FOUNDATION = "errors typing settings compile proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation simulation"
@@ -68,6 +68,7 @@ ARROWS: dict[str, str] = {
     # The foundation itself, and the package's own front page.
     "errors": "",
     "typing": "errors",
+    "settings": "errors typing",
     "compile": "errors typing",
     "proxqp": "",
     "chromium": "",
@@ -84,7 +85,6 @@ OWNERS: dict[str, str] = {
     "proxsuite": "proxqp",
     "osqp": "solvers doctor",
     "piqp": "solvers doctor",
-    "pydantic": "config",
     "yaml": "config",
     "typer": "cli",
     "rich": "cli",

@@ -10,12 +10,12 @@ from pydantic import ValidationError
 
 from lgmpc import __version__
 from lgmpc.config.overrides import apply_overrides
-from lgmpc.config.problems import as_config_error, show_value
 from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.config.schema.document import Document
 from lgmpc.config.source import COMMAND_LINE, ConfigSource
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
-from lgmpc.errors import ConfigError
+from lgmpc.errors import ConfigError, ConfigErrors
+from lgmpc.settings.messages import find_problems, show_value
 
 __all__ = [
     "dump_config",
@@ -139,7 +139,11 @@ def _check(root: type[D], data: dict[str, Any], source: ConfigSource) -> D:
     try:
         return root.model_validate(data).with_source(source)
     except ValidationError as error:
-        raise as_config_error(error, root, data, source) from error
+        found = [
+            ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
+            for each in find_problems(error, root, data)
+        ]
+        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
 
 
 def _read(path: Path) -> str:

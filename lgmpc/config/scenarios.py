@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from lgmpc.config.robots import build_any_robot
-from lgmpc.config.schema import Section, SolveConfig
+from lgmpc.config.schema import SolveConfig
 from lgmpc.config.schema.problem import (
     ComCircleProblem,
     FlightProblem,
@@ -66,6 +66,7 @@ from lgmpc.problems import (
     build_standing_reach,
 )
 from lgmpc.robot import Robot
+from lgmpc.settings import Settings
 
 __all__ = ["build_scenario", "problem_settings"]
 
@@ -212,7 +213,7 @@ def _rotors(section: RotorsSection) -> MultirotorSettings:
     return MultirotorSettings(section.frames, section.turning, section.max_thrust_n, section.drag_ratio_m)
 
 
-_KINDS: Mapping[type[Section], tuple[Callable[[Any], Any], Callable[[Robot, Any], Scenario]]] = {
+_KINDS: Mapping[type[Settings], tuple[Callable[[Any], Any], Callable[[Robot, Any], Scenario]]] = {
     ComCircleProblem: (_com_circle, build_com_circle),
     FlightProblem: (_flight, build_flight),
     GaitProblem: (_gait, build_gait),
@@ -233,14 +234,14 @@ def _at_its_key(config: SolveConfig, error: InputError) -> ConfigError:
     return config.error(key, error.got, expected, error.choices)
 
 
-def _key_of(section: type[Section], argument: str) -> str | None:
+def _key_of(section: type[Settings], argument: str) -> str | None:
     """Find the key of a section, or of a section within it, that is called as an argument, but for its unit."""
     fields = section.model_fields
     for key in sorted(fields, key=lambda key: key != argument):
         if key == argument or key.startswith(f"{argument}_"):
             return key
     for key, field in fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, Section):
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Settings):
             inner = _key_of(field.annotation, argument)
             if inner is not None:
                 return f"{key}.{inner}"

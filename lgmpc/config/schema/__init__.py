@@ -1,6 +1,5 @@
 """The shape of a config file, one module per section. Units are in the keys' names and in their descriptions."""
 
-from lgmpc.config.schema.base import Section
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth, InvariantEkfSection
 from lgmpc.config.schema.gate import GateSection
@@ -52,7 +51,6 @@ __all__ = [
     "PushSection",
     "ReferenceSection",
     "RobotSection",
-    "Section",
     "SensorsSection",
     "SolveConfig",
     "SolveGateSection",

@@ -7,17 +7,17 @@ from typing import TypeVar
 
 from pydantic import Field, PrivateAttr
 
-from lgmpc.config.schema.base import Section
 from lgmpc.config.schema.robot import RobotSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.errors import ConfigError
+from lgmpc.settings import Settings
 
 __all__ = ["Document"]
 
 D = TypeVar("D", bound="Document")
 
 
-class Document(Section):
+class Document(Settings):
     """A whole config file."""
 
     name: str = Field(

@@ -6,18 +6,18 @@ from typing import Annotated, Literal, Union
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, RangeFromZero, Section
+from lgmpc.settings import NonNegative, Positive, RangeFromZero, Settings
 
 __all__ = ["EstimatorSection", "GroundTruth", "InvariantEkfSection"]
 
 
-class GroundTruth(Section):
+class GroundTruth(Settings):
     """The simulator tells."""
 
     kind: Literal["ground_truth"] = Field(default="ground_truth", description="The simulator tells the exact state.")
 
 
-class InvariantEkfSection(Section):
+class InvariantEkfSection(Settings):
     """Contact-aided invariant extended Kalman filter on IMU, encoders and motor currents: what a real robot has.
 
     The noise is what the filter believes; section ``sensors`` has what there is.

@@ -6,14 +6,14 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Finite, Fraction, NonNegative, Section
+from lgmpc.settings import Finite, Fraction, NonNegative, Settings
 
 __all__ = ["GateSection"]
 
 Number = Annotated[int, Field(strict=True, ge=0)]
 
 
-class GateSection(Section):
+class GateSection(Settings):
     """Each limit is a number, or null where there is none. A robot that falls fails every gate."""
 
     steady_from_s: NonNegative = Field(

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Union
 
 from pydantic import Discriminator, Field, Tag
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, RangeFromZero, Section, Vector3
+from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
 
 __all__ = [
     "CentroidalMpcSection",
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 
-class LqrMpcWeights(Section):
+class LqrMpcWeights(Settings):
     """Weights of the squared deviations that the regulator minimises.
 
     Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
@@ -67,7 +67,7 @@ class FullBodyMpcWeights(WholeBodyMpcWeights):
     )
 
 
-class _MpcSection(Section):
+class _MpcSection(Settings):
     """What all models have."""
 
     enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller works alone.")

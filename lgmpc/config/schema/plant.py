@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Section, Vector3
+from lgmpc.settings import NonNegative, Positive, Settings, Vector3
 
 __all__ = ["PlantSection"]
 
 
-class PlantSection(Section):
+class PlantSection(Settings):
     """The physics engine and its parameters."""
 
     kind: Literal["mujoco", "pinocchio"] = Field(default="mujoco", description="Physics engine.")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Section, Vector3
+from lgmpc.settings import NonNegative, Positive, Settings, Vector3
 
 __all__ = ["PushSection"]
 
 
-class PushSection(Section):
+class PushSection(Settings):
     """A constant force at a body's centre of mass, for a while."""
 
     body: str = Field(min_length=1, description="Name of the pushed body (link).")

@@ -6,18 +6,18 @@ from typing import Annotated, Literal, Union
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Section
+from lgmpc.settings import NonNegative, Positive, Settings
 
 __all__ = ["ComCircleReference", "ReferenceSection", "StandReference"]
 
 
-class StandReference(Section):
+class StandReference(Settings):
     """Stand still in the reference posture."""
 
     kind: Literal["stand"] = Field(default="stand", description="Stand still.")
 
 
-class ComCircleReference(Section):
+class ComCircleReference(Settings):
     """Move the centre of mass along a horizontal circle while all feet stay."""
 
     kind: Literal["com_circle"] = Field(default="com_circle", description="Move the centre of mass along a circle.")

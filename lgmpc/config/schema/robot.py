@@ -8,7 +8,7 @@ from typing import Annotated, Any, Union
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from lgmpc.config.schema.base import Finite, NonNegative, PerJoint, PerJointPositive, PerJointRange, Section, problem
+from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointPositive, PerJointRange, Settings, problem
 
 __all__ = ["RobotSection"]
 
@@ -23,7 +23,7 @@ Posture = Annotated[
 ]
 
 
-class RobotSection(Section):
+class RobotSection(Settings):
     """The robot that is controlled, and that the plant simulates."""
 
     model: str | None = Field(

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import Positive, Problem, problem, problems
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth
 from lgmpc.config.schema.gate import GateSection
@@ -17,6 +16,7 @@ from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ReferenceSection, StandReference
 from lgmpc.config.schema.sensors import SensorsSection
 from lgmpc.config.schema.wbc import WbcSection
+from lgmpc.settings import Positive, Problem, problem, problems
 
 __all__ = ["MOST_TICKS", "Config"]
 

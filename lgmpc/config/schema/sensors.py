@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Section
+from lgmpc.settings import NonNegative, Settings
 
 __all__ = ["SensorsSection"]
 
 
-class SensorsSection(Section):
+class SensorsSection(Settings):
     """IMU at the base frame, joint encoders and motor currents; the defaults are those of Solo12's parts."""
 
     gyro_noise_rad_s_rt_hz: NonNegative = Field(

@@ -6,12 +6,12 @@ from typing import Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from lgmpc.config.schema.base import LARGEST, Finite, Problem, Section, problems
+from lgmpc.settings import LARGEST, Finite, Problem, Settings, problems
 
 __all__ = ["SolveGateSection"]
 
 
-class SolveGateSection(Section):
+class SolveGateSection(Settings):
     """Bounds on the figures of a solution: ``max_<figure>`` and ``min_<figure>``.
 
     Which figures there are depends on the problem; an unknown one is an error that names the nearest.

@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import Positive, Section, problem
+from lgmpc.settings import Positive, Settings, problem
 
 __all__ = ["SolverSection"]
 
 
-class SolverSection(Section):
+class SolverSection(Settings):
     """The solver of the optimal control problem."""
 
     method: Literal["fddp", "box_fddp", "sqp", "ipopt", "fatrop"] = Field(

@@ -6,19 +6,19 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, RangeFromZero, Section, Vector3
+from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
 
 __all__ = ["WbcGain", "WbcGains", "WbcSection", "WbcWeights"]
 
 
-class WbcGain(Section):
+class WbcGain(Settings):
     """Feedback of a task: acceleration = kp (target - position) + kd (target rate - rate)."""
 
     kp: NonNegative = Field(description="Stiffness, 1/s2.")
     kd: NonNegative | None = Field(default=None, description="Damping, 1/s. null: critical, 2 sqrt(kp).")
 
 
-class WbcWeights(Section):
+class WbcWeights(Settings):
     """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out.
 
     Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
@@ -35,7 +35,7 @@ class WbcWeights(Section):
     acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
 
 
-class WbcGains(Section):
+class WbcGains(Settings):
     """Feedback gains of the tasks."""
 
     com: WbcGain = Field(default=WbcGain(kp=100.0), description="Centre of mass.")
@@ -47,7 +47,7 @@ class WbcGains(Section):
     swing: WbcGain = Field(default=WbcGain(kp=400.0), description="Feet in the air.")
 
 
-class WbcSection(Section):
+class WbcSection(Settings):
     """Whole-body quadratic programme over accelerations and contact forces."""
 
     rate_hz: Positive = Field(default=1000.0, description="Ticks per second, Hz.")

@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Section
+from lgmpc.settings import Count, NonNegative, Positive, Settings
 
 __all__ = ["ComCircleProblem", "ComCircleWeightsSection"]
 
 
-class ComCircleWeightsSection(Section):
+class ComCircleWeightsSection(Settings):
     """Weights of the squared deviations, per second of the horizon."""
 
     com: Positive = Field(default=1e4, description="Centre of mass from the circle, 1/m2.")
@@ -25,7 +25,7 @@ class ComCircleWeightsSection(Section):
     cone: NonNegative = Field(default=1.0, description="Contact forces outside their friction cones, 1/N2.")
 
 
-class ComCircleProblem(Section):
+class ComCircleProblem(Settings):
     """A robot on its feet draws a horizontal circle with its centre of mass; contact forward dynamics."""
 
     kind: Literal["com_circle"] = Field(description="The centre of mass follows a circle.")

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import NonNegative, Positive, Section, Vector3
 from lgmpc.config.schema.problem.rotors import RotorsSection
+from lgmpc.settings import NonNegative, Positive, Settings, Vector3
 
 __all__ = ["FlightProblem", "FlightWaypointSection", "FlightWeightsSection"]
 
 
-class FlightWaypointSection(Section):
+class FlightWaypointSection(Settings):
     """A place and, if it matters, an attitude at a time."""
 
     name: str = Field(min_length=1, description="For the replay.")
@@ -25,7 +25,7 @@ class FlightWaypointSection(Section):
     )
 
 
-class FlightWeightsSection(Section):
+class FlightWeightsSection(Settings):
     """Weights of the cost; those of speed and thrust are per second of the horizon."""
 
     position: Positive = Field(default=1e3, description="From a waypoint, 1/m2.")
@@ -35,7 +35,7 @@ class FlightWeightsSection(Section):
     thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
 
 
-class FlightProblem(Section):
+class FlightProblem(Settings):
     """A multirotor flies through waypoints and comes to rest at the last; thrusts are bounded."""
 
     kind: Literal["flight"] = Field(description="A multirotor flies through waypoints.")

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import (
+from lgmpc.settings import (
     Count,
     Finite,
     Fraction,
     NonNegative,
     Positive,
-    Section,
+    Settings,
     Vector2,
     Vector3,
     problem,
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 
-class GaitWeightsSection(Section):
+class GaitWeightsSection(Settings):
     """Weights of squared deviations, without dimension: the units are the robot's mass, leg length and weight."""
 
     position: NonNegative = Field(default=0.1, description="Base, ahead and to the left, from where it is commanded.")
@@ -56,7 +56,7 @@ class JumpWeightsSection(GaitWeightsSection):
     touchdown: NonNegative = Field(default=10.0, description="Speeds at which feet come down, once each.")
 
 
-class LeggedSection(Section):
+class LeggedSection(Settings):
     """What gaits and jumps have in common."""
 
     step_s: Positive = Field(default=0.015, description="About the length of an interval, s; they end on switches.")
@@ -70,7 +70,7 @@ class LeggedSection(Section):
     )
 
 
-class GaitPhaseSection(Section):
+class GaitPhaseSection(Settings):
     """A stretch of time with the same feet in the air."""
 
     duration_s: Positive = Field(description="How long, s.")

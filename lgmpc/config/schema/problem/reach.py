@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Section, Vector3
+from lgmpc.settings import Count, NonNegative, Positive, Settings, Vector3
 
 __all__ = ["ReachProblem", "ReachWeightsSection"]
 
 
-class ReachWeightsSection(Section):
+class ReachWeightsSection(Settings):
     """Weights of the cost; those of the running cost are per second of the horizon."""
 
     position: Positive = Field(default=1e5, description="Frame from its target at the end, 1/m2.")
@@ -27,7 +27,7 @@ class ReachWeightsSection(Section):
     )
 
 
-class ReachProblem(Section):
+class ReachProblem(Settings):
     """A robot with a fixed base moves a frame from where its reference posture has it to a target."""
 
     kind: Literal["reach"] = Field(description="A frame reaches a place.")

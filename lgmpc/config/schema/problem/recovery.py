@@ -6,13 +6,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Section, Vector3
 from lgmpc.config.schema.problem.rotors import RotorsSection
+from lgmpc.settings import Count, NonNegative, Positive, Settings, Vector3
 
 __all__ = ["RecoveryProblem", "RecoveryWeightsSection"]
 
 
-class RecoveryWeightsSection(Section):
+class RecoveryWeightsSection(Settings):
     """Weights of the cost; all but that of the goal are per second of the horizon."""
 
     position: NonNegative = Field(default=1.0, description="From where it began, on the way, 1/m2.")
@@ -24,7 +24,7 @@ class RecoveryWeightsSection(Section):
     goal: Positive = Field(default=1e3, description="Position, attitude and velocity at the end.")
 
 
-class RecoveryProblem(Section):
+class RecoveryProblem(Settings):
     """A multirotor in any attitude turns upright and comes to rest where it began; thrusts are bounded."""
 
     kind: Literal["recovery"] = Field(description="A multirotor recovers from any attitude.")

@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from lgmpc.config.schema.base import Count, Finite, NonNegative, Positive, Section, Vector3
+from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings, Vector3
 
 __all__ = ["RightingProblem", "RightingWeightsSection", "StrokesSection"]
 
 
-class StrokesSection(Section):
+class StrokesSection(Settings):
     """Cycles of the legs: stretched one way, folded back. The guess, which is drawn on."""
 
     stretched_rad: dict[str, Finite] = Field(
@@ -27,7 +27,7 @@ class StrokesSection(Section):
     )
 
 
-class RightingWeightsSection(Section):
+class RightingWeightsSection(Settings):
     """Weights of the cost; the first three are per second of the horizon."""
 
     strokes: NonNegative = Field(default=1.0, description="Joints from the strokes, 1/rad2.")
@@ -38,7 +38,7 @@ class RightingWeightsSection(Section):
     rest: NonNegative = Field(default=1.0, description="Joint rates at the end, 1/(rad/s)2.")
 
 
-class RightingProblem(Section):
+class RightingProblem(Settings):
     """A falling robot without angular momentum turns upright by moving its legs only.
 
     Torques, joint positions and joint rates are hard constraints: a solver that takes them is needed (sqp, ipopt).

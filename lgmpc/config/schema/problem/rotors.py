@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import Finite, Positive, Section, problem
+from lgmpc.settings import Finite, Positive, Settings, problem
 
 __all__ = ["RotorsSection"]
 
 
-class RotorsSection(Section):
+class RotorsSection(Settings):
     """What a URDF does not say about rotors; each pushes along its frame's z axis, from 0 to the largest thrust."""
 
     frames: tuple[str, ...] = Field(min_length=1, description="Names of the rotors' frames.")

@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from lgmpc.config.schema.base import Count, NonNegative, Positive, Section, Vector3, problem
+from lgmpc.settings import Count, NonNegative, Positive, Settings, Vector3, problem
 
 __all__ = ["StandingReachProblem", "StandingReachWeightsSection"]
 
 
-class StandingReachWeightsSection(Section):
+class StandingReachWeightsSection(Settings):
     """Weights of the cost; those of the running cost are per second of the horizon."""
 
     position: Positive = Field(default=1e4, description="Hand from its target at the end, 1/m2.")
@@ -26,7 +26,7 @@ class StandingReachWeightsSection(Section):
     effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
 
 
-class StandingReachProblem(Section):
+class StandingReachProblem(Settings):
     """A robot stands on soles at its contact frames and moves a hand from its reference posture to a target.
 
     Hard constraints keep joints and efforts within their limits, forces in friction cones, and pressure within the

@@ -1,10 +1,11 @@
-"""From pydantic's findings to messages with a file, a line, a key, what came, and what was expected."""
+"""From what pydantic reports to words: the key, what came, what was expected, and the valid choices."""
 
 from __future__ import annotations
 
 import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -12,11 +13,10 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from lgmpc.config.schema.base import PROBLEM, Problem, Section
-from lgmpc.config.source import ConfigSource
-from lgmpc.errors import ConfigError, ConfigErrors
+from lgmpc.errors import InputError
+from lgmpc.settings.base import PROBLEM, Problem, Settings
 
-__all__ = ["as_config_error", "show_value"]
+__all__ = ["Finding", "find_problems", "first_input_error", "show_value"]
 
 _EXPECTED = {
     "bool_type": "true or false",
@@ -42,17 +42,40 @@ _EXPECTED = {
 }
 
 
-def as_config_error(error: ValidationError, root: type[Section], data: Any, source: ConfigSource) -> ConfigError:
-    """Translate what pydantic found.
+@dataclass(frozen=True)
+class Finding:
+    """One key that cannot be used; the fields are the arguments of :class:`lgmpc.errors.InputError`.
+
+    Attributes:
+        key: dotted path from the validated root.
+        got: what came, in words.
+        expected: what would have been accepted, in words.
+        choices: the valid keys or values, if they can be listed.
+        word: what the choices are compared with to find the nearest; ``got`` if None.
+    """
+
+    key: str
+    got: str
+    expected: str
+    choices: tuple[str, ...] = ()
+    word: str | None = None
+
+
+def find_problems(error: ValidationError, root: type[Settings], data: Any) -> list[Finding]:
+    """Translate what pydantic reports.
 
     Args:
         error: what pydantic raised.
-        root: the model that was validated.
-        data: the parsed YAML that was validated.
-        source: where each key came from.
+        root: the class that was validated.
+        data: the plain data that was validated.
     """
-    found = [each for detail in error.errors(include_url=False) for each in _translate(detail, root, data, source)]
-    return found[0] if len(found) == 1 else ConfigErrors(found)
+    return [each for detail in error.errors(include_url=False) for each in _translate(detail, root, data)]
+
+
+def first_input_error(error: ValidationError, root: type[Settings], data: Any) -> InputError:
+    """Return the first problem as the error of an argument."""
+    first = find_problems(error, root, data)[0]
+    return InputError(first.key, first.got, first.expected, first.choices, word=first.word)
 
 
 def show_value(value: Any) -> str:
@@ -76,7 +99,7 @@ def _shorten(text: str, length: int = 60) -> str:
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
-def _translate(detail: ErrorDetails, root: type[Section], data: Any, source: ConfigSource) -> Iterator[ConfigError]:
+def _translate(detail: ErrorDetails, root: type[Settings], data: Any) -> Iterator[Finding]:
     path = _path_in_data(detail["loc"], data)
     key = ".".join(path)
     kind = detail["type"]
@@ -86,14 +109,14 @@ def _translate(detail: ErrorDetails, root: type[Section], data: Any, source: Con
         for each in context["problems"]:
             inner = ".".join(part for part in (key, each.key) if part)
             got = each.got if each.key else detail["input"]
-            yield ConfigError(source.where(inner), inner, show_value(got), each.expected)
+            yield Finding(inner, show_value(got), each.expected)
         return
     if kind == "extra_forbidden":
-        yield _unknown_key(path, detail["input"], root, data, source)
+        yield _unknown_key(path, detail["input"], root, data)
         return
     if kind == "missing":
         about = _description(root, path, data)
-        yield ConfigError(source.where(key), key, "nothing", f"a value{about}")
+        yield Finding(key, "nothing", f"a value{about}")
         return
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         field = _field(root, path, data)
@@ -101,16 +124,12 @@ def _translate(detail: ErrorDetails, root: type[Section], data: Any, source: Con
         tags = [tag for branch in branches for tag in _kinds(branch)]
         key = f"{key}.{_tag_key(branches[0]) if branches else 'kind'}"
         got = context.get("tag")
-        yield ConfigError(
-            source.where(key), key, show_value(got), f"one of {', '.join(tags)}", tags if got else (), word=str(got)
-        )
+        yield Finding(key, show_value(got), f"one of {', '.join(tags)}", tuple(tags) if got else (), word=str(got))
         return
     choices = _literals(root, path, data) if kind == "literal_error" else []
     words = f"one of {', '.join(choices)}" if choices else _words(kind, context, detail["msg"])
     got = detail["input"]
-    yield ConfigError(
-        source.where(key), key, show_value(got), words + _description(root, path, data), choices, word=str(got)
-    )
+    yield Finding(key, show_value(got), words + _description(root, path, data), tuple(choices), word=str(got))
 
 
 def _words(kind: str, context: Mapping[str, Any], message: str) -> str:
@@ -139,7 +158,7 @@ def _path_in_data(loc: Sequence[int | str], data: Any) -> list[str]:
     return path
 
 
-def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, source: ConfigSource) -> ConfigError:
+def _unknown_key(path: list[str], got: Any, root: type[Settings], data: Any) -> Finding:
     """Name the nearest key of the same section or, if none resembles it much, the same key of other sections."""
     *outer, word = path
     section = _section(root, outer, data)
@@ -150,7 +169,7 @@ def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, sour
         chooser, tags, chosen = own
         got = f"a key that only {chooser} = {' or '.join(tags)} has (value {show_value(got)})"
         key, where = ".".join(path), f"a key of {'.'.join(outer)} for {chooser} = {chosen}"
-        return ConfigError(source.where(key), key, got, where)
+        return Finding(key, got, where)
     elsewhere = [each for each in _all_keys(root) if each.rpartition(".")[2] == word]
     if elsewhere and not difflib.get_close_matches(word, known, cutoff=0.75):
         choices = elsewhere
@@ -158,10 +177,10 @@ def _unknown_key(path: list[str], got: Any, root: type[Section], data: Any, sour
         choices = [".".join([*outer, each]) for each in near or known]
     key = ".".join(path)
     where = f"a key of {'.'.join(outer)}" if outer else "a key of a config"
-    return ConfigError(source.where(key), key, f"an unknown key (value {show_value(got)})", where, choices, word=key)
+    return Finding(key, f"an unknown key (value {show_value(got)})", where, tuple(choices), word=key)
 
 
-def _tags_with(root: type[Section], path: list[str], data: Any) -> tuple[str, list[str], str] | None:
+def _tags_with(root: type[Settings], path: list[str], data: Any) -> tuple[str, list[str], str] | None:
     """Where other branches of a union have a key: what chooses the branch, their tags, and the one that was chosen."""
     for depth in range(1, len(path)):
         parent = _section(root, path[: depth - 1], data)
@@ -179,14 +198,14 @@ def _tags_with(root: type[Section], path: list[str], data: Any) -> tuple[str, li
     return None
 
 
-def _all_keys(section: type[Section], prefix: str = "") -> Iterator[str]:
+def _all_keys(section: type[Settings], prefix: str = "") -> Iterator[str]:
     for name, info in section.model_fields.items():
         yield prefix + name
         for inner in _sections_of(info.annotation):
             yield from _all_keys(inner, f"{prefix}{name}.")
 
 
-def _literals(root: type[Section], path: list[str], data: Any) -> list[str]:
+def _literals(root: type[Settings], path: list[str], data: Any) -> list[str]:
     info = _field(root, path, data)
     return [str(value) for value in _literal_values(info.annotation)] if info else []
 
@@ -200,12 +219,12 @@ def _literal_values(annotation: Any) -> Iterator[Any]:
             yield from _literal_values(inner)
 
 
-def _description(root: type[Section], path: list[str], data: Any) -> str:
+def _description(root: type[Settings], path: list[str], data: Any) -> str:
     info = _field(root, path, data)
     return f" ({info.description.rstrip('.')})" if info and info.description else ""
 
 
-def _field(root: type[Section], path: list[str], data: Any) -> FieldInfo | None:
+def _field(root: type[Settings], path: list[str], data: Any) -> FieldInfo | None:
     """Return the field at ``path``, or the nearest field around it (for a number in a list or table)."""
     for end in range(len(path), 0, -1):
         section = _section(root, path[: end - 1], data)
@@ -214,11 +233,11 @@ def _field(root: type[Section], path: list[str], data: Any) -> FieldInfo | None:
     return None
 
 
-def _section(root: type[Section], path: Sequence[str], data: Any) -> type[Section] | None:
+def _section(root: type[Settings], path: Sequence[str], data: Any) -> type[Settings] | None:
     """Return the model that validates the table at ``path``."""
-    section: type[Section] = root
+    section: type[Settings] = root
     here = data
-    inside: list[type[Section]] = [root]
+    inside: list[type[Settings]] = [root]
     for part in path:
         if isinstance(here, (list, tuple)) and part.isdecimal():
             here = here[int(part)] if int(part) < len(here) else None
@@ -233,7 +252,7 @@ def _section(root: type[Section], path: Sequence[str], data: Any) -> type[Sectio
     return section
 
 
-def _branch(sections: Sequence[type[Section]], data: Any) -> type[Section]:
+def _branch(sections: Sequence[type[Settings]], data: Any) -> type[Settings]:
     """Choose among the sections of a union by the key that tells them apart."""
     if len(sections) > 1 and isinstance(data, Mapping):
         for section in sections:
@@ -242,20 +261,20 @@ def _branch(sections: Sequence[type[Section]], data: Any) -> type[Section]:
     return sections[0]
 
 
-def _tag_key(section: type[Section]) -> str:
+def _tag_key(section: type[Settings]) -> str:
     """Return the key whose value chooses this section in a union."""
     return "kind" if "kind" in section.model_fields else "model"
 
 
-def _kinds(section: type[Section]) -> tuple[str, ...]:
+def _kinds(section: type[Settings]) -> tuple[str, ...]:
     """Return the values of that key that choose this section."""
     field = section.model_fields.get(_tag_key(section))
     return get_args(field.annotation) if field else ()
 
 
-def _sections_of(annotation: Any) -> Iterator[type[Section]]:
-    """Find the sections in an annotation such as ``Section | None`` or ``tuple[Section, ...]``."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
+def _sections_of(annotation: Any) -> Iterator[type[Settings]]:
+    """Find the sections in an annotation such as ``Settings | None`` or ``tuple[Settings, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
         yield annotation
     elif get_origin(annotation) in (Union, UnionType, tuple, list):
         for inner in get_args(annotation):

@@ -1,13 +1,21 @@
-"""What every section of a config shares: its strictness, its number types, and errors that point at a key."""
+"""The base of every settings class: strict, frozen, with number types, and errors that name the key.
+
+A room states its settings once, as subclasses of :class:`Settings`: units in the names; bounds, defaults and
+descriptions in the fields. Python code constructs them directly; a config document composes the same classes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, Union, cast
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic._internal._model_construction import ModelMetaclass
 from pydantic_core import PydanticCustomError
+from typing_extensions import Self
+
+from lgmpc.errors import InputError
 
 __all__ = [
     "LARGEST",
@@ -23,7 +31,7 @@ __all__ = [
     "Problem",
     "Range",
     "RangeFromZero",
-    "Section",
+    "Settings",
     "Vector2",
     "Vector3",
     "problem",
@@ -34,10 +42,77 @@ PROBLEM = "lgmpc"
 """The pydantic error type of everything that :func:`problems` makes."""
 
 
-class Section(BaseModel):
-    """A part of a config: unknown keys are errors, values cannot be changed after they were checked."""
+class _SettingsType(ModelMetaclass):
+    """Raises what pydantic reports of a construction as an InputError; a config collects all of it instead."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except ValidationError as error:
+            from lgmpc.settings.messages import first_input_error
+
+            raise first_input_error(error, cast("type[Settings]", cls), kwargs) from error
+
+
+class Settings(BaseModel, metaclass=_SettingsType):
+    """Checked values: unknown keys are errors, values cannot be changed after they were checked.
+
+    Raises:
+        InputError: by the constructor, for the first key that is unknown, missing or cannot be used.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    def replace(self, changes: Mapping[str, Any]) -> Self:
+        """Return a checked copy with some values changed.
+
+        Values that were never given keep their defaults, so that a change of what selects a variant (``mpc.model``)
+        brings that variant's defaults.
+
+        Args:
+            changes: dotted key to value, such as ``{"weights.com": (1e3, 1e3, 1e3)}``; list positions count from 0.
+
+        Raises:
+            InputError: a key that does not exist or a value that cannot be used.
+        """
+        data, whole = self.model_dump(exclude_unset=True), self.model_dump()
+        for key, value in changes.items():
+            _write(data, whole, key, value)
+        return type(self)(**data)
+
+
+def _write(data: dict[str, Any], whole: dict[str, Any], key: str, value: Any) -> None:
+    """Write ``value`` at a dotted key of ``data``; lists on the way that it lacks are those of ``whole``."""
+    *path, last = key.split(".")
+    here: Any = data
+    default: Any = whole
+    for part in path:
+        default = default.get(part) if isinstance(default, dict) else None
+        here = _step(here, part, default, key)
+    if isinstance(here, list):
+        here[_position(here, last, key)] = value
+    else:
+        here[last] = value
+
+
+def _step(here: Any, part: str, default: Any, key: str) -> Any:
+    """Return the table or list at ``part``; tuples become lists, missing tables are made."""
+    where: Any = _position(here, part, key) if isinstance(here, list) else part
+    inner = here.get(where) if isinstance(here, dict) else here[where]
+    if inner is None:
+        inner = default if isinstance(default, tuple) else {}
+    if isinstance(inner, tuple):
+        inner = list(inner)
+    if not isinstance(inner, (dict, list)):
+        raise InputError(key, f"a key below {part} = {inner}", f"none: {part} is a plain value")
+    here[where] = inner
+    return inner
+
+
+def _position(here: list[Any], part: str, key: str) -> int:
+    if not part.isdecimal() or int(part) >= len(here):
+        raise InputError(key, f"position {part}", f"a position from 0 to {len(here) - 1}")
+    return int(part)
 
 
 @dataclass(frozen=True)

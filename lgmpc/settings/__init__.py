@@ -1,0 +1,41 @@
+"""The base that every room's settings are made of."""
+
+from lgmpc.settings.base import (
+    LARGEST,
+    Count,
+    Finite,
+    Fraction,
+    NonNegative,
+    PerJoint,
+    PerJointPositive,
+    PerJointRange,
+    Positive,
+    Problem,
+    Range,
+    RangeFromZero,
+    Settings,
+    Vector2,
+    Vector3,
+    problem,
+    problems,
+)
+
+__all__ = [
+    "LARGEST",
+    "Count",
+    "Finite",
+    "Fraction",
+    "NonNegative",
+    "PerJoint",
+    "PerJointPositive",
+    "PerJointRange",
+    "Positive",
+    "Problem",
+    "Range",
+    "RangeFromZero",
+    "Settings",
+    "Vector2",
+    "Vector3",
+    "problem",
+    "problems",
+]

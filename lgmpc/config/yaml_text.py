@@ -13,7 +13,10 @@ import yaml
 
 from lgmpc.errors import ConfigError
 
-__all__ = ["parse_scalar", "parse_yaml", "write_yaml"]
+__all__ = ["MOST_VALUES", "parse_scalar", "parse_yaml", "write_yaml"]
+
+MOST_VALUES = 100_000
+"""Values and keys of the largest document, aliases written out: the shipped configs have less than 200."""
 
 _TYPES = (
     ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -76,7 +79,8 @@ def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
         node = loader.get_single_node()
         if node is None:
             return None, places
-        _collect_places(node, name, "", places, ())
+        _expanded_size(node, name, {})
+        _collect_places(node, name, "", places)
         return loader.construct_document(node), places
     except ConfigError:
         raise
@@ -114,19 +118,42 @@ def write_yaml(data: Any) -> str:
     return text
 
 
-def _collect_places(
-    node: yaml.Node, name: str, path: str, places: dict[str, str], around: tuple[yaml.Node, ...]
-) -> None:
+def _expanded_size(node: yaml.Node, name: str, sizes: dict[int, int | None]) -> int:
+    """Return how many values and keys ``node`` holds once its aliases are written out.
+
+    Each node is visited once: a few lines of aliases of aliases, each line many times the one before, cost nothing.
+
+    Args:
+        node: of the document.
+        name: what to call it in messages.
+        sizes: of the nodes visited so far, by identity; ``None`` for those around ``node``.
+
+    Raises:
+        ConfigError: if it holds itself, or more than :data:`MOST_VALUES`.
+    """
+    if not isinstance(node, yaml.CollectionNode):
+        return 1
+    place = f"{name}:{node.start_mark.line + 1}"
+    if id(node) not in sizes:
+        sizes[id(node)] = None
+        parts = node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]
+        size = 1 + sum(_expanded_size(part, name, sizes) for part in parts)
+        if size > MOST_VALUES:
+            raise ConfigError(place, "", f"{size} values, aliases written out", f"at most {MOST_VALUES}")
+        sizes[id(node)] = size
+    known = sizes[id(node)]
+    if known is None:
+        raise ConfigError(place, "", "an alias of something around it", "no loops")
+    return known
+
+
+def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str]) -> None:
     """Fill ``places`` below ``node``, and refuse what a config must not contain."""
-    line = node.start_mark.line + 1
-    if any(node is outer for outer in around):
-        raise ConfigError(f"{name}:{line}", path, "an alias of something around it", "no loops")
-    around = (*around, node)
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
             key = f"{path}.{i}" if path else str(i)
             places[key] = f"{name}:{item.start_mark.line + 1}"
-            _collect_places(item, name, key, places, around)
+            _collect_places(item, name, key, places)
     elif isinstance(node, yaml.MappingNode):
         first_lines: dict[str, int] = {}
         for key_node, value_node in node.value:
@@ -144,7 +171,7 @@ def _collect_places(
                 )
             first_lines[word] = line
             places[key] = f"{name}:{line}"
-            _collect_places(value_node, name, key, places, around)
+            _collect_places(value_node, name, key, places)
 
 
 def _syntax_error(error: yaml.MarkedYAMLError, name: str) -> ConfigError:

@@ -85,6 +85,27 @@ def test_broken_text_names_its_line(text: str, line: int, words: str) -> None:
     assert words in str(caught.value)
 
 
+def tower(levels: int, merged: bool) -> str:
+    """A document of ``levels`` lines, each with nine aliases of the line before."""
+    line = "a{}: &a{} {{<<: [{}]}}" if merged else "a{}: &a{} [{}]"
+    first = "a0: &a0 {x: 1}" if merged else "a0: &a0 [1]"
+    return "\n".join([first, *(line.format(k, k, ", ".join([f"*a{k - 1}"] * 9)) for k in range(1, levels))])
+
+
+@pytest.mark.parametrize("merged", [False, True], ids=["lists", "merge keys"])
+def test_aliases_of_aliases_are_counted_before_they_are_written_out(merged: bool) -> None:
+    with pytest.raises(ConfigError, match=r"^f\.yaml:6: got \d+ values, aliases written out; expected at most 100000$"):
+        parse_yaml(tower(200, merged), "f.yaml")
+    data, _ = parse_yaml(tower(4, merged), "f.yaml")
+    assert data["a3"] == ({"x": 1} if merged else [[[[1]] * 9] * 9] * 9)
+
+
+@pytest.mark.parametrize("text", ["a: &a {<<: *a}", "a: &a {b: {<<: [*a]}}"])
+def test_a_table_cannot_be_merged_into_itself(text: str) -> None:
+    with pytest.raises(ConfigError, match="f.yaml:1: got an alias of something around it"):
+        parse_yaml(text, "f.yaml")
+
+
 @pytest.mark.parametrize("text", ["a: !!int abc", "[" * 3000])
 def test_text_that_breaks_the_parser_is_a_config_error(text: str) -> None:
     with pytest.raises(ConfigError, match=r"^f\.yaml"):

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import ModelError, nearest
 from lgmpc.robot.actuators import ActuatedJoint
-from lgmpc.robot.names import is_floating
+from lgmpc.robot.names import is_floating, some
 from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array, BoolArray
 
@@ -62,11 +60,11 @@ def check_contact_frames(model: pin.Model, frames: Sequence[str]) -> list[str]:
     for frame in frames:
         if frame not in names:
             close = nearest(frame, names)
-            hint = f"did you mean {' or '.join(close)}?" if close else f"there are {_some(names, 8)}"
+            hint = f"did you mean {' or '.join(close)}?" if close else f"there are {some(names, 8)}"
             problems.append(f"contact frame '{frame}' is not in the model; {hint}")
     if frames and not is_floating(model):
         problems.append(
-            f"contact_frames are given ({_some(frames)}) but the base is fixed: a robot on feet needs a free-flyer"
+            f"contact_frames are given ({some(frames)}) but the base is fixed: a robot on feet needs a free-flyer"
             " (floating_base: true)"
         )
     return problems
@@ -123,7 +121,7 @@ def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
     if is_floating(model) and model.inertias[1].mass == 0:
         problems.append(f"{_body_name(model, 1)}: the floating base has no mass (missing <inertial>?)")
         massless.remove(_body_name(model, 1))
-    notes = [f"no mass: {_some(massless)}"] if massless else []
+    notes = [f"no mass: {some(massless)}"] if massless else []
     return problems, notes
 
 
@@ -135,7 +133,7 @@ def check_mass_matrix(model: pin.Model, q: Array, joints: Iterable[ActuatedJoint
     idle = [joint.name for joint in joints if (np.abs(diagonal[joint.v]) < 1e-12).any()]
     if idle:
         return [
-            f"joints that move no inertia: {_some(idle)}; give the links after them an <inertial>, or the joints an"
+            f"joints that move no inertia: {some(idle)}; give the links after them an <inertial>, or the joints an"
             " armature"
         ]
     if model.nv and (
@@ -177,18 +175,18 @@ def check_limits(
             if group:
                 found = sorted({float(values[j.v].max()) for j in group})
                 shown = " to ".join(_number(x, unit) for x in dict.fromkeys((found[0], found[-1])))
-                names = _some([j.name for j in group])
+                names = some([j.name for j in group])
                 problems.append(f"the URDF's {kind} limit of {names} {verdict} ({shown}): give {kind}_limit")
     scalar = [j for j in joints if j.scalar]
     endless = [j for j in scalar if not _bounded(lower[j.q], upper[j.q]).all()]
     if endless:
-        problems.append(f"no finite position limits: {_some([j.name for j in endless])}: give position_limit")
+        problems.append(f"no finite position limits: {some([j.name for j in endless])}: give position_limit")
     wide = [
         j
         for j in scalar
         if j not in endless and not j.prismatic and float((upper[j.q] - lower[j.q]).max()) > 2 * math.pi
     ]
-    notes = [f"position limits wider than a full turn: {_some([j.name for j in wide])}"] if wide else []
+    notes = [f"position limits wider than a full turn: {some([j.name for j in wide])}"] if wide else []
     return problems, notes
 
 
@@ -206,11 +204,10 @@ def check_posture(joints: Iterable[ActuatedJoint], q: Array, lower: Array, upper
     return problems
 
 
-def check_mimic(model: pin.Model, urdf: Path) -> list[str]:
-    """Return a note if joints of the URDF mimic others, which they do not do here."""
-    tagged = (joint for joint in ElementTree.parse(urdf).iterfind("joint") if joint.find("mimic") is not None)
-    mimics = [name for name in (str(joint.get("name")) for joint in tagged) if model.existJointName(name)]
-    return [f"joints that mimic another in the URDF move on their own here: {_some(mimics)}"] if mimics else []
+def check_mimic(model: pin.Model, mimics: Iterable[str]) -> list[str]:
+    """Return a note if joints of the model mimic others in the URDF, which they do not do here."""
+    moving = [name for name in mimics if model.existJointName(name)]
+    return [f"joints that mimic another in the URDF move on their own here: {some(moving)}"] if moving else []
 
 
 def _bounded(lower: Array, upper: Array) -> BoolArray:
@@ -230,9 +227,3 @@ def _moments(moments: Array) -> str:
 
 def _number(value: float, unit: str) -> str:
     return f"{value:g} {unit}" if value < 1e300 else "infinite"
-
-
-def _some(names: Sequence[str], most: int = 4) -> str:
-    """Return up to ``most`` names, and how many more there are."""
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -16,6 +16,7 @@ from lgmpc.robot.names import frame_index, is_floating
 from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground, reference_posture
 from lgmpc.robot.sources import ResolvedSource, build_model, resolve
 from lgmpc.robot.spec import RobotSpec
+from lgmpc.robot.urdf_text import read_urdf_text
 from lgmpc.typing import Array
 
 __all__ = ["check_model", "load_robot"]
@@ -35,7 +36,7 @@ def load_robot(spec: RobotSpec) -> Robot:
 
 
 def check_model(spec: RobotSpec) -> checks.ModelReport:
-    """Return everything that ``load_robot`` would complain about, and notes on what is unusual but not wrong.
+    """Return every problem that ``load_robot`` raises, and notes on what is unusual but not wrong.
 
     Raises:
         InputError: the robot's name is unknown, or a file does not exist.
@@ -56,6 +57,7 @@ class _Actuators:
 def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
     source = resolve(spec)
     model, notes = build_model(source)
+    text = read_urdf_text(source.files.urdf)
     name = spec.model or model.name
     _read_srdf(model, source)
     joints = actuated_joints(model)
@@ -64,7 +66,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
 
     inertia_problems, inertia_notes = checks.check_inertias(model)
     frame_problems = checks.check_contact_frames(model, spec.contact_frames)
-    problems = [*actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
+    problems = [*text.problems, *actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
     problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
@@ -76,8 +78,8 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
         if np.ptp(heights) > LEVEL_TOLERANCE
         else []
     )
-    mimics = checks.check_mimic(model, source.files.urdf)
-    notes = (*notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
+    mimics = checks.check_mimic(model, text.mimics)
+    notes = (*notes, *text.notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
     lower, upper = _degree_limits(model, joints)
     start = 6 if is_floating(model) else 0
     robot = Robot(
@@ -113,7 +115,7 @@ def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
 
 
 def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:
-    """Write limits and armature into the model, and say what is wrong with those that the files gave."""
+    """Write limits and armature into the model, and collect what is wrong with those of the files."""
     unknown = np.full(model.nv, np.nan)
     given_effort, effort_problems = joint_values(spec.effort_limit, joints, unknown, "effort_limit")
     given_velocity, velocity_problems = joint_values(spec.velocity_limit, joints, unknown, "velocity_limit")

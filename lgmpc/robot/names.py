@@ -1,12 +1,14 @@
-"""What a Pinocchio model calls its frames and degrees of freedom."""
+"""Names in a Pinocchio model: of frames, of degrees of freedom, and how messages list them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import pinocchio as pin
 
 from lgmpc.errors import InputError
 
-__all__ = ["degree_names", "frame_index", "is_floating"]
+__all__ = ["degree_names", "frame_index", "is_floating", "some"]
 
 
 def frame_index(model: pin.Model, name: str) -> int:
@@ -32,3 +34,9 @@ def degree_names(model: pin.Model) -> tuple[str, ...]:
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         names += [name] if joint.nv == 1 else [f"{name}_{k}" for k in range(joint.nv)]
     return tuple(names)
+
+
+def some(names: Sequence[str], most: int = 4) -> str:
+    """Return up to ``most`` names, and how many more there are."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -141,3 +141,58 @@ def test_keys_that_match_nothing(solo_spec) -> None:
 def test_position_limits_only_where_there_are_positions(data_dir) -> None:
     (problem,) = problems(RobotSpec(urdf=data_dir / "tripod.urdf", position_limit={"spin": (0.0, 1.0)}))
     assert problem.startswith("position_limit: 'spin' matches no joint that can have position limits; there are")
+
+
+def write_urdf(path, data_dir, old: str, new: str):
+    text = (data_dir / "tripod.urdf").read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return RobotSpec(urdf=path)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ('<!DOCTYPE robot [<!ENTITY m "1">]>', "its DTD declares the entity 'm', which no parser of URDFs expands"),
+        (f"<!DOCTYPE robot [<!ENTITY a '{'x' * 99}'><!ENTITY b '{'&a;' * 99}'>]>", "declares the entity 'a'"),
+        ('<?xml version="1.0" encoding="utf-77"?>', "not well-formed XML (unknown encoding"),
+    ],
+    ids=["entity", "entities that grow", "encoding"],
+)
+def test_a_urdf_that_other_parsers_read_differently(tmp_path, data_dir, head, words) -> None:
+    spec = write_urdf(tmp_path / "dtd.urdf", data_dir, '<?xml version="1.0"?>', head)
+    assert any(problem.startswith(f"{spec.urdf}: ") and words in problem for problem in problems(spec))
+
+
+def test_an_undefined_entity(tmp_path, data_dir) -> None:
+    spec = write_urdf(tmp_path / "entity.urdf", data_dir, '<robot name="tripod"', '<robot name="&tripod;"')
+    assert any("not well-formed XML (undefined entity: line" in problem for problem in problems(spec))
+
+
+@pytest.mark.parametrize("text", ["<!DOCTYPE robot>", '<!DOCTYPE robot SYSTEM "robot.dtd">'])
+def test_a_document_type_without_entities_is_harmless(tmp_path, data_dir, text) -> None:
+    plain = check_model(RobotSpec(urdf=data_dir / "tripod.urdf"))
+    spec = write_urdf(tmp_path / "tripod.urdf", data_dir, '<?xml version="1.0"?>', f'<?xml version="1.0"?>{text}')
+    assert check_model(spec) == plain
+
+
+def test_undeclared_namespaces_are_harmless(tmp_path, data_dir) -> None:
+    plain = check_model(RobotSpec(urdf=data_dir / "tripod.urdf"))
+    spec = write_urdf(tmp_path / "tripod.urdf", data_dir, '<robot name="tripod"', '<robot xacro:x="1" name="tripod"')
+    assert check_model(spec) == plain
+
+
+@pytest.mark.parametrize(
+    ("path", "noted"),
+    [
+        ("package://legs/../../secret.stl", True),
+        ("package://legs/../arms/arm.stl", True),
+        ("package://legs/meshes/../leg.stl", False),
+        ("../meshes/leg.stl", False),
+    ],
+)
+def test_a_mesh_outside_its_package_is_noted(tmp_path, data_dir, path, noted) -> None:
+    mesh = f'<visual><geometry><mesh filename="{path}"/></geometry></visual>'
+    spec = write_urdf(tmp_path / "mesh.urdf", data_dir, "<inertial>", f"{mesh}<inertial>")
+    note = f"meshes outside the package that their path names, read from where the path leads: {path}"
+    assert (note in check_model(spec).notes) is noted

@@ -1,0 +1,90 @@
+"""What a URDF's XML says beside what Pinocchio's parser takes from it: mimic tags, mesh paths, entities."""
+
+from __future__ import annotations
+
+import posixpath
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+from lgmpc.robot.names import some
+
+__all__ = ["UrdfText", "read_urdf_text"]
+
+_SCHEME = "package://"
+
+
+@dataclass(frozen=True)
+class UrdfText:
+    """A URDF as XML.
+
+    Attributes:
+        problems: what makes its meaning depend on the parser: text that is not well-formed, entities.
+        mimics: joints with a ``<mimic>``.
+        meshes: file names of its meshes, each once.
+    """
+
+    problems: tuple[str, ...] = ()
+    mimics: tuple[str, ...] = ()
+    meshes: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is worth knowing, but not wrong."""
+        outside = [mesh for mesh in self.meshes if _leaves_package(mesh)]
+        if not outside:
+            return ()
+        return (f"meshes outside the package that their path names, read from where the path leads: {some(outside)}",)
+
+
+def read_urdf_text(urdf: Path) -> UrdfText:
+    """Read the URDF's XML.
+
+    Pinocchio's parser expands no entity, assumes UTF-8 and ignores what follows the robot: where a file depends on any
+    of these, other tools read another robot in it, so it is a problem.
+    """
+    parser = expat.ParserCreate()  # without namespaces: an undeclared prefix is common in URDFs, and harmless
+    path: list[str] = []
+    joint = ""
+    mimics: list[str] = []
+    meshes: dict[str, None] = {}
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal joint
+        path.append(name)
+        if path == ["robot", "joint"]:
+            joint = attributes.get("name", "")
+        elif path == ["robot", "joint", "mimic"]:
+            mimics.append(joint)
+        elif name == "mesh" and "filename" in attributes:
+            meshes[attributes["filename"]] = None
+
+    def end(name: str) -> None:
+        path.pop()
+
+    def refuse_entity(name: str, *rest: object) -> None:
+        raise _EntityDeclared(name)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.EntityDeclHandler = refuse_entity
+    try:
+        parser.Parse(urdf.read_bytes(), True)
+    except _EntityDeclared as entity:
+        return UrdfText(
+            (f"{urdf}: its DTD declares the entity '{entity}', which no parser of URDFs expands: write its value",)
+        )
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        return UrdfText((f"{urdf}: not well-formed XML ({error})",))
+    return UrdfText(mimics=tuple(mimics), meshes=tuple(meshes))
+
+
+class _EntityDeclared(Exception):
+    """The declaration of an entity; its argument is the name."""
+
+
+def _leaves_package(mesh: str) -> bool:
+    """Whether a ``package://`` path climbs out of the package that it begins with."""
+    if not mesh.startswith(_SCHEME):
+        return False
+    path = mesh.removeprefix(_SCHEME)
+    return posixpath.normpath(path).split("/")[0] != path.split("/")[0]

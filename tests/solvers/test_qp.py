@@ -8,12 +8,11 @@ import pytest
 
 from lgmpc.compile import compile_function
 from lgmpc.errors import InputError, MissingDependencyError
-from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem
+from lgmpc.ocp import HorizonFunctions, OcpQp, ShootingProblem
 from lgmpc.proxqp import proxqp
 from lgmpc.solvers.qp import (
     QP_SOLVERS,
     PiqpSettings,
-    QpSolution,
     QpStatus,
     RiccatiSettings,
     RiccatiSolver,
@@ -34,7 +33,7 @@ FORCE_ACCURACY = {
 }
 
 
-def expand(problem: ShootingProblem) -> tuple[HorizonFunctions, OcpQp]:
+def expand(problem: ShootingProblem) -> OcpQp:
     """Expand around standing still at the first state, with its gaps."""
     functions = HorizonFunctions(problem.action, problem.nodes)
     linearize = functions.linearize
@@ -42,12 +41,7 @@ def expand(problem: ShootingProblem) -> tuple[HorizonFunctions, OcpQp]:
     linearize.input("us")[:] = 0.0
     linearize.input("parameters")[:] = problem.parameters.T
     linearize.run()
-    return functions, OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
-
-
-def kkt(functions: HorizonFunctions, qp: OcpQp, s: QpSolution) -> KktResidual:
-    point = (s.dxs, s.dus, s.costates, s.multipliers)
-    return KktResidual.of(functions.kkt(qp.values.T, qp.terminal_values, *(array.T for array in point))[0])
+    return OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
 
 
 def dense_solution(qp: OcpQp, dx0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,14 +78,14 @@ def test_solution_is_that_of_the_dense_problem(name: str, centroidal: Callable[.
     problem = centroidal(nodes=8, facets=4)
     problem.view("contact_flags")[3:6, 1] = 0.0
     problem.set_initial_state([0.0, 0.0, 0.24, 0.6, 1.2, -0.2, 0.05, 0.0, 0.02])
-    functions, qp = expand(problem)
+    qp = expand(problem)
     dx0 = np.array([0.01, -0.01, 0.0, 0.2, 0.3, 0.0, 0.01, 0.0, 0.0])
     solver = make_qp_solver(name, qp)
     for _ in range(2):  # cold, then warm
         solver.prepare()
         assert solver.solve(dx0) is QpStatus.SOLVED
         assert solver.iterations > 0
-        assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+        assert solver.solution.residual().largest < ACCURACY[name]
         xs, us = dense_solution(qp, dx0)
         active = np.abs(solver.solution.multipliers) > 1e-3
         assert active.sum() > 10
@@ -102,13 +96,13 @@ def test_solution_is_that_of_the_dense_problem(name: str, centroidal: Callable[.
 
 @pytest.mark.parametrize("name", QP_SOLVERS)
 def test_coupled_costs_and_rows_on_states(name: str, cart: ShootingProblem) -> None:
-    functions, qp = expand(cart)
+    qp = expand(cart)
     assert qp.structure.blocks["S"].rows.size and qp.structure.blocks["C"].rows.size
     dx0 = np.array([-0.05, 0.1])
     solver = make_qp_solver(name, qp)
     solver.prepare()
     assert solver.solve(dx0) is QpStatus.SOLVED
-    assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+    assert solver.solution.residual().largest < ACCURACY[name]
     xs, us = dense_solution(qp, dx0)
     assert (np.abs(solver.solution.multipliers) > 1e-2).sum() >= 3
     np.testing.assert_allclose(solver.solution.dxs, xs, atol=10 * ACCURACY[name])
@@ -118,7 +112,7 @@ def test_coupled_costs_and_rows_on_states(name: str, cart: ShootingProblem) -> N
 @pytest.mark.parametrize("name", QP_SOLVERS)
 def test_same_inputs_give_the_same_bits(name: str, centroidal: Callable[..., ShootingProblem]) -> None:
     problem = centroidal(nodes=6, facets=4)
-    _, qp = expand(problem)
+    qp = expand(problem)
     rng = np.random.default_rng(0)
     starts = [0.2 * rng.standard_normal(9) for _ in range(4)]
 
@@ -127,7 +121,7 @@ def test_same_inputs_give_the_same_bits(name: str, centroidal: Callable[..., Sho
         for dx0 in starts:
             solver.prepare()
             solver.solve(dx0)
-            answers.append(np.concatenate([array.ravel() for array in vars(solver.solution).values()]))
+            answers.append(np.concatenate([array.ravel() for array in solver.solution.arrays]))
         return answers
 
     solver = make_qp_solver(name, qp)
@@ -140,13 +134,13 @@ def test_same_inputs_give_the_same_bits(name: str, centroidal: Callable[..., Sho
 
 @pytest.mark.parametrize("name", QP_SOLVERS)
 def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, cart: ShootingProblem) -> None:
-    _, qp = expand(cart)
+    qp = expand(cart)
     solver = make_qp_solver(name, qp)
     solver.prepare()
     assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
     before = solver.solution.dus.copy()
     cart.set("limit", [2.0, 0.6, -5.0])  # the third row wants u below -5, the first one above -2
-    expanded = expand(cart)[1]
+    expanded = expand(cart)
     qp.values[:] = expanded.values
     solver.prepare()
     assert solver.solve(np.zeros(2)) is QpStatus.INFEASIBLE
@@ -157,7 +151,7 @@ def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, c
 @pytest.mark.parametrize("name", QP_SOLVERS)
 @pytest.mark.parametrize("block", ["A", "q", "upper", "terminal", "dx0"])
 def test_nan_is_refused_and_forgotten(name: str, block: str, cart: ShootingProblem) -> None:
-    functions, qp = expand(cart)
+    qp = expand(cart)
     solver = make_qp_solver(name, qp)
     solver.prepare()
     assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
@@ -175,11 +169,11 @@ def test_nan_is_refused_and_forgotten(name: str, block: str, cart: ShootingProbl
     qp.values[:], qp.terminal_values[:] = values, terminal
     solver.prepare()
     assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
-    assert kkt(functions, qp, solver.solution).largest < ACCURACY[name]
+    assert solver.solution.residual().largest < ACCURACY[name]
 
 
 def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
-    _, qp = expand(cart)
+    qp = expand(cart)
     rng = np.random.default_rng(0)
     lqr = compile_function(lqr_function(qp.structure, "cart_test"))
     dx0 = rng.standard_normal(2)
@@ -222,7 +216,7 @@ def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
 ) -> None:
     problem = centroidal()
     problem.set_initial_state([0.0, 0.0, 0.24, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0])
-    functions, qp = expand(problem)
+    qp = expand(problem)
     solver = RiccatiSolver(qp)
     solver.prepare()
     assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
@@ -231,7 +225,7 @@ def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
     assert solver.iterations <= 2  # the multipliers say which rows are active
     hard = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
     assert solver.solve(hard) is QpStatus.SOLVED and solver.took_over
-    assert kkt(functions, qp, solver.solution).largest < ACCURACY["piqp"]
+    assert solver.solution.residual().largest < ACCURACY["piqp"]
     patient = RiccatiSolver(qp, RiccatiSettings(max_sweeps=0))
     patient.prepare()
     assert patient.solve(np.zeros(9)) is QpStatus.SOLVED and patient.took_over
@@ -239,7 +233,7 @@ def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
 
 def test_unknown_names_are_named(cart: ShootingProblem) -> None:
     with pytest.raises(InputError, match="Did you mean osqp"):
-        make_qp_solver("oqsp", expand(cart)[1])
+        make_qp_solver("oqsp", expand(cart))
     with pytest.raises(InputError, match="kkt_solver: got dense"):
         PiqpSettings(kkt_solver="dense")
 
@@ -257,7 +251,7 @@ def test_unknown_names_are_named(cart: ShootingProblem) -> None:
 def test_missing_backend_says_what_brings_it(
     name: str, package: str, line: str, cart: ShootingProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    qp = expand(cart)[1]
+    qp = expand(cart)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(MissingDependencyError, match=line):
         make_qp_solver(name, qp)

@@ -7,9 +7,8 @@ import pytest
 from bench_optimiser import constrained
 from paired_problems import Stance
 
-from lgmpc.compile import compile_function
 from lgmpc.errors import InputError
-from lgmpc.ocp import Block, KktResidual, OcpQp, OcpQpStructure, Trajectory
+from lgmpc.ocp import Block, OcpQp, OcpQpStructure, Trajectory
 from lgmpc.ocp.quadratic import kkt_function
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
@@ -91,11 +90,36 @@ def random_problem(rng: np.random.Generator, tightness: float, equalities: int =
     return qp
 
 
-KKT = compile_function(kkt_function(structure(), "random"))
+def test_a_solution_measures_itself_as_the_compiled_conditions_do() -> None:
+    """At a random point within random bounds, at which no condition but the bounds holds."""
+    rng = np.random.default_rng(8)
+    qp = random_problem(rng, 1.0)
+    point = QpSolution.zeros(qp)
+    point.write(*(rng.standard_normal(array.shape) for array in point.arrays))
+    rows = qp.dense("C") @ point.dxs[:-1, :, None] + qp.dense("D") @ point.dus[:, :, None]
+    qp.vector("lower")[...] = rows[..., 0] - rng.uniform(0.1, 2.0, (NODES, NG))
+    qp.vector("upper")[...] = rows[..., 0] + rng.uniform(0.1, 2.0, (NODES, NG))
+    qp.vector("upper")[0, :2] = np.inf
 
+    def compiled() -> np.ndarray:
+        conditions = kkt_function(qp.structure, "random")
+        return conditions(qp.values.T, qp.terminal_values, *(array.T for array in point.arrays)).full()[:4, 0]
 
-def residual(qp: OcpQp, s: QpSolution) -> KktResidual:
-    return KktResidual.of(KKT(qp.values.T, qp.terminal_values, *(array.T for array in vars(s).values()))[0])
+    assert compiled()[[0, 1, 3]].min() > 1.0 and compiled()[2] == 0.0
+    np.testing.assert_allclose(list(vars(point.residual()).values()), compiled(), rtol=1e-12)
+    assert not point.stationarity()[0, :NX].any() and not point.stationarity()[-1, NX:].any()
+    # Each measure says at which node: one where nothing else does.
+    worst = point.complementarity().argmax()
+    point.multipliers[np.arange(NODES) != worst] = 0.0
+    assert np.flatnonzero(point.complementarity()).tolist() == [worst]
+    assert point.complementarity()[worst] == pytest.approx(compiled()[3], rel=1e-12)
+    point.dxs[1:] += point.defects() * (np.arange(NODES) == NODES - 1)[:, None]  # the last state moves no other gap
+    np.testing.assert_allclose(point.defects()[-1], 0.0, atol=1e-12)
+    qp.vector("upper")[4, 3] = rows[4, 3, 0] - 0.5
+    assert np.flatnonzero(point.constraint_violation()).tolist() == [4]
+    assert point.constraint_violation()[4] == pytest.approx(0.5, rel=1e-12) == compiled()[2]
+    qp.vector("lower")[5, 1] = rows[5, 1, 0] + 0.7
+    np.testing.assert_allclose(point.constraint_violation()[4:6], [0.5, 0.7], rtol=1e-12)
 
 
 def solved(solver: QpSolver, dx0: np.ndarray) -> QpSolution:
@@ -111,7 +135,7 @@ def test_random_problems_have_the_solution_of_piqp_and_osqp(tightness: float, eq
         solver = StructuredSolver(qp, StructuredSettings(tolerance=1e-9))
         mine = solved(solver, qp.x0)
         assert not solver.took_over
-        assert residual(qp, mine).largest < 2e-9
+        assert mine.residual().largest < 2e-9
         if tightness > 1.0:
             assert (np.abs(mine.multipliers) > 1e-6).sum() >= 5
         other = solved(PiqpSolver(qp, PiqpSettings(tolerance=1e-11)), qp.x0)
@@ -191,8 +215,8 @@ def test_the_active_rows_of_another_solver_are_finished_exactly() -> None:
     solver = StructuredSolver(qp, settings, fallback=lambda qp: PiqpSolver(qp, rough))
     solution = solved(solver, qp.x0)
     assert solver.took_over
-    assert residual(qp, solved(PiqpSolver(qp, rough), qp.x0)).largest > 1e-9
-    assert residual(qp, solution).largest < 2e-9
+    assert solved(PiqpSolver(qp, rough), qp.x0).residual().largest > 1e-9
+    assert solution.residual().largest < 2e-9
 
 
 def test_regulator_solves_the_equations_of_its_minimum() -> None:
@@ -207,8 +231,8 @@ def test_regulator_solves_the_equations_of_its_minimum() -> None:
         regulator.targets[...] = rng.standard_normal((NODES, NG))
         assert regulator.factor() if not again else regulator.solve() is None
         penalty = regulator.weights * (regulator.rows - regulator.targets)
-        point = QpSolution(regulator.dxs, regulator.dus, regulator.costates, penalty)
-        found = residual(qp, point)
+        point = QpSolution(qp, regulator.dxs, regulator.dus, regulator.costates, penalty)
+        found = point.residual()
         assert found.stationarity < 1e-9 and found.dynamics < 1e-12
         rows = qp.dense("C") @ regulator.dxs[:-1, :, None] + qp.dense("D") @ regulator.dus[:, :, None]
         np.testing.assert_allclose(regulator.rows, rows[..., 0], atol=1e-10)
@@ -228,10 +252,10 @@ def test_regulator_solves_the_equations_of_its_minimum() -> None:
 def test_same_inputs_give_the_same_bits() -> None:
     qp = random_problem(np.random.default_rng(3), 3.0)
     solver = StructuredSolver(qp)
-    first = [array.copy() for array in vars(solved(solver, qp.x0)).values()]
+    first = [array.copy() for array in solved(solver, qp.x0).arrays]
     solver.reset()
     for other in (solver, StructuredSolver(qp)):
-        for one, two in zip(first, vars(solved(other, qp.x0)).values(), strict=True):
+        for one, two in zip(first, solved(other, qp.x0).arrays, strict=True):
             np.testing.assert_array_equal(one, two)
 
 
@@ -239,7 +263,7 @@ def test_without_compiler_it_is_piqp(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
     qp = random_problem(np.random.default_rng(4), 3.0)
     solver = StructuredSolver(qp)
-    assert residual(qp, solved(solver, qp.x0)).largest < 1e-6
+    assert solved(solver, qp.x0).residual().largest < 1e-6
     assert solver.took_over
 
 

@@ -133,7 +133,7 @@ class SparseAssembly:
         self._row_upper = self.upper[self.equalities :].reshape(n, ng)
         self._first = {name: np.zeros(blocks[name].shape) for name in "ASC" if blocks[name].rows.size}
         costates, multipliers = self.y[: self.equalities].reshape(n, ndx), self.y[self.equalities :].reshape(n, ng)
-        self.solution = QpSolution(self._dxs, steps[:, :nu], costates, multipliers)
+        self.solution = QpSolution(qp, self._dxs, steps[:, :nu], costates, multipliers)
 
     def load_matrices(self) -> bool:
         """Take P, E and G from the problem; False if they hold NaN or infinity."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
@@ -15,9 +13,9 @@ __all__ = ["Cascade"]
 
 
 class Cascade:
-    """:class:`~lgmpc.solvers.qp.QpSolver` that asks the next one where one does not solve the problem.
+    """:class:`~lgmpc.solvers.qp.QpSolver` that tries the next one where one does not solve the problem.
 
-    Where none does, the first approximate solution counts; without any, what the last solver found out.
+    Where none does, the first approximate solution counts; without any, the last solver's status.
 
     Args:
         solvers: of the same :class:`~lgmpc.ocp.OcpQp`, in the order in which they are tried.
@@ -37,17 +35,16 @@ class Cascade:
         self.qp: OcpQp = solvers[0].qp
         self.iterations = 0
         self._solvers = tuple(solvers)
-        self.solution = QpSolution(*(np.zeros_like(array) for array in vars(solvers[0].solution).values()))
+        self.solution = QpSolution.zeros(self.qp)
 
     def reset(self) -> None:
         """Forget everything learnt from earlier solves."""
-        for array in vars(self.solution).values():
-            array[...] = 0.0
+        self.solution.write(0.0, 0.0, 0.0, 0.0)
         for solver in self._solvers:
             solver.reset()
 
     def prepare(self) -> None:
-        """Nothing: whoever is asked to solve prepares first."""
+        """Do nothing: :meth:`solve` prepares each solver that it tries."""
 
     def solve(self, dx0: Array) -> QpStatus:
         """Solve; see :class:`~lgmpc.solvers.qp.QpSolver`."""
@@ -59,8 +56,7 @@ class Cascade:
             self.iterations += solver.iterations
             if status is QpStatus.SOLVED or (status is QpStatus.MAX_ITERATIONS and not approximate):
                 approximate = True
-                for mine, theirs in zip(vars(self.solution).values(), vars(solver.solution).values(), strict=True):
-                    mine[...] = theirs
+                self.solution.write(*solver.solution.arrays)
             if status in (QpStatus.SOLVED, QpStatus.NOT_FINITE):
                 return status
         return QpStatus.MAX_ITERATIONS if approximate else status

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
-from lgmpc.ocp import OcpQp
+import numpy as np
+
+from lgmpc.ocp import KktResidual, OcpQp
 from lgmpc.typing import Array
 
 __all__ = ["QpSolution", "QpSolver", "QpStatus"]
@@ -27,17 +29,85 @@ class QpStatus(Enum):
 class QpSolution:
     """A step in tangent coordinates, as views of the solver's buffers: valid until its next solve.
 
+    It measures itself against the problem's current numbers, in plain numpy and independently of the solver.
+
     Attributes:
+        qp: the problem.
         dxs: (N+1, ndx) states, the given one first.
         dus: (N, nu) controls.
         costates: (N, ndx) multipliers of the dynamics, lambda_1 .. lambda_N.
         multipliers: (N, ng) of the path constraint; positive at the upper bound, negative at the lower one.
     """
 
+    qp: OcpQp = field(repr=False)
     dxs: Array
     dus: Array
     costates: Array
     multipliers: Array
+
+    @classmethod
+    def zeros(cls, qp: OcpQp) -> QpSolution:
+        """The step zero with multipliers zero."""
+        s = qp.structure
+        shapes = ((s.nodes + 1, s.ndx), (s.nodes, s.nu), (s.nodes, s.ndx), (s.nodes, s.ng))
+        return cls(qp, *(np.zeros(shape) for shape in shapes))
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array]:
+        """States, controls, costates, multipliers."""
+        return self.dxs, self.dus, self.costates, self.multipliers
+
+    def write(self, *arrays: Array | float) -> None:
+        """Overwrite states, controls, costates and multipliers, in this order."""
+        for mine, given in zip(self.arrays, arrays, strict=True):
+            mine[...] = given
+
+    def defects(self) -> Array:
+        """Compute the gaps (N, ndx) that the step leaves in the dynamics; the first state is given."""
+        return self._rows("A", "B") + self.qp.vector("b") - self.dxs[1:]
+
+    def constraint_violation(self) -> Array:
+        """Compute by how much (N,) the worst row of each node's path constraint leaves its bounds."""
+        rows = self._rows("C", "D")
+        outside = np.maximum(self.qp.vector("lower") - rows, rows - self.qp.vector("upper"))
+        worst: Array = np.max(outside, axis=1, initial=0.0)
+        return worst
+
+    def stationarity(self) -> Array:
+        """Compute the Lagrangian's gradient (N+1, ndx + nu) with respect to each node's state and control.
+
+        The first state is given and the last node has no control: these parts are zero.
+        """
+        qp, ndx = self.qp, self.qp.structure.ndx
+        m = {name: qp.dense(name) for name in "QSRABCD"}
+        dxs, dus, costates, multipliers = self.dxs[:-1], self.dus, self.costates, self.multipliers
+        out = np.zeros((qp.structure.nodes + 1, ndx + qp.structure.nu))
+        out[:-1, :ndx] = qp.vector("q") + _product(m["Q"], dxs) + _transposed(m["S"], dus)
+        out[:-1, :ndx] += _transposed(m["A"], costates) + _transposed(m["C"], multipliers)
+        out[:-1, ndx:] = qp.vector("r") + _product(m["S"], dxs) + _product(m["R"], dus)
+        out[:-1, ndx:] += _transposed(m["B"], costates) + _transposed(m["D"], multipliers)
+        out[-1, :ndx] = qp.dense_terminal("Q") @ self.dxs[-1] + qp.dense_terminal("q")[:, 0]
+        out[1:, :ndx] -= costates
+        out[0, :ndx] = 0.0
+        return out
+
+    def complementarity(self) -> Array:
+        """Compute, for each node (N,), the largest of its rows' smaller of multiplier and distance to its bound."""
+        rows, mu = self._rows("C", "D"), self.multipliers
+        above = np.minimum(np.maximum(mu, 0.0), np.abs(self.qp.vector("upper") - rows))
+        below = np.minimum(np.maximum(-mu, 0.0), np.abs(rows - self.qp.vector("lower")))
+        worst: Array = np.max(above + below, axis=1, initial=0.0)
+        return worst
+
+    def residual(self) -> KktResidual:
+        """Compute the residual of the optimality conditions."""
+        parts = (self.stationarity(), self.defects(), self.constraint_violation(), self.complementarity())
+        return KktResidual(*(float(np.abs(part).max()) for part in parts))
+
+    def _rows(self, of_states: str, of_controls: str) -> Array:
+        """Return ``A dx + B du``, or ``C dx + D du``, of all intervals."""
+        dense = self.qp.dense
+        return _product(dense(of_states), self.dxs[:-1]) + _product(dense(of_controls), self.dus)
 
 
 class QpSolver(Protocol):
@@ -69,3 +139,15 @@ class QpSolver(Protocol):
 
     def reset(self) -> None:
         """Forget everything learnt from earlier solves; the next one gives the same bits as in a new solver."""
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    """Return M_k v_k for all k."""
+    out: Array = np.einsum("kij,kj->ki", matrices, vectors)
+    return out
+
+
+def _transposed(matrices: Array, vectors: Array) -> Array:
+    """Return M_k^T v_k for all k."""
+    out: Array = np.einsum("kij,ki->kj", matrices, vectors)
+    return out

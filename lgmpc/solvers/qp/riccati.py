@@ -92,12 +92,11 @@ class RiccatiSolver:
         self._lower, self._upper = np.zeros((s.nodes, s.ng)), np.zeros((s.nodes, s.ng))
         r = s.blocks["R"]
         self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
-        points = [np.zeros((s.nodes + last, n)) for last, n in ((1, s.ndx), (0, s.nu), (0, s.ndx), (0, s.ng))]
-        self.solution = QpSolution(*points)
+        self.solution = QpSolution.zeros(qp)
 
     def reset(self) -> None:
         """Forget the multipliers, and whatever the other solver remembers."""
-        self._write(QpSolution(*(np.zeros_like(array) for array in vars(self.solution).values())))
+        self.solution.write(0.0, 0.0, 0.0, 0.0)
         self._fallback.reset()
         self.took_over = False
 
@@ -118,7 +117,7 @@ class RiccatiSolver:
         status = self._fallback.solve(dx0)
         self.iterations += self._fallback.iterations
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
-            self._write(self._fallback.solution)
+            self.solution.write(*self._fallback.solution.arrays)
         return status
 
     def _sweep(self, most: int) -> bool:
@@ -145,8 +144,7 @@ class RiccatiSolver:
             if np.abs(rho * outside - penalised).max() <= settings.tolerance:
                 mu = penalised
                 if np.abs(rows - np.clip(rows + mu / rho, lower, upper)).max() <= settings.tolerance:
-                    dxs, dus, costates = (lqr.output(name).T for name in ("dxs", "dus", "costates"))
-                    self._write(QpSolution(dxs, dus, costates, mu))
+                    self.solution.write(*(lqr.output(name).T for name in ("dxs", "dus", "costates")), mu)
                     return True
                 low, high = lower - mu / rho, upper - mu / rho
                 nearest = np.clip(rows, low, high)
@@ -158,7 +156,3 @@ class RiccatiSolver:
             if phi >= before:
                 return False
         return False
-
-    def _write(self, point: QpSolution) -> None:
-        for mine, theirs in zip(vars(self.solution).values(), vars(point).values(), strict=True):
-            mine[...] = theirs

@@ -109,13 +109,11 @@ class StructuredSolver:
         self._ready = False
         r = s.blocks["R"]
         self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
-        shapes = ((s.nodes + 1, s.ndx), (s.nodes, s.nu), (s.nodes, s.ndx), (s.nodes, s.ng))
-        self.solution = QpSolution(*(np.zeros(shape) for shape in shapes))
+        self.solution = QpSolution.zeros(qp)
 
     def reset(self) -> None:
         """Forget the multipliers, and whatever the other solver remembers."""
-        for array in vars(self.solution).values():
-            array[...] = 0.0
+        self.solution.write(0.0, 0.0, 0.0, 0.0)
         self._fallback.reset()
         self.took_over = False
 
@@ -145,8 +143,7 @@ class StructuredSolver:
         status = self._fallback.solve(dx0)
         self.iterations += self._fallback.iterations
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
-            for mine, theirs in zip(vars(self.solution).values(), vars(self._fallback.solution).values(), strict=True):
-                mine[...] = theirs
+            self.solution.write(*self._fallback.solution.arrays)
             with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
                 if self._ready and self._polish():
                     return QpStatus.SOLVED
@@ -225,7 +222,7 @@ class StructuredSolver:
 
     def _accept(self) -> bool:
         """Take the regulator's point and multipliers if they satisfy the optimality conditions."""
-        r, s, tolerance = self._regulator, self.solution, self.settings.tolerance
+        r, tolerance = self._regulator, self.settings.tolerance
         r.take_multipliers()
         if not self._loose() <= tolerance:
             return False
@@ -235,7 +232,7 @@ class StructuredSolver:
             r.refine()
         if not max(self._loose(), r.stationarity()) <= tolerance:
             return False
-        s.dxs[...], s.dus[...], s.costates[...], s.multipliers[...] = r.dxs, r.dus, r.costates, r.multipliers
+        self.solution.write(r.dxs, r.dus, r.costates, r.multipliers)
         return True
 
     def _loose(self) -> float:

@@ -18,19 +18,15 @@ and ``W x F = (m g + f_e) x F`` because ``F x F = 0``. Nothing is neglected: c i
 step is affine in the forces except for the products of F with c0 and l0 in k. (Centroidal dynamics: Orin, Goswami, Lee,
 "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013. The integral is elementary.)
 
-Each contact's force stays in the pyramid with n facets that is inscribed in its friction cone,
-
-    cos(2 pi j / n) f_x + sin(2 pi j / n) f_y <= mu cos(pi / n) f_z,      j = 0 .. n - 1,
-
-whose edges lie on the cone, so whatever satisfies it does not slip; and f_z stays between its bounds. A flag of 0 lifts
-a foot: its force is multiplied by 0 wherever it acts, the cost alone draws the (then meaningless) control to zero, and
-its constraints are opened so far that zero lies strictly inside. So every solver, interior point methods included, sees
-constraints with a nonempty interior, whatever the flags.
+Each contact's force stays in the pyramid inscribed in its friction cone (:mod:`lgmpc.robot.friction`), so that no foot
+slips; and f_z stays between its bounds. A flag of 0 lifts a foot: its force is multiplied by 0 wherever it acts, the
+cost alone draws the (then meaningless) control to zero, and its constraints are opened so far that zero lies strictly
+inside. So every solver, interior point methods included, receives constraints with a nonempty interior, whatever the
+flags.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import casadi as ca
@@ -38,6 +34,7 @@ import casadi as ca
 from lgmpc.actions.base import Action
 from lgmpc.costs import Bounded, Cost, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
+from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 from lgmpc.state.vector import StateVector
 
 __all__ = ["CentroidalAction"]
@@ -60,8 +57,7 @@ class CentroidalAction(Action):
     def __init__(self, contacts: int, facets: int = 8) -> None:
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one contact point")
-        if facets < 3:
-            raise InputError("facets", facets, "at least 3 sides of the friction pyramid (4 and 8 are usual)")
+        check_facets(facets)
         self.contacts = contacts
         self.facets = facets
         self.name = f"centroidal_{contacts}x{facets}"
@@ -118,20 +114,18 @@ class CentroidalAction(Action):
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
         """Friction pyramid and normal force of each contact."""
         s = self.parameters.split(p)
-        slope = s["friction"] * math.cos(math.pi / self.facets)
+        half_width = pyramid_half_width(s["friction"], self.facets)
         rows: list[Any] = []
         lower: list[Any] = []
         upper: list[Any] = []
         for i in range(self.contacts):
-            fx, fy, fz = (u[3 * i + j] for j in range(3))
+            force = [u[3 * i + j] for j in range(3)]
             flag = s["contact_flags"][i]
             opened = -(1 - flag) * s["normal_force_max"]
-            for j in range(self.facets):
-                normal_x, normal_y = _unit(2 * math.pi * j / self.facets)
-                rows.append(slope * fz - normal_x * fx - normal_y * fy)
-                lower.append(opened)
-                upper.append(ca.SX(ca.inf))
-            rows.append(fz)
+            rows += friction_margins(force, half_width, self.facets)
+            lower += [opened] * self.facets
+            upper += [ca.SX(ca.inf)] * self.facets
+            rows.append(force[2])
             lower.append(flag * s["normal_force_min"] + opened)
             upper.append(s["normal_force_max"])
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
@@ -139,9 +133,3 @@ class CentroidalAction(Action):
     def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
         """Return the forces (3, nc) that act: those of feet in contact."""
         return ca.reshape(u, 3, self.contacts) @ ca.diag(s["contact_flags"])
-
-
-def _unit(angle: float) -> tuple[float, float]:
-    """Return cosine and sine, exactly zero where rounding alone keeps them from it (so that the row stays sparse)."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return (0.0 if abs(cosine) < 1e-15 else cosine, 0.0 if abs(sine) < 1e-15 else sine)

@@ -1,6 +1,6 @@
 """Whole-body control: tasks, one QP over accelerations and contact forces, ProxQP, torques."""
 
-from lgmpc.wbc.assembly import QpAssembly, WholeBodyLimits, friction_pyramid
+from lgmpc.wbc.assembly import QpAssembly, WholeBodyLimits
 from lgmpc.wbc.controller import WholeBodyController, WholeBodySettings, standing_tasks
 from lgmpc.wbc.reference import WholeBodyReference
 from lgmpc.wbc.solver import QpStatus, WholeBodySolver
@@ -19,6 +19,5 @@ __all__ = [
     "WholeBodySettings",
     "WholeBodySolver",
     "WholeBodyTerms",
-    "friction_pyramid",
     "standing_tasks",
 ]

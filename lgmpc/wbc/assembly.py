@@ -18,12 +18,13 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
+from lgmpc.robot.friction import friction_pyramid
 from lgmpc.typing import Array
 from lgmpc.wbc.reference import WholeBodyReference
 from lgmpc.wbc.tasks import TaskStack
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["QpAssembly", "WholeBodyLimits", "friction_pyramid"]
+__all__ = ["QpAssembly", "WholeBodyLimits"]
 
 _UNBOUNDED = 1e20  # what ProxQP takes for infinity
 
@@ -59,24 +60,6 @@ class WholeBodyLimits:
             raise InputError("friction_facets", self.friction_facets, "at least 3")
         if not 0 <= self.normal_force_min < self.normal_force_max:
             raise InputError("normal_force_min", self.normal_force_min, f"between 0 and {self.normal_force_max}")
-
-
-def friction_pyramid(friction: float, facets: int) -> Array:
-    """Rows ``F`` with ``F f <= 0`` exactly for the regular pyramid inscribed in the friction cone.
-
-    An outer pyramid lets diagonal forces exceed the cone and the feet slip; inscribed, its half-width is
-    ``mu cos(pi / facets)`` and its edges lie on the cone.
-
-    Args:
-        friction: Coulomb coefficient.
-        facets: number of sides; a side faces each axis when it is a multiple of 4.
-
-    Returns:
-        (facets, 3) matrix.
-    """
-    angles = 2.0 * np.pi * np.arange(facets) / facets
-    width = friction * np.cos(np.pi / facets)
-    return np.column_stack([np.cos(angles), np.sin(angles), np.full(facets, -width)])
 
 
 class QpAssembly:

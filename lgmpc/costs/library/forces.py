@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
+from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 
 __all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "SmoothFrictionCone"]
 
@@ -69,17 +69,15 @@ class FrictionCone(_Cone):
 
     def __init__(self, frame: str, facets: int = 8, friction: float = 0.7, surface: ArrayLike | None = None) -> None:
         super().__init__(frame, friction, surface)
-        if facets < 3:
-            raise InputError("facets", facets, "at least 3 sides of the friction pyramid (4 and 8 are usual)")
+        check_facets(facets)
         self.facets = facets
         self.nr = facets + 1
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the distances from the facets."""
-        fx, fy, fz = self._force(s)
-        slope = s["friction"] * math.cos(math.pi / self.facets)
-        normals = (_unit(2 * math.pi * j / self.facets) for j in range(self.facets))
-        return ca.vertcat(*(slope * fz - x * fx - y * fy for x, y in normals), fz)
+        force = self._force(s)
+        half_width = pyramid_half_width(s["friction"], self.facets)
+        return ca.vertcat(*friction_margins(force, half_width, self.facets), force[2])
 
 
 class SmoothFrictionCone(_Cone):
@@ -136,9 +134,3 @@ class CenterOfPressure(Residual):
         normal, moment = (back @ wrench[:3])[2], back @ wrench[3:]
         reach_y, reach_x = s["half_size"][0] * normal, s["half_size"][1] * normal
         return ca.vertcat(reach_y - moment[1], reach_y + moment[1], reach_x - moment[0], reach_x + moment[0])
-
-
-def _unit(angle: float) -> tuple[float, float]:
-    """Return cosine and sine, exactly zero where rounding alone keeps them from it (so that the row stays sparse)."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return (0.0 if abs(cosine) < 1e-15 else cosine, 0.0 if abs(sine) < 1e-15 else sine)

@@ -7,6 +7,7 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported: threads only slow matrices of this size down
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -79,9 +80,9 @@ def main() -> None:
     x = robot.x_reference
     sample = PlantSample(0.0, x[: robot.nq], x[robot.nq :], np.zeros(robot.nu), np.zeros((robot.nc, 3)))
     row("simulated sensors", timed(lambda: sensors.read(sample)))
-    told = sensors.read(sample)
-    estimator.update(told.gyro, told.accelerometer, told.joints, told.speeds, torques)
-    tick = timed(lambda: estimator.update(told.gyro, told.accelerometer, told.joints, told.speeds, torques))
+    reading = replace(sensors.read(sample), torques=torques)
+    estimator.update(reading)
+    tick = timed(lambda: estimator.update(reading))
     row("estimator's whole tick", tick)
     motion = Preintegration(ImuNoise(), np.zeros(3), np.zeros(3))
     row("preintegration of one sample", timed(lambda: motion.integrate(gyro, force, PERIOD)))

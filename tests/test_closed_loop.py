@@ -15,7 +15,7 @@ from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.config.session import SessionResult
-from lgmpc.control import WholeBodyPredictor
+from lgmpc.control.prediction import WholeBodyPredictor
 from lgmpc.runs import Metrics
 
 CONFIGS = Path(__file__).parent.parent / "configs"

@@ -5,15 +5,16 @@ from __future__ import annotations
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.planners import build_planner
 from lgmpc.config.robots import build_robot, build_robot_spec
-from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
 from lgmpc.config.schema.reference import ComCircleReference
 from lgmpc.config.schema.wbc import WbcGain
 from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.config.session import Notify, Session
-from lgmpc.control import BalanceController, CircleReference, ComReference, StandReference
+from lgmpc.control.balance import BalanceController
+from lgmpc.control.reference import CircleReference, ComReference, StandReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
+from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.runs import Gate, Recorder
 from lgmpc.simulation.disturbances import Push, PushSchedule
 from lgmpc.simulation.loop import Rates
@@ -78,7 +79,7 @@ def build_reference(config: Config) -> ComReference:
 def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyController:
     """Return the whole-body controller of section ``wbc``."""
     section, weights, gains = config.wbc, config.wbc.weights, config.wbc.gains
-    normal_force = normal_force_range(section.normal_force_n, _WBC_NORMAL_FORCE, robot)
+    normal_force = normal_force_range(section.normal_force_n, _WBC_NORMAL_FORCE, robot.mass)
     limits = WholeBodyLimits(
         friction=section.friction,
         friction_facets=section.friction_facets,
@@ -95,7 +96,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         base_orientation_gain=_gain(gains.base_orientation),
         base_position_weight=weights.base_position,
         base_position_gain=_gain(gains.base_position),
-        angular_momentum_weight=weight_factor(robot) * weights.angular_momentum,
+        angular_momentum_weight=weight_factor(robot.mass) * weights.angular_momentum,
         angular_momentum_gain=gains.angular_momentum,
         posture_weight=weights.posture,
         posture_gain=_gain(gains.posture),
@@ -103,7 +104,7 @@ def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyContro
         stance_damping=gains.stance_damping,
         swing_weight=weights.swing,
         swing_gain=_gain(gains.swing),
-        force_weight=weight_factor(robot) * weights.force,
+        force_weight=weight_factor(robot.mass) * weights.force,
         acceleration_weight=weights.acceleration,
         tolerance=section.tolerance,
         max_iterations=section.max_iterations,

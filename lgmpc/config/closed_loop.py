@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from time import perf_counter
 
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
-from lgmpc.control import BalanceController
+from lgmpc.control.balance import BalanceController
 from lgmpc.errors import SolverError
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.robot import Robot
@@ -106,7 +106,7 @@ class _Observer:
             estimator = self._estimator
             terms = self._truth
             terms.update(sample.q, sample.v)
-            self._record_estimate(tick.q, tick.v, estimator.contacts, 1e3 * estimator.spent)
+            self._record_estimate(tick.state.q, tick.state.v, estimator.contacts, 1e3 * estimator.spent)
         self._record(
             sample.time,
             sample.q,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from lgmpc.config.scaling import normal_force_range, weight_factor
 from lgmpc.config.schema import Config
 from lgmpc.config.schema.mpc import (
     CentroidalMpcSection,
@@ -14,7 +13,9 @@ from lgmpc.config.schema.mpc import (
     MpcSection,
 )
 from lgmpc.config.session import Notify
-from lgmpc.control import CentroidalPredictor, ComReference, Planner, PlannerSettings, Predictor, WholeBodyPredictor
+from lgmpc.control.planner import Planner, PlannerSettings
+from lgmpc.control.prediction import CentroidalPredictor, Predictor, WholeBodyPredictor
+from lgmpc.control.reference import ComReference
 from lgmpc.estimation import WrenchObserver
 from lgmpc.mpc import (
     CentroidalLqr,
@@ -30,6 +31,7 @@ from lgmpc.mpc import (
     LqrSettings,
 )
 from lgmpc.robot import Robot
+from lgmpc.robot.scaling import normal_force_range, weight_factor
 
 __all__ = ["build_planner"]
 
@@ -82,7 +84,7 @@ def _centroidal(section: CentroidalMpcSection, robot: Robot, notify: Notify) -> 
 
 def _horizon(section: MpcSection, robot: Robot) -> dict[str, Any]:
     """What :class:`lgmpc.mpc.MpcSettings` takes."""
-    lowest, highest = normal_force_range(section.normal_force_n, _NORMAL_FORCE, robot)
+    lowest, highest = normal_force_range(section.normal_force_n, _NORMAL_FORCE, robot.mass)
     horizon: dict[str, Any] = {
         "nodes": section.nodes,
         "node_duration": section.node_s,
@@ -102,5 +104,5 @@ def _horizon(section: MpcSection, robot: Robot) -> dict[str, Any]:
 
 def _weights(section: MpcSection, robot: Robot) -> dict[str, Any]:
     """The weights, called as in :mod:`lgmpc.mpc.settings`, those that depend on mass scaled."""
-    factor = weight_factor(robot)
+    factor = weight_factor(robot.mass)
     return {name: factor * value if name in _SCALED else value for name, value in section.weights}

@@ -1,18 +1,8 @@
-"""Controllers made of the other rooms' parts: what a robot is asked to do, and how it keeps its balance meanwhile."""
+"""Controllers composed of the other rooms' parts, and the interface by which a plant or a robot drives them.
 
-from lgmpc.control.balance import BalanceController
-from lgmpc.control.planner import Planner, PlannerSettings
-from lgmpc.control.prediction import CentroidalPredictor, Predictor, WholeBodyPredictor
-from lgmpc.control.reference import CircleReference, ComReference, StandReference
+Only :mod:`lgmpc.control.interface` is imported with the room: plants and estimators need no controller.
+"""
 
-__all__ = [
-    "BalanceController",
-    "CentroidalPredictor",
-    "CircleReference",
-    "ComReference",
-    "Planner",
-    "PlannerSettings",
-    "Predictor",
-    "StandReference",
-    "WholeBodyPredictor",
-]
+from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
+
+__all__ = ["Command", "Controller", "Estimator", "Measurement", "RobotState"]

@@ -7,11 +7,11 @@ from time import perf_counter
 
 import numpy as np
 
+from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import ComReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
-from lgmpc.simulation.control import Command
 from lgmpc.typing import Array
 from lgmpc.wbc import QpStatus, WholeBodyController, WholeBodyReference
 
@@ -66,9 +66,10 @@ class BalanceController:
         self.wbc_ms = 0.0
         self.fallen = False
 
-    def update(self, time: float, q: Array, v: Array) -> Command:
-        """Return the joint torques for the state (q, v) at ``time``; never raises for what the robot does."""
+    def update(self, state: RobotState) -> Command:
+        """Return the joint torques for the measured state; never raises for what the robot does."""
         started = perf_counter()
+        time, q, v = state.time, state.q, state.v
         terms = self.wbc.sense(q, v)
         if self.fallen or terms.rotation[2, 2] < _FALLEN_COSINE:
             return self._give_up(time, q)

@@ -10,6 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
+from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of
 from lgmpc.estimation.inertial import ImuNoise
@@ -139,31 +140,19 @@ class LeggedEstimator:
         self._detector.reset()
         self._running, self.failures = False, 0
 
-    def update(
-        self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array
-    ) -> tuple[Array, Array]:
-        """Take a reading and return the state that it ends in.
-
-        Args:
-            gyro: (3,) mean angular velocity since the last reading, base axes, rad/s.
-            accelerometer: (3,) mean specific force since the last reading, base axes, m/s2.
-            joints: (nu,) angles, rad.
-            speeds: (nu,) rad/s.
-            torques: (nu,) N.m.
-
-        Returns:
-            (nq,) configuration and (nv,) velocity, new arrays.
-        """
+    def update(self, measurement: Measurement) -> RobotState:
+        """Take a reading and return the state at its time, in new arrays."""
         started = perf_counter()
-        total = gyro.sum() + accelerometer.sum() + joints.sum() + speeds.sum() + torques.sum()
+        m = measurement
+        total = m.gyro.sum() + m.accelerometer.sum() + m.joints.sum() + m.speeds.sum() + m.torques.sum()
         if math.isfinite(total):
-            self._advance(gyro, accelerometer, joints, speeds, torques)
+            self._advance(m.gyro, m.accelerometer, m.joints, m.speeds, m.torques)
         else:
             if self.failures == 0:
                 _LOG.warning("a sensor reading is not finite: left out")
             self.failures += 1
         self.spent = perf_counter() - started
-        return self._q.copy(), self._v.copy()
+        return RobotState(m.time, self._q.copy(), self._v.copy(), self.contacts.copy())
 
     def _advance(self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array) -> None:
         ekf, legs = self.ekf, self.legs

@@ -4,21 +4,17 @@ Two plants stand behind one protocol: :class:`PinocchioPlant`, and :class:`lgmpc
 is not named here because it loads MuJoCo.
 """
 
-from lgmpc.simulation.control import Command
 from lgmpc.simulation.disturbances import Push, PushSchedule
-from lgmpc.simulation.loop import Controller, Disturbance, Estimator, Rates, Sensing, Tick, simulate
+from lgmpc.simulation.loop import Disturbance, Rates, Sensing, Tick, simulate, true_state
 from lgmpc.simulation.parameters import SOLO12_GEOMETRY, BodyGeometry, PlantParameters
 from lgmpc.simulation.pinocchio import PinocchioPlant
 from lgmpc.simulation.plant import Plant, PlantSample
-from lgmpc.simulation.sensors import SensorNoise, SensorReading, Sensors
+from lgmpc.simulation.sensors import SensorNoise, Sensors
 
 __all__ = [
     "SOLO12_GEOMETRY",
     "BodyGeometry",
-    "Command",
-    "Controller",
     "Disturbance",
-    "Estimator",
     "PinocchioPlant",
     "Plant",
     "PlantParameters",
@@ -27,9 +23,9 @@ __all__ = [
     "PushSchedule",
     "Rates",
     "SensorNoise",
-    "SensorReading",
     "Sensing",
     "Sensors",
     "Tick",
     "simulate",
+    "true_state",
 ]

@@ -8,34 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from lgmpc.control.interface import Command, Controller, Estimator, RobotState
 from lgmpc.errors import InputError
-from lgmpc.simulation.control import Command
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 
-__all__ = ["Controller", "Disturbance", "Estimator", "Rates", "Sensing", "Tick", "simulate"]
-
-
-class Controller(Protocol):
-    """Anything that turns time and measured state into a joint command; it never raises for what the robot does."""
-
-    def update(self, time: float, q: Array, v: Array) -> Command:
-        """Return the command to apply until the next control tick."""
-
-
-class Estimator(Protocol):
-    """Anything that turns what sensors tell into a state; it never raises for what they tell."""
-
-    def update(
-        self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array
-    ) -> tuple[Array, Array]:
-        """Return (nq,) configuration and (nv,) velocity; arguments as in :class:`.sensors.SensorReading`."""
+__all__ = ["Disturbance", "Rates", "Sensing", "Tick", "simulate", "true_state"]
 
 
 @dataclass(frozen=True)
@@ -50,10 +33,9 @@ class Sensing:
     sensors: Sensors
     estimator: Estimator
 
-    def estimate(self, sample: PlantSample) -> tuple[Array, Array]:
-        """Return configuration and velocity as estimated at the plant's present state."""
-        told = self.sensors.read(sample)
-        return self.estimator.update(told.gyro, told.accelerometer, told.joints, told.speeds, told.torques)
+    def estimate(self, sample: PlantSample) -> RobotState:
+        """Return the state as estimated at the plant's present one."""
+        return self.estimator.update(self.sensors.read(sample))
 
 
 @dataclass(frozen=True)
@@ -110,8 +92,7 @@ class Tick:
     Attributes:
         index: number of the tick.
         sample: true state at which the controller decided, with the torques and forces of the step before.
-        q: (nq,) configuration that the controller was told: the true one, or its estimate.
-        v: (nv,) velocity that it was told.
+        state: input of the controller: the true state, or its estimate.
         command: what it decided.
         torque: (nu,) torque asked of the joints at this state, before clipping, N.m.
         disturbance: what pushed the robot during this tick.
@@ -119,8 +100,7 @@ class Tick:
 
     index: int
     sample: PlantSample
-    q: Array
-    v: Array
+    state: RobotState
     command: Command
     torque: Array
     disturbance: Disturbance
@@ -150,12 +130,12 @@ def simulate(
     disturber = _Disturber(plant, pushes)
     for index in range(rates.ticks):
         sample = plant.sense()
-        q, v = (sample.q, sample.v) if sensing is None else sensing.estimate(sample)
-        command = controller.update(sample.time, q, v)
+        state = true_state(sample) if sensing is None else sensing.estimate(sample)
+        command = controller.update(state)
         disturbance = disturber.apply(sample.time)
         nu = command.tau.size
         torque = command.torque(sample.q[-nu:], sample.v[-nu:])
-        if not on_tick(Tick(index, sample, q, v, command, torque, disturbance)):
+        if not on_tick(Tick(index, sample, state, command, torque, disturbance)):
             return index + 1
         plant.step(torque)
         for _ in range(rates.substeps - 1):
@@ -163,6 +143,11 @@ def simulate(
             disturber.apply(now.time)
             plant.step(command.torque(now.q[-nu:], now.v[-nu:]))
     return rates.ticks
+
+
+def true_state(sample: PlantSample) -> RobotState:
+    """Return the exact state of the plant; a foot is in contact if the floor pushes it."""
+    return RobotState(sample.time, sample.q, sample.v, sample.contact_forces[:, 2] > 0.0)
 
 
 class _Disturber:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
 from lgmpc.simulation.plant import PlantSample
@@ -16,7 +17,7 @@ from lgmpc.typing import Array
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["SensorNoise", "SensorReading", "Sensors"]
+__all__ = ["SensorNoise", "Sensors"]
 
 
 @dataclass(frozen=True)
@@ -55,25 +56,6 @@ class SensorNoise:
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(field.name, value, "a number that is not negative")
-
-
-@dataclass(frozen=True)
-class SensorReading:
-    """What the sensors told once.
-
-    Attributes:
-        gyro: (3,) mean angular velocity since the last reading, base axes, rad/s.
-        accelerometer: (3,) mean specific force since the last reading, base axes, m/s2.
-        joints: (nu,) joint angles, rad.
-        speeds: (nu,) joint rates, rad/s.
-        torques: (nu,) joint torques during the last step, N.m.
-    """
-
-    gyro: Array
-    accelerometer: Array
-    joints: Array
-    speeds: Array
-    torques: Array
 
 
 class Sensors:
@@ -120,8 +102,8 @@ class Sensors:
         """(3,) true bias now, m/s2."""
         return self._bias[3:]
 
-    def read(self, sample: PlantSample) -> SensorReading:
-        """Return what the sensors tell at the plant's present state; the first time, as if it had been so before."""
+    def read(self, sample: PlantSample) -> Measurement:
+        """Return the measurement at the plant's present state; the first one assumes that it was so before."""
         rotation = quaternion.to_matrix.unchecked(sample.q[3:7])
         velocity = rotation @ sample.v[:3]
         rates = np.empty(6)
@@ -141,7 +123,8 @@ class Sensors:
         joints = sample.q[7:] + noise.encoder * encoders
         if noise.encoder_step > 0.0:
             joints = noise.encoder_step * np.round(joints / noise.encoder_step)
-        return SensorReading(
+        return Measurement(
+            sample.time,
             rates[:3],
             rates[3:],
             joints,

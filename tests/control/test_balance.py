@@ -11,7 +11,10 @@ import pytest
 from lgmpc.config.build import build_controller, build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
-from lgmpc.control import BalanceController, CentroidalPredictor, PlannerSettings
+from lgmpc.control.balance import BalanceController
+from lgmpc.control.interface import RobotState
+from lgmpc.control.planner import PlannerSettings
+from lgmpc.control.prediction import CentroidalPredictor
 from lgmpc.errors import InputError
 from lgmpc.mpc import CentroidalMpc, MpcStatus
 from lgmpc.robot import Robot
@@ -31,7 +34,7 @@ def controller(robot: Robot) -> BalanceController:
 
 
 def test_standing_needs_the_static_torques(controller: BalanceController, robot: Robot) -> None:
-    command = controller.update(0.0, robot.q_reference, np.zeros(robot.nv))
+    command = controller.update(RobotState(0.0, robot.q_reference, np.zeros(robot.nv)))
     weight = controller.wbc.forces[:, 2].sum()
     assert weight == pytest.approx(robot.mass * 9.81, rel=1e-4)
     assert np.abs(command.tau).max() < 1.0
@@ -43,18 +46,18 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
     controller: BalanceController, robot: Robot, caplog: pytest.LogCaptureFixture
 ) -> None:
     rest = np.zeros(robot.nv)
-    good = controller.update(0.0, robot.q_reference, rest)
+    good = controller.update(RobotState(0.0, robot.q_reference, rest))
     broken = robot.q_reference.copy()
     broken[9] = np.nan
     with caplog.at_level(logging.WARNING):
         for k in range(1, 30):
-            command = controller.update(1e-3 * k, broken, rest)
+            command = controller.update(RobotState(1e-3 * k, broken, rest))
             np.testing.assert_array_equal(command.tau, good.tau)
             assert command.kd > 0.0
     assert controller.wbc.status is QpStatus.NOT_FINITE
     assert controller.planner is not None and controller.planner.status is MpcStatus.NOT_FINITE
     assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
-    recovered = controller.update(0.03, robot.q_reference, rest)
+    recovered = controller.update(RobotState(0.03, robot.q_reference, rest))
     assert controller.wbc.status is QpStatus.SOLVED
     assert recovered.kd == 0.0 and np.isfinite(recovered.tau).all()
 
@@ -62,20 +65,20 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
 def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) -> None:
     """With the plan stale, the whole-body QP regulates the centre of mass to the user's target."""
     rest = np.zeros(robot.nv)
-    controller.update(0.0, robot.q_reference, rest)
+    controller.update(RobotState(0.0, robot.q_reference, rest))
     planner = controller.planner
     assert planner is not None
     start = planner._start_com.copy()
     planner._start_com[:] = np.nan  # the fault: the MPC's reference is lost, all else is sound
     for k in range(1, 80):
-        command = controller.update(1e-3 * k, robot.q_reference, rest)
+        command = controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
         assert controller.wbc.status is QpStatus.SOLVED
         assert np.isfinite(command.tau).all()
     assert planner.status is MpcStatus.STALE
     np.testing.assert_array_equal(controller._tracked.com, controller.target)
     planner._start_com[:] = start
     for k in range(80, 100):
-        controller.update(1e-3 * k, robot.q_reference, rest)
+        controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
     assert planner.status is MpcStatus.SOLVED
 
 
@@ -83,33 +86,33 @@ def test_a_tick_without_solution_teaches_the_observer_nothing(controller: Balanc
     """While a fall-back acts, the robot's motion is not what the QP asked for, and must not be taken for a push."""
     rest, moving = np.zeros(robot.nv), np.zeros(robot.nv)
     moving[0] = 0.5
-    controller.update(0.0, robot.q_reference, rest)
+    controller.update(RobotState(0.0, robot.q_reference, rest))
     planner = controller.planner
     assert planner is not None
     controller._tracked.joint_position[:] = np.nan  # the fault: a tick's QP cannot be solved
-    controller.update(0.001, robot.q_reference, rest)
+    controller.update(RobotState(0.001, robot.q_reference, rest))
     assert controller.wbc.status is QpStatus.NOT_FINITE
     controller._tracked.joint_position[:] = robot.q_reference[robot.joint_q]
-    controller.update(0.002, robot.q_reference, moving)  # it gained speed unobserved
+    controller.update(RobotState(0.002, robot.q_reference, moving))  # it gained speed unobserved
     np.testing.assert_allclose(planner.observer.wrench, 0.0, atol=1e-6)
 
 
 def test_it_waits_for_a_first_finite_state(controller: BalanceController, robot: Robot) -> None:
-    command = controller.update(0.0, np.full(robot.nq, np.nan), np.zeros(robot.nv))
+    command = controller.update(RobotState(0.0, np.full(robot.nq, np.nan), np.zeros(robot.nv)))
     np.testing.assert_array_equal(command.tau, 0.0)
     assert command.kd > 0.0
-    controller.update(0.001, robot.q_reference, np.zeros(robot.nv))
+    controller.update(RobotState(0.001, robot.q_reference, np.zeros(robot.nv)))
     assert controller.wbc.status is QpStatus.SOLVED
     assert np.isfinite(controller.target).all()
 
 
 def test_whoever_lies_on_his_side_gives_up(controller: BalanceController, robot: Robot) -> None:
     rest = np.zeros(robot.nv)
-    controller.update(0.0, robot.q_reference, rest)
+    controller.update(RobotState(0.0, robot.q_reference, rest))
     rolled = robot.q_reference.copy()
     rolled[3:7] = [np.sin(0.55), 0.0, 0.0, np.cos(0.55)]  # 63 degrees about x
     for q in (rolled, robot.q_reference):  # it does not jump up again when rolled back
-        command = controller.update(0.001, q, rest)
+        command = controller.update(RobotState(0.001, q, rest))
         assert controller.fallen
         np.testing.assert_array_equal(command.tau, 0.0)
         assert command.kd > 0.0

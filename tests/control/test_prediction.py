@@ -10,7 +10,9 @@ import pytest
 
 from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
-from lgmpc.control import BalanceController, Predictor, WholeBodyPredictor
+from lgmpc.control.balance import BalanceController
+from lgmpc.control.interface import RobotState
+from lgmpc.control.prediction import Predictor, WholeBodyPredictor
 from lgmpc.mpc import CentroidalPlan, MpcStatus
 from lgmpc.wbc import WholeBodyReference
 
@@ -88,7 +90,7 @@ def test_a_state_that_is_not_finite_fails_both(predictor: WholeBodyPredictor) ->
 def test_the_posture_is_the_standing_one_where_the_plan_has_none() -> None:
     planner, tracked, robot = controller().planner, controller()._tracked, controller().robot
     assert planner is not None
-    controller().update(0.0, robot.q_reference, np.zeros(robot.nv))
+    controller().update(RobotState(0.0, robot.q_reference, np.zeros(robot.nv)))
     upright, joints = tracked.base_rotation.copy(), tracked.joint_position.copy()
     tracked.base_rotation[:], tracked.joint_position[:] = (
         np.eye(3)[[1, 2, 0]],

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lgmpc.control import CircleReference, StandReference
+from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import InputError
 
 CIRCLE = CircleReference(radius=0.03, frequency=0.5, start=0.5, ramp=2.0)

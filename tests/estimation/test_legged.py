@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.lie import quaternion, so3
@@ -21,44 +23,44 @@ def estimator(solo12: Robot) -> LeggedEstimator:
     return LeggedEstimator(solo12, PERIOD)
 
 
-def resting(robot: Robot, rotation: np.ndarray) -> tuple[np.ndarray, ...]:
-    """What the sensors of a robot at rest tell: gyro, accelerometer, joints, speeds, torques that carry it."""
+def resting(robot: Robot, rotation: np.ndarray) -> Measurement:
+    """Measurement of a robot at rest, with the torques that carry it."""
     data, q = robot.create_data(), robot.q_reference.copy()
     q[3:7] = pin.Quaternion(rotation).coeffs()
     torques = pin.computeGeneralizedGravity(robot.model, data, q)[6:].copy()
     share = np.array([0.0, 0.0, robot.mass * 9.81 / 4.0])
     for frame in robot.contact_ids:
         torques -= pin.computeFrameJacobian(robot.model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3, 6:].T @ share
-    return np.zeros(3), -robot.gravity @ rotation, q[7:], np.zeros(12), torques
+    return Measurement(0.0, np.zeros(3), -robot.gravity @ rotation, q[7:], np.zeros(12), torques)
 
 
 def test_at_rest_the_estimate_is_level_and_stays(solo12: Robot, estimator: LeggedEstimator) -> None:
     tilted = so3.exp(np.array([0.1, -0.15, 0.0]))
-    readings = resting(solo12, tilted)
+    reading = resting(solo12, tilted)
     estimator.reset()
-    q, v = estimator.update(*readings)
-    np.testing.assert_allclose(quaternion.to_matrix(q[3:7]), tilted, atol=1e-12)
-    np.testing.assert_allclose(q[:3], solo12.q_reference[:3])
+    state = estimator.update(reading)
+    np.testing.assert_allclose(quaternion.to_matrix(state.q[3:7]), tilted, atol=1e-12)
+    np.testing.assert_allclose(state.q[:3], solo12.q_reference[:3])
     for _ in range(200):
-        q, v = estimator.update(*readings)
+        state = estimator.update(reading)
     assert estimator.contacts.all()
-    np.testing.assert_allclose(quaternion.to_matrix(q[3:7]), tilted, atol=1e-9)
-    np.testing.assert_allclose(q[:3], solo12.q_reference[:3], atol=1e-9)
-    np.testing.assert_array_equal(q[7:], readings[2])
-    np.testing.assert_allclose(v, 0.0, atol=1e-8)
+    np.testing.assert_allclose(quaternion.to_matrix(state.q[3:7]), tilted, atol=1e-9)
+    np.testing.assert_allclose(state.q[:3], solo12.q_reference[:3], atol=1e-9)
+    np.testing.assert_array_equal(state.q[7:], reading.joints)
+    np.testing.assert_allclose(state.v, 0.0, atol=1e-8)
 
 
-def test_a_lifted_foot_is_let_go_and_a_set_foot_taken_up(solo12: Robot, estimator: LeggedEstimator) -> None:
-    gyro, force, joints, speeds, torques = resting(solo12, np.eye(3))
+def test_contacts_follow_a_lifted_and_a_set_foot(solo12: Robot, estimator: LeggedEstimator) -> None:
+    reading = resting(solo12, np.eye(3))
     estimator.reset()
     for _ in range(5):
-        estimator.update(gyro, force, joints, speeds, torques)
+        estimator.update(reading)
     before = estimator.ekf.points.copy()
-    swing = torques.copy()
+    swing = reading.torques.copy()
     swing[:3] = pin.computeGeneralizedGravity(solo12.model, solo12.create_data(), solo12.q_reference)[6:9]
-    estimator.update(gyro, force, joints, speeds, swing)
+    estimator.update(replace(reading, torques=swing))
     assert estimator.contacts.tolist() == [False, True, True, True]
-    estimator.update(gyro, force, joints, speeds, torques)
+    estimator.update(reading)
     assert estimator.contacts.all()
     np.testing.assert_allclose(estimator.ekf.points, before, atol=1e-6)
 
@@ -66,23 +68,25 @@ def test_a_lifted_foot_is_let_go_and_a_set_foot_taken_up(solo12: Robot, estimato
 def test_readings_that_are_not_finite_are_left_out_counted_and_logged_once(
     solo12: Robot, estimator: LeggedEstimator, caplog: pytest.LogCaptureFixture
 ) -> None:
-    readings = resting(solo12, np.eye(3))
+    reading = resting(solo12, np.eye(3))
     estimator.reset()
-    q, v = estimator.update(*readings)
+    state = estimator.update(reading)
     with caplog.at_level(logging.WARNING):
-        for i in range(5):
-            bad = [np.where(np.arange(len(r)) == 1, np.nan, r) if i == j else r for j, r in enumerate(readings)]
-            again, v_again = estimator.update(*bad)
-            np.testing.assert_array_equal(again, q)
-            np.testing.assert_array_equal(v_again, v)
+        for channel in ("gyro", "accelerometer", "joints", "speeds", "torques"):
+            values = getattr(reading, channel)
+            again = estimator.update(
+                replace(reading, **{channel: np.where(np.arange(len(values)) == 1, np.nan, values)})
+            )
+            np.testing.assert_array_equal(again.q, state.q)
+            np.testing.assert_array_equal(again.v, state.v)
     assert estimator.failures == 5 and len(caplog.records) == 1
 
 
 def test_the_start_is_where_the_user_says(solo12: Robot) -> None:
     start = np.array([1.0, -2.0, 0.5, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])
     estimator = LeggedEstimator(solo12, PERIOD, LeggedEstimatorSettings(form="left"), start)
-    q, _ = estimator.update(*resting(solo12, so3.exp(np.array([0.0, 0.0, 0.8]))))
-    np.testing.assert_allclose(q[:7], start, atol=1e-12)
+    state = estimator.update(resting(solo12, so3.exp(np.array([0.0, 0.0, 0.8]))))
+    np.testing.assert_allclose(state.q[:7], start, atol=1e-12)
 
 
 @pytest.mark.parametrize(

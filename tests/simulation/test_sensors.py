@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from lgmpc.control.interface import Command, Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import exponential_increment, propagate
 from lgmpc.lie import quaternion
-from lgmpc.simulation.control import Command
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
 from lgmpc.simulation.mujoco import MujocoPlant
@@ -126,17 +126,19 @@ def test_one_seed_gives_one_sequence_of_bits(solo12) -> None:
     assert not np.array_equal(first, other)
 
 
-def test_the_loop_tells_the_controller_what_the_estimator_says(plant_type, solo12) -> None:
-    told, lies = [], np.full(solo12.nv, 0.25)
+def test_the_controller_receives_the_estimate_and_not_the_true_state(plant_type, solo12) -> None:
+    received, rates_estimate = [], np.full(solo12.nv, 0.25)
 
-    class Liar:
-        def update(self, gyro, accelerometer, joints, speeds, torques):
-            return np.concatenate([np.zeros(6), [1.0], joints]), lies
+    class WrongEstimator:
+        def update(self, measurement: Measurement) -> RobotState:
+            return RobotState(
+                measurement.time, np.concatenate([np.zeros(6), [1.0], measurement.joints]), rates_estimate
+            )
 
-    class Limp:
-        def update(self, time, q, v):
-            told.append((q, v))
-            return Command.damping(np.zeros(12), q[7:], 0.1)
+    class Damping:
+        def update(self, state: RobotState) -> Command:
+            received.append(state)
+            return Command.damping(np.zeros(12), state.q[7:], 0.1)
 
     plant, ticks = plant_type(solo12), []
     plant.reset(solo12.x_reference)
@@ -147,11 +149,12 @@ def test_the_loop_tells_the_controller_what_the_estimator_says(plant_type, solo1
 
     sensors = Sensors(solo12, SILENT, plant.dt, np.random.default_rng(0))
     pushes, rates = PushSchedule([], plant.dt, plant.bodies), Rates(1, 3, plant.dt)
-    simulate(plant, Limp(), pushes, rates, on_tick, Sensing(sensors, Liar()))
-    for (q, v), tick in zip(told, ticks, strict=True):
-        assert v is lies and tick.v is lies and tick.q is q
-        assert q[2] == 0.0 < tick.sample.q[2]
-        np.testing.assert_array_equal(q[7:], tick.sample.q[7:])
+    simulate(plant, Damping(), pushes, rates, on_tick, Sensing(sensors, WrongEstimator()))
+    for state, tick in zip(received, ticks, strict=True):
+        assert tick.state is state and state.v is rates_estimate
+        assert state.time == tick.sample.time
+        assert state.q[2] == 0.0 < tick.sample.q[2]
+        np.testing.assert_array_equal(state.q[7:], tick.sample.q[7:])
 
 
 def test_impossible_sensors_are_refused(solo12, zoo) -> None:

@@ -1,0 +1,70 @@
+"""What a predictive controller is given besides the state: contacts and desired motion over its horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["ContactHorizon", "MotionReference"]
+
+
+@dataclass
+class ContactHorizon:
+    """Contacts of nc feet over the N intervals of a horizon; buffers that the caller overwrites.
+
+    Attributes:
+        flags: (N, nc) whether each foot is in contact during each interval.
+        points: (N, nc, 3) contact points, world, m; of a foot in the air, where it will touch down next.
+        friction: (N,) Coulomb coefficient to rely on.
+    """
+
+    flags: BoolArray
+    points: Array
+    friction: Array
+
+    @classmethod
+    def allocate(cls, intervals: int, contacts: int) -> ContactHorizon:
+        """Return buffers with every foot in contact at the origin and friction 0.6."""
+        return cls(
+            np.ones((intervals, contacts), dtype=np.bool_),
+            np.zeros((intervals, contacts, 3)),
+            np.full(intervals, 0.6),
+        )
+
+    def hold(self, points: Array, flags: BoolArray, friction: float) -> None:
+        """Keep contact points (nc, 3), flags (nc,) and friction over all intervals: standing."""
+        self.points[:] = points
+        self.flags[:] = flags
+        self.friction[:] = friction
+
+
+@dataclass
+class MotionReference:
+    """Desired motion at the N + 1 nodes of a horizon; buffers that the caller overwrites.
+
+    Attributes:
+        com: (N+1, 3) centre of mass, world, m.
+        com_velocity: (N+1, 3) m/s.
+        q: (N+1, nq) configurations: the attitude of the base and the joint positions to stay near.
+        angular_velocity: (N+1, 3) of the base, world axes, rad/s.
+    """
+
+    com: Array
+    com_velocity: Array
+    q: Array
+    angular_velocity: Array
+
+    @classmethod
+    def standing(cls, robot: Robot, intervals: int, com: Array) -> MotionReference:
+        """Return buffers that hold the reference posture at rest, the centre of mass (3,) at ``com``."""
+        nodes = intervals + 1
+        return cls(
+            np.tile(com, (nodes, 1)),
+            np.zeros((nodes, 3)),
+            np.tile(robot.q_reference, (nodes, 1)),
+            np.zeros((nodes, 3)),
+        )

@@ -12,4 +12,4 @@ Conventions, one each, everywhere in the package:
 * SI units. Random numbers come only from a ``numpy.random.Generator`` that is passed in.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -23,7 +23,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
 # Every room may import these: they are about no robot, no problem and no solver.
-FOUNDATION = "errors typing settings compile proxqp chromium"
+FOUNDATION = "errors typing settings shipped compile proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
@@ -74,6 +74,7 @@ ARROWS: dict[str, str] = {
     "compile": "errors typing",
     "proxqp": "",
     "chromium": "",
+    "shipped": "errors",
     "": "",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar
@@ -16,6 +17,7 @@ from lgmpc.config.source import COMMAND_LINE, ConfigSource
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import ConfigError, ConfigErrors
 from lgmpc.settings.messages import find_problems, show_value
+from lgmpc.shipped import config_file, shipped_configs
 
 __all__ = [
     "dump_config",
@@ -43,7 +45,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     """Read, change and check the config file of a closed loop.
 
     Args:
-        path: the YAML file.
+        path: the YAML file, or the name of a shipped config such as ``solo12_balance``.
         overrides: changes ``key=value``; see :func:`lgmpc.config.overrides.apply_overrides`.
 
     Raises:
@@ -107,15 +109,16 @@ def parse_any_config(
 def dump_config(config: Config | SolveConfig) -> str:
     """Return the whole config as YAML, defaults included, which reads back as an equal one."""
     command = "solve" if isinstance(config, SolveConfig) else "run"
+    file = os.fsencode(config.source.file).decode("utf-8", "replace")  # a path may hold bytes that are not text
     head = (
-        f"# Every value of this run, written by lgmpc {__version__} from {config.source.file}.\n"
+        f"# Every value of this run, written by lgmpc {__version__} from {file}.\n"
         f"# `lgmpc {command}` on this file repeats it.\n"
     )
     return head + write_yaml(config.model_dump(mode="json"))
 
 
 def _file(path: str | Path) -> _Text:
-    path = Path(path)
+    path = config_file(path)
     return {"text": _read(path), "name": str(path), "folder": path.parent}
 
 
@@ -150,10 +153,9 @@ def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
-        siblings = sorted(str(each) for each in path.parent.glob("*.y*ml")) or sorted(
-            map(str, Path("configs").glob("*.yaml"))
-        )
-        raise ConfigError(str(path), "", "no such file", "a YAML file", siblings, word=str(path)) from error
+        choices = [*sorted(str(each) for each in path.parent.glob("*.y*ml")), *shipped_configs()]
+        expected = "a YAML file, or the name of a shipped config (`lgmpc configs` lists them)"
+        raise ConfigError(str(path), "", "no such file", expected, choices, word=str(path)) from error
     except IsADirectoryError as error:
         inside = sorted(str(each) for each in path.glob("*.yaml"))
         raise ConfigError(str(path), "", "a folder", "a YAML file", inside) from error

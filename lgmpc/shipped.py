@@ -1,0 +1,80 @@
+"""The configs that come with lgmpc: in the package once installed, in ``configs/`` at the top of a clone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from lgmpc.errors import ConfigError
+
+__all__ = ["ShippedConfig", "config_file", "shipped_config", "shipped_configs"]
+
+_PACKAGE = Path(__file__).resolve().parent
+_SCHEMA_LINE = re.compile(r"^# yaml-language-server: \$schema=schema\.json$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ShippedConfig:
+    """A config that comes with lgmpc.
+
+    Attributes:
+        name: as ``lgmpc run`` and ``load_config`` accept it.
+        file: its YAML file.
+    """
+
+    name: str
+    file: Path
+
+    @property
+    def text(self) -> str:
+        """What the file contains."""
+        return self.file.read_text(encoding="utf-8")
+
+    @property
+    def command(self) -> str:
+        """The command that takes it: ``solve`` if it has a section ``problem``, else ``run``."""
+        return "solve" if re.search(r"^problem:", self.text, re.MULTILINE) else "run"
+
+    @property
+    def summary(self) -> str:
+        """First sentence of its leading comment."""
+        lines = _SCHEMA_LINE.sub("", self.text).lstrip().splitlines()
+        paragraph = []
+        for line in lines:
+            if not line.startswith("# "):
+                break
+            paragraph.append(line[2:].strip())
+        return re.split(r"(?<=\.)\s", " ".join(paragraph), maxsplit=1)[0]
+
+    def copy_text(self) -> str:
+        """Return its text for a copy elsewhere: editors still find the schema, by its absolute path."""
+        schema = self.file.with_name("schema.json")
+        return _SCHEMA_LINE.sub(lambda _: f"# yaml-language-server: $schema={schema}", self.text)
+
+
+def shipped_configs() -> dict[str, ShippedConfig]:
+    """Return all shipped configs by name, in alphabetical order."""
+    inside = _PACKAGE / "configs"
+    folder = inside if inside.is_dir() else _PACKAGE.parent / "configs"
+    return {file.stem: ShippedConfig(file.stem, file) for file in sorted(folder.glob("*.yaml"))}
+
+
+def shipped_config(name: str) -> ShippedConfig:
+    """Return the shipped config called ``name``.
+
+    Raises:
+        ConfigError: if there is none; names the nearest.
+    """
+    configs = shipped_configs()
+    if name not in configs:
+        raise ConfigError(
+            name, "", "no shipped config", "the name of one (see `lgmpc configs`)", list(configs), word=name
+        )
+    return configs[name]
+
+
+def config_file(path: str | Path) -> Path:
+    """Return the file that ``path`` refers to: a shipped config if it is the name of one and no file, else itself."""
+    shipped = shipped_configs().get(str(path))
+    return Path(path) if shipped is None or Path(path).is_file() else shipped.file

@@ -10,6 +10,7 @@ import typer
 
 from lgmpc import __version__
 from lgmpc.cli import help
+from lgmpc.cli.completion import complete_config, complete_demo, complete_run
 from lgmpc.cli.failures import guarded
 
 __all__ = ["app"]
@@ -17,10 +18,9 @@ __all__ = ["app"]
 app = typer.Typer(
     name="lgmpc",
     help=help.OVERVIEW,
-    no_args_is_help=True,
+    invoke_without_command=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -32,7 +32,15 @@ class PlantKind(str, Enum):
     PINOCCHIO = "pinocchio"
 
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="The YAML file.", show_default=False)]
+ConfigFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CONFIG",
+        help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
+        show_default=False,
+        autocompletion=complete_config,
+    ),
+]
 Overrides = Annotated[
     list[str],
     typer.Option(
@@ -49,7 +57,10 @@ MoreOverrides = Annotated[
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder that the run's folder is made in.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")]
-RunName = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False)]
+RunName = Annotated[
+    str,
+    typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False, autocompletion=complete_run),
+]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]
 
 
@@ -61,11 +72,14 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Options before any command."""
+    """Print the help if there is no command."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 @app.command(epilog=help.RUN)
@@ -167,7 +181,10 @@ class FigureKind(str, Enum):
 @app.command(epilog=help.DEMO)
 @guarded
 def demo(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="Which; all are listed if not given.")] = "",
+    name: Annotated[
+        str,
+        typer.Argument(metavar="[NAME]", help="Which; all are listed if not given.", autocompletion=complete_demo),
+    ] = "",
     out: Annotated[Path, typer.Option(help="Folder for table, figure and scene.")] = Path("demos"),
     figure: Annotated[FigureKind, typer.Option("--format", help="Kind of file for the figure.")] = FigureKind.PNG,
     view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
@@ -199,6 +216,38 @@ def check(
     from lgmpc.cli.checking import show_checked
 
     show_checked(loaded)
+
+
+@app.command(epilog=help.CONFIGS)
+@guarded
+def configs(
+    copy: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Write this one to DEST instead of listing them.",
+            show_default=False,
+            autocompletion=complete_config,
+        ),
+    ] = "",
+    destination: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[DEST]", help="File or folder to write to; this folder if not given.", show_default=False
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+) -> None:
+    """List the configs that come with lgmpc, or write one of them to a file to edit."""
+    from lgmpc.cli.configs import copy_config, list_configs
+    from lgmpc.errors import InputError
+
+    if copy:
+        copy_config(copy, destination, force=force)
+    elif destination is not None or force:
+        raise InputError("--copy", "nothing", "the name of the config to write")
+    else:
+        list_configs()
 
 
 @app.command(epilog=help.DOCTOR)

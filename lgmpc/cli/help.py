@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["CHECK", "DEMO", "DOCTOR", "OVERVIEW", "PLAY", "PLOT", "RUN", "SCHEMA", "SOLVE"]
+__all__ = ["CHECK", "CONFIGS", "DEMO", "DOCTOR", "OVERVIEW", "PLAY", "PLOT", "RUN", "SCHEMA", "SOLVE"]
 
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
@@ -64,6 +64,11 @@ CHECK = _examples(
     "lgmpc check configs/solo12_balance.yaml",
     "lgmpc check my.yaml --set robot.model=anymal_c",
     "lgmpc check configs/panda_reach.yaml       which figures can be bounded",
+)
+CONFIGS = _examples(
+    "lgmpc configs                              which there are",
+    "lgmpc configs --copy solo12_balance my.yaml",
+    "lgmpc run my.yaml",
 )
 DOCTOR = _examples(
     "lgmpc doctor",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lgmpc.errors import RunFolderError, nearest
 
-__all__ = ["find_run"]
+__all__ = ["find_run", "run_names"]
 
 
 def find_run(text: str, runs: Path) -> Path:
@@ -23,16 +23,17 @@ def find_run(text: str, runs: Path) -> Path:
         for path in (Path(text), runs / text):
             if path.is_dir():
                 return path
-        near = nearest(text, _names(runs))
+        near = nearest(text, run_names(runs))
         hint = f" Did you mean {' or '.join(near)}?" if near else ""
         raise RunFolderError(f"no run folder {text}, neither here nor in {runs}/.{hint}")
-    complete = [runs / name for name in _names(runs)]
+    complete = [runs / name for name in run_names(runs)]
     if not complete:
-        raise RunFolderError(f"no finished run in {runs}/ yet. Make one: lgmpc run configs/solo12_balance.yaml")
+        raise RunFolderError(f"no finished run in {runs}/ yet. Make one: lgmpc run solo12_balance")
     return max(complete, key=lambda path: ((path / "run.json").stat().st_mtime_ns, path.name))
 
 
-def _names(runs: Path) -> list[str]:
+def run_names(runs: Path) -> list[str]:
+    """Return the names of the finished runs in ``runs``, in alphabetical order; none if there is no such folder."""
     if not runs.is_dir():
         return []
     return sorted(path.name for path in runs.iterdir() if (path / "run.json").is_file())

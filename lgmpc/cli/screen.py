@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,5 +110,6 @@ def print_result(path: Path, result: RunResult | SolveResult) -> None:
 def show_next(console: Console, path: Path) -> None:
     """Print where a run is, and what can be done with it."""
     console.print(Text(f"saved in {path}"))
-    console.print(Text(f"next: lgmpc play {path}    (replay in the browser)"), style="dim")
-    console.print(Text(f"      lgmpc plot {path}    (figures)"), style="dim")
+    argument = shlex.quote(str(path))
+    console.print(Text(f"next: lgmpc play {argument}    (replay in the browser)"), style="dim")
+    console.print(Text(f"      lgmpc plot {argument}    (figures)"), style="dim")

@@ -36,8 +36,8 @@ def invoke(monkeypatch: pytest.MonkeyPatch) -> Invoke:
 def start(tmp_path: Path) -> Start:
     """Start a command as its own process, in an empty folder."""
 
-    def run(*arguments: object) -> "subprocess.Popen[str]":
-        environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1"}
+    def run(*arguments: object, **variables: str) -> "subprocess.Popen[str]":
+        environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1", **variables}
         return subprocess.Popen(
             [sys.executable, "-m", "lgmpc", *(str(argument) for argument in arguments)],
             cwd=tmp_path,
@@ -45,7 +45,7 @@ def start(tmp_path: Path) -> Start:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
         )
 
     return run
@@ -55,8 +55,8 @@ def start(tmp_path: Path) -> Start:
 def result(start: Start) -> Result:
     """Run a command as its own process to its end."""
 
-    def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
-        with start(*arguments) as process:
+    def run(*arguments: object, **variables: str) -> "subprocess.CompletedProcess[str]":
+        with start(*arguments, **variables) as process:
             out, err = process.communicate(timeout=120)
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 

@@ -10,19 +10,89 @@ import pytest
 from lgmpc import __version__
 from lgmpc.cli.app import app
 
-from .conftest import BALANCE, ROOT, Invoke
+from .conftest import BALANCE, ROOT, STAND, Invoke, Result
 
 HEAVY = ("numpy", "casadi", "pinocchio", "mujoco", "proxsuite", "pydantic", "yaml", "matplotlib", "meshcat")
 
 
 def test_help_needs_nothing_heavy() -> None:
-    code = "import sys, lgmpc.cli.app, lgmpc.cli; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "typer" in loaded
-    assert not set(HEAVY) & set(loaded)
+    code = """
+import atexit, sys
+atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+sys.argv = ["lgmpc", "--help"]
+from lgmpc.cli import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stderr.split())
+    assert "Usage:" in done.stdout and "typer" in loaded
+    assert not set(HEAVY) & loaded
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["play"], ["plot"], ["check"], ["doctor"], ["schema"]], ids=str)
+def test_no_arguments_print_the_help(result: Result) -> None:
+    bare, asked = result(), result("--help")
+    assert (bare.returncode, bare.stderr) == (0, "")
+    assert bare.stdout == asked.stdout
+
+
+def test_a_path_is_printed_in_its_own_bytes_in_an_ascii_locale(result: Result, tmp_path: Path) -> None:
+    folder = tmp_path / "st\u00e4nde"
+    folder.mkdir()
+    file = folder / "st\u00e4nd.yaml"
+    file.write_bytes(STAND.read_bytes())
+    ascii_locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    missing = result("check", folder / "stand.yaml", **ascii_locale)
+    assert missing.returncode == 2
+    assert f"Did you mean {file}" in missing.stderr
+    checked = result("check", file, **ascii_locale)
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.endswith(f"OK  {file}\n")
+    ran = result("run", file, "duration_s=0.5", "--out", folder, **ascii_locale)
+    assert ran.returncode == 0, ran.stderr
+    assert f"saved in {folder}/" in ran.stdout
+
+
+def test_text_that_stdout_cannot_encode_is_escaped(result: Result, tmp_path: Path) -> None:
+    file = tmp_path / "st\u00e4nd.yaml"
+    file.write_bytes(STAND.read_bytes())
+    checked = result("check", file, PYTHONIOENCODING="ascii")
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.endswith("st\\xe4nd.yaml\n")
+
+
+def test_the_next_line_can_be_pasted_into_a_shell(invoke: Invoke, tmp_path: Path) -> None:
+    _, output = invoke("run", STAND, "duration_s=0.5", "--out", tmp_path / "my runs")
+    folder = next((tmp_path / "my runs").iterdir())
+    assert f"next: lgmpc play '{folder}' " in output
+    assert f"lgmpc plot '{folder}' " in output
+
+
+def _complete(result: Result, *words: str) -> list[str]:
+    """What bash offers for the last of ``words``."""
+    line = {"_LGMPC_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    return result(**line).stdout.split()
+
+
+def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Path) -> None:
+    assert _complete(result, "lgmpc", "check", "solo12_s") == ["solo12_stand", "solo12_strong_push"]
+    assert _complete(result, "lgmpc", "run", "mine") == []  # the shell then completes file names
+    assert _complete(result, "lgmpc", "demo", "dzh") == ["dzhanibekov"]
+    assert _complete(result, "lgmpc", "play", "") == ["latest"]
+    for folder, name in (
+        ("runs", "20260101T000000Z-a"),
+        ("runs", "20270101T000000Z-b"),
+        ("other", "20280101T000000Z-c"),
+    ):
+        (tmp_path / folder / name).mkdir(parents=True)
+        (tmp_path / folder / name / "run.json").write_text("{}", encoding="utf-8")
+    assert _complete(result, "lgmpc", "play", "") == ["latest", "20270101T000000Z-b", "20260101T000000Z-a"]
+    assert _complete(result, "lgmpc", "plot", "--runs", "other", "2") == ["20280101T000000Z-c"]
+    assert _complete(result, "lgmpc", "configs", "--copy", "panda") == ["panda_reach"]
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["play"], ["plot"], ["check"], ["configs"], ["doctor"], ["schema"]], ids=str
+)
 def test_every_command_explains_itself(command: list[str], invoke: Invoke) -> None:
     code, output = invoke(*command, "--help")
     assert code == 0

@@ -36,5 +36,5 @@ def test_a_misspelt_name_gets_a_hint(runs: Path) -> None:
 
 
 def test_no_runs_say_how_to_make_one(tmp_path: Path) -> None:
-    with pytest.raises(RunFolderError, match="lgmpc run configs/solo12_balance.yaml"):
+    with pytest.raises(RunFolderError, match="lgmpc run solo12_balance"):
         find_run("latest", tmp_path / "runs")

@@ -1,0 +1,51 @@
+"""``lgmpc configs``: the list of shipped configs, and copies of them to edit."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from rich.text import Text
+
+from lgmpc.cli.screen import out
+from lgmpc.errors import InputError
+from lgmpc.runs.atomic import atomic_write
+from lgmpc.shipped import shipped_config, shipped_configs
+
+__all__ = ["copy_config", "list_configs"]
+
+
+def list_configs() -> None:
+    """Print each shipped config, the command that takes it, and what happens in it."""
+    console, configs = out(), shipped_configs()
+    width = max(map(len, configs))
+    for name, config in configs.items():
+        console.print(Text.assemble((f"{name:{width}}", "bold"), f"  {config.command:5}  {config.summary}"))
+    console.print("next: lgmpc run NAME or lgmpc solve NAME; lgmpc configs --copy NAME writes one to edit", style="dim")
+
+
+def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
+    """Write a shipped config where it can be edited.
+
+    Args:
+        name: of the config.
+        destination: file, or folder for a file of the config's name; the working directory unless given.
+        force: whether to replace a file that is there.
+
+    Raises:
+        ConfigError: if no shipped config has this name.
+        InputError: if the file is there and ``force`` is false, or its folder is not there.
+        RunFolderError: if the file cannot be written.
+    """
+    config = shipped_config(name)
+    file = destination or Path()
+    if file.is_dir():
+        file /= config.file.name
+    if not file.parent.is_dir():
+        raise InputError("DEST", file, "a file in a folder that exists")
+    if file.exists() and not force:
+        raise InputError("DEST", file, "a file that is not there yet (--force replaces it)")
+    with atomic_write(file) as stream:
+        stream.write(config.copy_text().encode("utf-8"))
+    out().print(Text(f"wrote {file}"))
+    out().print(Text(f"next: lgmpc {config.command} {shlex.quote(str(file))}"), style="dim")

@@ -140,7 +140,7 @@ def test_a_command_that_does_not_exist_is_refused(arguments: list[object], invok
 def test_a_run_that_does_not_exist_is_refused(command: str, invoke: Invoke, tmp_path: Path) -> None:
     code, output = invoke(command, "latest", "--runs", tmp_path)
     assert code == 2
-    assert "no finished run" in output and "lgmpc run configs/solo12_balance.yaml" in output
+    assert "no finished run" in output and "lgmpc run solo12_balance" in output
     code, output = invoke(command, "nothing", "--runs", tmp_path)
     assert code == 2
     assert "no run folder nothing" in output

@@ -7,6 +7,7 @@ an exit code; a library user reads the attributes instead of parsing the message
 from __future__ import annotations
 
 import difflib
+import signal
 from collections.abc import Iterable, Sequence
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "ConfigError",
     "ConfigErrors",
     "InputError",
+    "Interrupted",
     "LgmpcError",
     "MissingDependencyError",
     "ModelError",
@@ -157,6 +159,20 @@ class MissingDependencyError(LgmpcError):
         self.needed_for = needed_for
         self.install = install
         super().__init__(f"{needed_for} needs the package '{package}'. Install it with: {install}")
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal that stops a run: Ctrl-C, SIGTERM or SIGHUP.
+
+    Attributes:
+        signal: which.
+        exit_code: what the command line returns for it, 128 + its number.
+    """
+
+    def __init__(self, signal: signal.Signals) -> None:
+        self.signal = signal
+        self.exit_code = 128 + signal
+        super().__init__(signal.name)
 
 
 class RunFolderError(LgmpcError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import sys
@@ -10,29 +11,33 @@ import traceback
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import ParamSpec
+from typing import ParamSpec, TextIO
 
 import typer
 
 from lgmpc import __version__
 from lgmpc.cli.screen import show_crash, show_error, show_interrupted
-from lgmpc.errors import LgmpcError
+from lgmpc.errors import Interrupted, LgmpcError
 
-__all__ = ["EXIT_CRASH", "EXIT_INTERRUPTED", "guarded"]
+__all__ = ["EXIT_CRASH", "EXIT_HANGUP", "EXIT_INTERRUPTED", "guarded"]
 
 EXIT_CRASH = 70
 """Exit code after an error of lgmpc itself (EX_SOFTWARE of sysexits.h)."""
 EXIT_INTERRUPTED = 130
 """Exit code after Ctrl-C (128 + SIGINT)."""
 
+EXIT_HANGUP = 129
+"""Exit code after the terminal closed (128 + SIGHUP)."""
+
 P = ParamSpec("P")
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
-    """Let no exception of ``command`` reach the user as a traceback.
+    """Turn every exception of ``command`` into a message and an exit code.
 
-    An :class:`LgmpcError` is shown as it is and gives its exit code; Ctrl-C gives 130; anything else is a mistake of
-    lgmpc: its traceback is saved to a file, which the message names, and the exit code is 70.
+    An :class:`LgmpcError` is shown as it is and gives its exit code; a signal that stops the command gives 128 + its
+    number, 130 for Ctrl-C; a terminal that is gone is none of lgmpc's mistakes; anything else is: its traceback is
+    saved to a file, which the message names, and the exit code is 70.
     """
 
     @functools.wraps(command)
@@ -44,12 +49,16 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(error.exit_code) from error
         except KeyboardInterrupt as error:
             show_interrupted()
-            raise typer.Exit(EXIT_INTERRUPTED) from error
+            raise typer.Exit(error.exit_code if isinstance(error, Interrupted) else EXIT_INTERRUPTED) from error
         except BrokenPipeError:  # the reader, such as `head`, has enough
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _silence(sys.stdout)
         except typer.Exit:
             raise
         except Exception as error:
+            if _terminal_is_gone():
+                _silence(sys.stdout)
+                _silence(sys.stderr)
+                raise typer.Exit(EXIT_HANGUP) from error
             if _came_of_ctrl_c(error):
                 show_interrupted()
                 raise typer.Exit(EXIT_INTERRUPTED) from error
@@ -60,10 +69,24 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def _came_of_ctrl_c(error: BaseException | None) -> bool:
-    """Return whether ``error`` is a KeyboardInterrupt in disguise: what Ctrl-C while a C++ module loads ends as."""
+    """Return whether a KeyboardInterrupt caused ``error``: Ctrl-C while a C++ module loads raises ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
+
+
+def _terminal_is_gone() -> bool:
+    """Return whether stderr is a terminal that has closed: Linux then refuses even to write nothing."""
+    try:
+        os.write(sys.stderr.fileno(), b"")
+    except OSError as error:
+        return error.errno == errno.EIO
+    return False
+
+
+def _silence(stream: TextIO) -> None:
+    """Let what is still written to ``stream``, at the latest when Python ends, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _save_traceback() -> Path | None:

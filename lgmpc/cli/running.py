@@ -32,7 +32,7 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
         print_result(finished.folder.path, finished.result)
     else:
         _show(finished, build_gate(config), quiet=quiet)
-    return finished.session.verdict.exit_code
+    return finished.exit_code
 
 
 def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:

@@ -38,7 +38,7 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
         print_result(finished.folder.path, finished.result)
     else:
         _show(finished, config, quiet=quiet)
-    return finished.outcome.verdict.exit_code
+    return finished.exit_code
 
 
 def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:

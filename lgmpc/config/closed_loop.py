@@ -55,6 +55,11 @@ class ClosedLoopSession:
     sensors: Sensors | None = None
     estimator: LeggedEstimator | None = None
 
+    @property
+    def log_bytes(self) -> int:
+        """Size of the log's arrays, B."""
+        return self.recorder.log_bytes(self.log_every)
+
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate from the robot's reference posture at rest; see :meth:`lgmpc.config.session.Session.run`."""
         observer = _Observer(self, progress)

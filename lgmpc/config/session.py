@@ -1,4 +1,4 @@
-"""What a config becomes: a session that can be run once, and what it tells while it runs and when it is over."""
+"""What a config becomes: a session that can be run once, its progress reports, and its result."""
 
 from __future__ import annotations
 
@@ -67,6 +67,10 @@ class SessionResult:
 class Session(Protocol):
     """A plant, its controllers and its references, ready to run."""
 
+    @property
+    def log_bytes(self) -> int:
+        """Size of the log's arrays, B."""
+
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate from the start to the end of the config's duration.
 
@@ -83,9 +87,9 @@ class Iteration:
     Attributes:
         count: iterations taken.
         cost: at the current trajectory.
-        criterion: what is compared with the tolerance; NaN where the solver does not tell.
+        criterion: what is compared with the tolerance; NaN where the solver does not report it.
         gap: largest gap of the dynamics at the start of the iteration.
-        step: length of the step; 0 where none was accepted, NaN where the solver does not tell.
+        step: length of the step; 0 where none was accepted, NaN where the solver does not report it.
         regularization: of the sweep.
         elapsed_s: since the solver began, s.
     """

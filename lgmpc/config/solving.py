@@ -90,6 +90,12 @@ class SolveSession:
     solve: Solve
     iterations: list[Progress] = field(default_factory=list)
 
+    @property
+    def log_bytes(self) -> int:
+        """Size of the trajectory's arrays, B: states, controls, and for each contact a point and a force."""
+        problem, contacts = self.scenario.problem, len(self.scenario.robot.contact_frames)
+        return 8 * (problem.nodes + 1) * (problem.state.nx + problem.nu + 7 * contacts + 4)
+
     def run(self, report: IterationReport) -> SolveOutcome:
         """Solve from the scenario's guess.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ from lgmpc.runs.trajectory import TrajectoryLog
 __all__ = ["CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
 
 T = TypeVar("T")
+
+_OTHER_FILES = 1_000_000
+"""Bytes for config, result and the arrays' headers: more than they ever take."""
 
 CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE = "config.yaml", "log.npz", "trajectory.npz"
 
@@ -103,6 +107,22 @@ class RunFolder:
                 f"cannot make a run folder in {out}: {reason_of(error)}. Choose another one with --out"
             ) from error
         return cls(path)
+
+    def check_space(self, log_bytes: int) -> None:
+        """Check that the disk has room for a run's arrays, before anybody waits for them.
+
+        Args:
+            log_bytes: size of the arrays, an estimate.
+
+        Raises:
+            RunFolderError: if it has not.
+        """
+        free = shutil.disk_usage(self.path).free
+        if free < log_bytes + _OTHER_FILES:
+            raise RunFolderError(
+                f"{self.path.parent} has {_megabytes(free)} free, and the run needs about"
+                f" {_megabytes(log_bytes + _OTHER_FILES)}: make room, or choose another folder with --out"
+            )
 
     def write_config(self, text: str) -> None:
         """Write the resolved configuration, YAML."""
@@ -186,6 +206,10 @@ def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T
         return build(arrays)
     except RunFolderError as error:
         raise RunFolderError(f"{path}: {error}") from error
+
+
+def _megabytes(size: int) -> str:
+    return f"{1e-6 * size:.3g} MB"
 
 
 def _hint(path: Path) -> str:

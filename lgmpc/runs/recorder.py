@@ -189,6 +189,11 @@ class Recorder:
         b["estimate_ms"][i] = ms
         rows.count = i + 1
 
+    def log_bytes(self, every: int = 1) -> int:
+        """Return the size of the foreseen log's arrays, with one tick kept out of ``every``."""
+        ticks = self._rows.bytes + (self._estimate_rows.bytes if self._estimate_rows else 0)
+        return -(-ticks // every) + self._mpc_rows.bytes
+
     def log(self) -> RunLog:
         """Return a copy of what has been recorded so far."""
         estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
@@ -217,6 +222,10 @@ class _Rows:
         for name, channel in table.items():
             tail = tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
             self.buffers[name] = np.zeros((self.capacity, *tail), dtype=channel.dtype)
+
+    @property
+    def bytes(self) -> int:
+        return sum(buffer.nbytes for buffer in self.buffers.values())
 
     def grow(self) -> None:
         self.buffers = {name: np.concatenate([buffer, np.zeros_like(buffer)]) for name, buffer in self.buffers.items()}

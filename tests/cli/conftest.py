@@ -15,6 +15,17 @@ ROOT = Path(__file__).resolve().parents[2]
 STAND = ROOT / "configs" / "solo12_stand.yaml"
 BALANCE = ROOT / "configs" / "solo12_balance.yaml"
 
+LAUNCH = """
+import fcntl, os, runpy, signal, termios
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as at a prompt, whatever the tests were started by
+signal.signal(signal.SIGTERM, signal.SIG_DFL)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if os.isatty(0):
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+runpy.run_module("lgmpc", run_name="__main__", alter_sys=True)
+"""
+"""``python -m lgmpc`` with the signals and the controlling terminal of a shell's foreground job."""
+
 Invoke = Callable[..., tuple[int, str]]
 Start = Callable[..., "subprocess.Popen[str]"]
 Result = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -34,17 +45,18 @@ def invoke(monkeypatch: pytest.MonkeyPatch) -> Invoke:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Start:
-    """Start a command as its own process, in an empty folder."""
+    """Start a command as its own process, in an empty folder; at a terminal, if its file descriptor is given."""
 
-    def run(*arguments: object, **variables: str) -> "subprocess.Popen[str]":
+    def run(*arguments: object, terminal: int | None = None, **variables: str) -> "subprocess.Popen[str]":
         environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state"), "OMP_NUM_THREADS": "1", **variables}
         return subprocess.Popen(
-            [sys.executable, "-m", "lgmpc", *(str(argument) for argument in arguments)],
+            [sys.executable, "-c", LAUNCH, *(str(argument) for argument in arguments)],
             cwd=tmp_path,
             env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL if terminal is None else terminal,
+            stdout=subprocess.PIPE if terminal is None else terminal,
+            stderr=subprocess.PIPE if terminal is None else terminal,
+            start_new_session=terminal is not None,
             encoding="utf-8",
         )
 

@@ -1,6 +1,7 @@
-"""``lgmpc run``: exit codes, the folder, its repetition, and Ctrl-C."""
+"""``lgmpc run``: exit codes, the folder, its repetition, and signals."""
 
 import json
+import os
 import signal
 import time
 from importlib.util import find_spec
@@ -53,14 +54,17 @@ def test_the_plant_can_be_chosen(plant: str, invoke: Invoke, tmp_path: Path) -> 
     assert load_config(folder / "config.yaml").plant.kind == plant
 
 
-def test_ctrl_c_saves_what_there_is_and_exits_with_130(start: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_saves_what_there_is_and_exits_with_128_and_its_number(
+    start: Start, tmp_path: Path, number: signal.Signals
+) -> None:
     with start("run", STAND, *SHORT, "duration_s=1000") as process:
         assert process.stderr is not None and process.stdout is not None
         while "simulating" not in (line := process.stderr.readline()):
             assert line, "the run ended before it began"
         time.sleep(0.5)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 130
+        process.send_signal(number)
+        assert process.wait(timeout=60) == 128 + number
         output, errors = process.stdout.read(), process.stderr.read()
     assert "INTERRUPTED  solo12_stand" in output
     assert "Traceback" not in output + errors
@@ -68,6 +72,20 @@ def test_ctrl_c_saves_what_there_is_and_exits_with_130(start: Start, tmp_path: P
     run = RunFolder.load(folder)
     assert run.result.verdict.outcome.value == "interrupted"
     assert 0.0 < run.log.time[-1] < 1000.0
+
+
+def test_a_terminal_that_closes_loses_nothing(start: Start, tmp_path: Path) -> None:
+    terminal, inside = os.openpty()
+    shown = b""
+    with start("run", STAND, *SHORT, "duration_s=1000", terminal=inside) as process:
+        os.close(inside)
+        while b"simulating" not in shown:
+            shown += os.read(terminal, 4096)
+        os.close(terminal)
+        assert process.wait(timeout=60) == 129
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert RunFolder.load(folder).result.verdict.outcome.value == "interrupted"
+    assert not (tmp_path / "state").exists(), "it is no crash"
 
 
 @pytest.mark.skipif(find_spec("ziglang") is not None, reason="ziglang is installed, which brings a compiler")

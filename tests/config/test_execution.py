@@ -1,17 +1,21 @@
 """Running a config into its folder, with the real thing for a tenth of a second."""
 
 import resource
+import shutil
 import signal
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from lgmpc.config import Config, load_config
+from lgmpc.config.build import prepare
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
-from lgmpc.errors import InputError, RunFolderError
-from lgmpc.runs import Outcome, RunFolder
+from lgmpc.errors import InputError, Interrupted, RunFolderError
+from lgmpc.runs import Outcome, RunFolder, RunLog
+from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
 
 STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
@@ -21,16 +25,16 @@ def short() -> Config:
     return load_config(STAND, ["duration_s=0.1", "mpc.enabled=false", "gate={max_tilt_deg: 5}"])
 
 
-def test_a_run_is_saved_and_told_about(short: Config, tmp_path: Path) -> None:
-    told: list[str] = []
+def test_a_run_is_saved_and_reported(short: Config, tmp_path: Path) -> None:
+    notices: list[str] = []
     moved: list[Progress] = []
-    finished = run_config(short, tmp_path, notify=told.append, progress=moved.append)
+    finished = run_config(short, tmp_path, notify=notices.append, progress=moved.append)
     run = RunFolder.load(finished.folder.path)
     assert finished.folder.path.parent == tmp_path
     assert run.result.verdict.outcome is Outcome.PASS
     assert run.result.metrics == finished.session.metrics
     assert run.log.q.tobytes() == finished.session.log.q.tobytes()
-    assert told
+    assert notices
     assert [now.duration_s for now in moved] == [pytest.approx(0.1)] * len(moved)
     assert all(before.time_s < after.time_s for before, after in zip(moved, moved[1:], strict=False))
     assert moved[-1].tilt_deg < 1.0 and moved[-1].real_time_factor > 0.0
@@ -45,35 +49,116 @@ def test_a_run_that_breaks_leaves_no_folder(short: Config, tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
+def test_folders_made_on_the_way_are_removed_but_not_those_of_others(tmp_path: Path) -> None:
+    config = load_config(STAND, ["robot.model=solo13"])
+    with pytest.raises(InputError, match="solo13"):
+        run_config(config, tmp_path / "a" / "b")
+    assert list(tmp_path.iterdir()) == []
+
+    def begin_another(message: str) -> None:
+        (tmp_path / "a" / "another").mkdir(exist_ok=True)
+
+    with pytest.raises(InputError, match="solo13"):
+        run_config(config, tmp_path / "a" / "b", notify=begin_another)
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["another"]
+
+
+def test_a_run_without_room_for_its_log_does_not_begin(
+    short: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(tmp_path)._replace(free=1_040_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    moved: list[Progress] = []
+    with pytest.raises(RunFolderError, match=r"has 1\.04 MB free, and the run needs about 1\.\d+ MB: make room"):
+        run_config(short, tmp_path / "runs", progress=moved.append)
+    assert not moved and list(tmp_path.iterdir()) == []
+
+
+def test_the_size_of_the_log_is_known_before_the_run(short: Config, tmp_path: Path) -> None:
+    config = load_config(STAND, ["duration_s=0.1", "log.rate_hz=250"])
+    foreseen = prepare(config).log_bytes
+    log = run_config(config, tmp_path).session.log
+    arrays = log.arrays()
+    written = sum(arrays[name].nbytes for name in (*CHANNELS, *MPC_CHANNELS))
+    assert written <= foreseen <= 1.1 * written
+
+
 def test_a_config_that_cannot_be_built_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="solo13"):
         run_config(load_config(STAND, ["robot.model=solo13"]), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupt_ends_the_run_between_two_ticks_and_keeps_the_log(short: Config, tmp_path: Path) -> None:
-    def press(now: Progress) -> None:
-        if now.time_s > 0.04:
-            signal.raise_signal(signal.SIGINT)
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
-    before = signal.getsignal(signal.SIGINT)
-    finished = run_config(short, tmp_path, progress=press)
+
+@pytest.fixture
+def default_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP as a program finds them, whatever this one was started by."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("default_signals")
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_the_run_between_two_ticks_and_keeps_the_log(
+    short: Config, tmp_path: Path, number: signal.Signals
+) -> None:
+    def send(now: Progress) -> None:
+        if now.time_s > 0.04:
+            signal.raise_signal(number)
+
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    finished = run_config(short, tmp_path, progress=send)
     assert finished.session.interrupted
+    assert (finished.signal, finished.exit_code) == (number, 128 + number)
     run = RunFolder.load(finished.folder.path)
     assert run.result.verdict.outcome is Outcome.INTERRUPTED
     assert 0.03 < run.log.time[-1] < 0.09
-    assert signal.getsignal(signal.SIGINT) is before
+    assert {each: signal.getsignal(each) for each in SIGNALS} == before
 
 
-def test_a_second_interrupt_acts_at_once(short: Config, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("default_signals")
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_before_the_simulation_leaves_no_folder(short: Config, tmp_path: Path, number: signal.Signals) -> None:
+    with pytest.raises(Interrupted) as caught:
+        run_config(short, tmp_path / "a" / "b", notify=lambda message: signal.raise_signal(number))
+    assert caught.value.exit_code == 128 + number
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_ctrl_c_acts_at_once(short: Config, tmp_path: Path) -> None:
     def press_twice(now: Progress) -> None:
         signal.raise_signal(signal.SIGINT)
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("the second one came too late")
 
     finished = run_config(short, tmp_path, progress=press_twice)
     assert finished.session.interrupted
+
+
+@pytest.mark.usefixtures("default_signals")
+def test_a_closing_terminal_sends_sighup_twice_and_the_log_is_saved(short: Config, tmp_path: Path) -> None:
+    write_log = RunFolder.write_log
+
+    def send_again(folder: RunFolder, log: RunLog) -> None:
+        signal.raise_signal(signal.SIGHUP)
+        write_log(folder, log)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunFolder, "write_log", send_again)
+        finished = run_config(short, tmp_path, progress=lambda now: signal.raise_signal(signal.SIGHUP))
+    assert finished.exit_code == 129
+    assert RunFolder.load(finished.folder.path).log.ticks > 0
+
+
+@pytest.mark.usefixtures("default_signals")
+def test_ignored_signals_stay_ignored(short: Config, tmp_path: Path) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    finished = run_config(short, tmp_path, progress=lambda now: signal.raise_signal(signal.SIGHUP))
+    assert finished.exit_code == 0
 
 
 def test_an_interrupt_while_saving_lets_it_finish(short: Config, tmp_path: Path) -> None:

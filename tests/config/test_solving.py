@@ -171,18 +171,31 @@ def test_a_time_limit_is_kept() -> None:
     assert outcome.figures["iterations"] == 0.0
 
 
-def test_ctrl_c_keeps_the_iterate_and_marks_it(tmp_path: Path) -> None:
-    def press(now: Iteration) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_iterate_and_marks_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    def send(now: Iteration) -> None:
         if now.count == 2:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
 
-    before = signal.getsignal(signal.SIGINT)
-    finished = solve_config(arm(), tmp_path, progress=press)
-    assert signal.getsignal(signal.SIGINT) is before
+    before = signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    try:
+        finished = solve_config(arm(), tmp_path, progress=send)
+    finally:
+        signal.signal(number, before)
+    assert (finished.signal, finished.exit_code) == (number, 128 + number)
     run = RunFolder.load_solved(finished.folder.path)
     assert run.result.verdict.outcome is Outcome.INTERRUPTED
     assert run.result.verdict.reasons == ("interrupted after 2 iterations",)
     assert len(run.trajectory.iteration_cost) == 2 and run.trajectory.finite
+
+
+def test_the_size_of_a_trajectory_is_known_before_it_is_solved() -> None:
+    session = prepare_solve(arm())
+    log = session.run(lambda now: None).log
+    written = log.times.nbytes + log.xs.nbytes + log.us.nbytes + log.com.nbytes + log.contact_forces.nbytes
+    assert written <= session.log_bytes <= 1.2 * written
 
 
 def test_a_solve_that_breaks_leaves_no_folder(tmp_path: Path) -> None:

@@ -139,11 +139,11 @@ class NumericContactAction(Action):
         slope = self._slope(x, u, z, values)
         ndx, h = state.ndx, float(values["duration"][0])
         there = self._step(x, z, values)
-        by_q, by_step = pin.dIntegrate(self.model, x[: self.model.nq], h * there[self.model.nq :])
+        by_x, by_step = state.Jintegrate(x, h * self._rate(x, z, h))
         rate = h * slope[:nv]
         rate[:, nv:ndx] += np.eye(nv)
-        moved = h * by_step @ rate
-        moved[:, :nv] += by_q
+        moved = h * by_step[:nv, :nv] @ rate
+        moved[:, :nv] += by_x[:nv, :nv]
         onto = state.Jdiff(x_next, there)[1] @ np.vstack([moved, rate])
         items = self._evaluate_items(x, u, z, p)
         total = np.hstack([items["by_x"], items["by_u"]]) + items["by_z"] @ slope
@@ -168,9 +168,13 @@ class NumericContactAction(Action):
         )
 
     def _step(self, x: Array, z: Array, values: Mapping[str, Array]) -> Array:
-        nq, h = self.model.nq, values["duration"]
-        v_next = x[nq:] + h * z[: self.model.nv]
-        return np.concatenate([pin.integrate(self.model, x[:nq], h * v_next), v_next])
+        h = float(values["duration"][0])
+        return self.action.state.integrate(x, h * self._rate(x, z, h))
+
+    def _rate(self, x: Array, z: Array, h: float) -> Array:
+        """Return (ndx,) the rate of the state over a semi-implicit Euler step: next velocity, acceleration."""
+        a = z[: self.model.nv]
+        return np.concatenate([x[self.model.nq :] + h * a, a])
 
     def _flags(self, values: Mapping[str, Array]) -> Array:
         flags: Array = np.repeat(values["contact_flags"], [contact.size for contact in self.contacts.contacts])

@@ -13,9 +13,8 @@ from lgmpc.lie.components import parts, vector
 from lgmpc.state.base import Array
 from lgmpc.state.configuration import BlockKind
 
-__all__ = ["difference", "difference_jacobians", "integrate", "integrate_jacobians"]
+__all__ = ["difference", "difference_jacobians", "integrate", "integrate_jacobians", "linear_difference", "moved"]
 
-_rotate = quaternion.act.unchecked
 _multiply = quaternion.compose.unchecked
 _conjugate = quaternion.inverse.unchecked
 
@@ -30,11 +29,9 @@ def integrate(kind: BlockKind, q: Array, dv: Array) -> Array:
         return _unit(np.stack(turned, axis=-1))
     if kind is BlockKind.ROTATION:
         return _unit(_multiply(q, quaternion.exp.unchecked(dv)))
-    linear, phi = parts(dv[..., :3]), parts(dv[..., 3:])
-    moved = q[..., :3] + _rotate(q[..., 3:], vector(se3.translation_entries(linear, phi)))
     step = quaternion.exp.unchecked(dv[..., 3:])
     step = np.where(step[..., 3:] < 0.0, -step, step)  # the result stays in the hemisphere of q
-    return np.concatenate((moved, _unit(_multiply(q[..., 3:], step))), axis=-1)
+    return np.concatenate((moved(q, dv), _unit(_multiply(q[..., 3:], step))), axis=-1)
 
 
 def difference(kind: BlockKind, q0: Array, q1: Array) -> Array:
@@ -46,9 +43,22 @@ def difference(kind: BlockKind, q0: Array, q1: Array) -> Array:
         return np.arctan2(sine, q0[..., 0] * q1[..., 0] + q0[..., 1] * q1[..., 1])[..., None]
     if kind is BlockKind.ROTATION:
         return quaternion.log.unchecked(_multiply(_conjugate(q0), q1))
-    back = _conjugate(q0[..., 3:])
-    phi = parts(quaternion.log.unchecked(_multiply(back, q1[..., 3:])))
-    return vector((*se3.untranslation_entries(parts(_rotate(back, q1[..., :3] - q0[..., :3])), phi), *phi))
+    phi = quaternion.log.unchecked(_multiply(_conjugate(q0[..., 3:]), q1[..., 3:]))
+    return np.concatenate((linear_difference(q0, q1, phi), phi), axis=-1)
+
+
+def moved(q: Array, dv: Array) -> Array:
+    """Return the position (..., 3) of the placement ``q (+) dv``."""
+    twist, (x, y, z, *turn) = parts(dv), parts(q)
+    a, b, c = quaternion.act_entries(turn, se3.translation_entries(twist[:3], twist[3:]))
+    return vector((x + a, y + b, z + c))
+
+
+def linear_difference(q0: Array, q1: Array, phi: Array) -> Array:
+    """Return the linear part (..., 3) of ``q1 (-) q0`` of placements, whose angular part is ``phi``."""
+    (a, b, c, x, y, z, w), (d, e, f, *_) = parts(q0), parts(q1)
+    step = quaternion.act_entries((-x, -y, -z, w), (d - a, e - b, f - c))
+    return vector(se3.untranslation_entries(step, parts(phi)))
 
 
 def integrate_jacobians(kind: BlockKind, dv: Array) -> tuple[Array, Array]:

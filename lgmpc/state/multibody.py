@@ -30,11 +30,12 @@ class StateMultibody(State):
     """``x = (q, v)`` of a ``pin.Model``, with tangent ``(dq, dv)``: ``nx = nq + nv``, ``ndx = 2 nv``.
 
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
-    frame, linear first. ``dq`` lives in the body frame at the point where it is attached. Single states go through
-    Pinocchio's ``integrate`` and ``difference``, except where ``difference`` is not accurate (continuous joints: off by
-    1e-8 near half a turn, and steps that small can be lost) or not the same for both signs of a quaternion (at half a
-    turn).
-    Batches and Jacobians go through :mod:`lgmpc.state.blocks`.
+    frame, linear first. ``dq`` is expressed in the body frame at the point that it is attached to.
+
+    Batches and Jacobians are computed by :mod:`lgmpc.state.blocks`; single states by Pinocchio's ``integrate`` and
+    ``difference``, which are faster, except where these are less accurate (positions of free-flyers: 1e-12 is lost at
+    angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, and steps that small can be lost) or depend on the
+    sign of a quaternion (at half a turn).
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
     continuous joints; entries at the largest float), they are infinite.
@@ -65,6 +66,7 @@ class StateMultibody(State):
         self._neutral = np.concatenate((pin.neutral(model), np.zeros(self.nv)))
         self._circles = tuple(block for block in self.blocks if block.kind is BlockKind.CIRCLE)
         self._curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
+        self._placements = tuple(block for block in self.blocks if block.kind is BlockKind.PLACEMENT)
         self._quaternions = tuple((b, slice(b.q.stop - 4, b.q.stop)) for b in self._curved)
         self._eye = np.eye(self.ndx)
 
@@ -79,6 +81,9 @@ class StateMultibody(State):
         result = np.empty(x.shape)
         if x.ndim == 1:
             result[:nq] = pin.integrate(self.model, x[:nq], dx[:nv])
+            for block in self._placements:
+                start = block.q.start
+                result[start : start + 3] = blocks.moved(x[block.q], dx[block.v])
         else:
             for block in self.blocks:
                 result[..., block.q] = blocks.integrate(block.kind, x[..., block.q], dx[..., block.v])
@@ -97,6 +102,10 @@ class StateMultibody(State):
             for block, i in self._quaternions:
                 if abs(x0[i].dot(x1[i])) < 1e-8:  # within 2e-8 rad of half a turn
                     result[block.v] = blocks.difference(block.kind, x0[block.q], x1[block.q])
+            for block in self._placements:
+                middle = block.v.start + 3
+                phi = result[middle : middle + 3]
+                result[middle - 3 : middle] = blocks.linear_difference(x0[block.q], x1[block.q], phi)
         else:
             for block in self.blocks:
                 result[..., block.v] = blocks.difference(block.kind, x0[..., block.q], x1[..., block.q])

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,25 +38,24 @@ class Nutation:
     """Up and down of the axis, in closed form.
 
     Attributes:
-        roots: u1 <= u2 <= u3 of the cubic; the cosine of the tilt stays between the first two.
+        cosine: of the tilt at time 0.
+        offsets: of the cubic's roots u1 <= u2 <= u3 from that cosine; the cosine stays between the first two.
+        tilts: smallest and largest tilt from the upward vertical, rad.
         rate: kappa, rad/s.
         phase: argument of sn at time 0.
     """
 
-    roots: tuple[float, float, float]
+    cosine: float
+    offsets: tuple[float, float, float]
+    tilts: tuple[float, float]
     rate: float
     phase: float
 
     @property
-    def tilts(self) -> tuple[float, float]:
-        """Smallest and largest tilt from the upward vertical, rad."""
-        return math.acos(min(1.0, self.roots[1])), math.acos(max(-1.0, self.roots[0]))
-
-    @property
     def modulus(self) -> Modulus:
         """Parameter of the elliptic function."""
-        u1, u2, u3 = self.roots
-        return Modulus((u2 - u1) / (u3 - u1), (u3 - u2) / (u3 - u1))
+        s1, s2, s3 = self.offsets
+        return Modulus((s2 - s1) / (s3 - s1), (s3 - s2) / (s3 - s1))
 
     @property
     def period(self) -> float:
@@ -66,7 +65,8 @@ class Nutation:
     def cosines(self, times: Array) -> Array:
         """Return (n,) cosines of the tilt at some times."""
         sn = self.modulus.jacobi(self.phase + self.rate * checks.finite("times", times))[0]
-        return self.roots[0] + (self.roots[1] - self.roots[0]) * sn**2
+        s1, s2, _ = self.offsets
+        return self.cosine + s1 + (s2 - s1) * sn**2
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,8 @@ class LagrangeTop:
         """Return the closed form of the tilt that follows from a state.
 
         The cubic is expanded around the present tilt, where value and slope come from the state without cancellation;
-        so a steady precession has its double root to rounding.
+        so a steady precession has its double root to rounding. Tilts from 0 to pi are accurate to rounding, too: they
+        are computed from the distances of the roots to 1 and -1, not from cosines.
 
         Args:
             rotation: (3, 3) world from body.
@@ -148,17 +149,28 @@ class LagrangeTop:
         up = SO3.check_element("rotation", rotation)[2]
         w = SO3.check_tangent("velocity", velocity)
         beta, a = 2.0 * self.weight / self.transverse, self.axial * w[2] / self.transverse
-        u, climbing = up[2], up[0] * w[1] - up[1] * w[0]
-        across = w[0] ** 2 + w[1] ** 2
-        slope = 2.0 * a * (w[:2] @ up[:2]) - 2.0 * u * across - beta * (up[0] ** 2 + up[1] ** 2)
+        climbing, turning = up[0] * w[1] - up[1] * w[0], w[0] * up[0] + w[1] * up[1]
+        across, sine = w[0] ** 2 + w[1] ** 2, math.hypot(up[0], up[1])
+        tilt = math.atan2(sine, up[2])
+        u, above, below = math.cos(tilt), 2.0 * math.sin(tilt / 2.0) ** 2, 2.0 * math.cos(tilt / 2.0) ** 2
+        slope = 2.0 * a * turning - 2.0 * u * across - beta * sine**2
         cubic = [beta, 2.0 * beta * u - across - a**2, slope, climbing**2]
-        u1, u2, u3 = sorted(float(u + root.real) for root in np.roots(cubic))
-        rate = math.sqrt(beta * (u3 - u1)) / 2.0
-        still = Nutation((u1, u2, u3), rate, 0.0)
-        if u2 <= u1:
+        s1, s2, s3 = sorted(float(root.real) for root in np.roots(cubic))
+        s1, s2 = min(0.0, s1), max(0.0, s2)  # rounding must not put the present tilt outside
+
+        # 1 - u2 and 1 + u1 by the cubic's values at 1 and -1, -(turning - a above)^2 and -(turning + a below)^2: the
+        # differences above - s2 and below + s1 cancel where the axis passes close to the vertical.
+        product = _share((turning - a * above) ** 2, beta * (above - s1))  # (1 - u2) (u3 - 1)
+        highest = _positive_root(2.0 * above - s2 - s3, product)
+        lowest = _share((turning + a * below) ** 2, beta * (below + s2) * (below + s3))
+        tilts = _angle(highest, below + s2), _angle(above - s1, lowest)
+
+        rate = math.sqrt(beta * (s3 - s1)) / 2.0
+        still = Nutation(u, (s1, s2, s3), tilts, rate, 0.0)
+        if s2 <= s1:
             return still
-        sine, cosine = math.sqrt(max(0.0, u - u1)), math.sqrt(max(0.0, u2 - u))
-        return Nutation(still.roots, rate, still.modulus.first_kind(math.copysign(sine, climbing), cosine))
+        phase = still.modulus.first_kind(math.copysign(math.sqrt(-s1), climbing), math.sqrt(s2))
+        return replace(still, phase=phase)
 
     @property
     def critical_spin(self) -> float:
@@ -177,3 +189,21 @@ class LagrangeTop:
         """
         cosine = (self.axial * spin) ** 2 / (2.0 * self.transverse * self.weight) - 1.0
         return math.acos(max(-1.0, min(1.0, cosine)))
+
+
+def _share(product: float, factor: float) -> float:
+    """Return the other factor of a product, 0 where both vanish."""
+    return product / factor if factor else 0.0
+
+
+def _positive_root(linear: float, constant: float) -> float:
+    """Return the root x >= 0 of ``x^2 - linear x - constant``, constant >= 0, without cancellation."""
+    root = math.hypot(linear, 2.0 * math.sqrt(constant))
+    if linear >= 0.0:
+        return 0.5 * (linear + root)
+    return 2.0 * constant / (root - linear)
+
+
+def _angle(above: float, below: float) -> float:
+    """Return the angle, rad, whose cosine is ``1 - above`` and ``below - 1``."""
+    return 2.0 * math.atan2(math.sqrt(max(0.0, above)), math.sqrt(max(0.0, below)))

@@ -14,9 +14,9 @@ from scipy.integrate import simpson
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3
-from lgmpc.mechanics.integrators import runge_kutta4
 from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
 from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
+from lgmpc.mechanics.rollout import runge_kutta4
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.typing import Array
 

@@ -2,6 +2,7 @@
 
     reduction     Euler-Poincare and Lie-Poisson equations on any group, momentum maps, Noether's theorem
     integrators   Lie-group Runge-Kutta, variational, and their drifts side by side
+    rollout       compiled steps, thousands in a call
     rigid_body    free bodies and heavy tops as Euler-Poincare systems
     tops          closed forms: torque-free body, Poinsot, Lagrange's top
     multibody     floating-base and centroidal dynamics, Featherstone's vectors

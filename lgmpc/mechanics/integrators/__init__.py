@@ -8,13 +8,12 @@ Robots of many bodies have their variational integrator in :class:`lgmpc.actions
 """
 
 from lgmpc.mechanics.integrators.comparison import Drift, compare_integrators, drift_table
-from lgmpc.mechanics.integrators.rollout import Rollout, runge_kutta4
-from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, munthe_kaas, projected_runge_kutta
+from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, projected_runge_kutta
 from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
+from lgmpc.mechanics.reduction.euler_poincare import munthe_kaas
 
 __all__ = [
     "Drift",
-    "Rollout",
     "compare_integrators",
     "discrete_euler_poincare",
     "drift_table",
@@ -22,5 +21,4 @@ __all__ = [
     "moser_veselov",
     "munthe_kaas",
     "projected_runge_kutta",
-    "runge_kutta4",
 ]

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, projected_runge_kutta
 from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
+from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare, Method
+from lgmpc.mechanics.reduction.terms import Motion
 from lgmpc.typing import Array
-
-if TYPE_CHECKING:
-    from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare, Method
-    from lgmpc.mechanics.reduction.terms import Motion
 
 __all__ = ["Drift", "compare_integrators", "drift_table"]
 

@@ -1,44 +1,19 @@
-"""Runge-Kutta methods for Euler-Poincare systems: on the group, and on the entries of its matrices for comparison."""
+"""Runge-Kutta methods on the entries of a group's matrices, to compare those that stay on the group with."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
-from lgmpc.mechanics.integrators.rollout import runge_kutta4, step_of
+from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
+from lgmpc.mechanics.reduction.terms import Symbols
+from lgmpc.mechanics.rollout import runge_kutta4
 
-if TYPE_CHECKING:
-    from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
-    from lgmpc.mechanics.reduction.terms import Symbols
-
-__all__ = ["matrix_runge_kutta", "munthe_kaas", "projected_runge_kutta"]
+__all__ = ["matrix_runge_kutta", "projected_runge_kutta"]
 
 _PROJECTIONS = 3
 """Newton-Schulz iterations; the error of each is the square of the one before."""
-
-
-def munthe_kaas(system: EulerPoincare) -> ca.Function:
-    """The classical fourth-order method in the exponential chart around each step's first pose.
-
-    With ``g = g0 exp(z)`` (left), ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is carried by exp(z) itself,
-    so that poses and advected quantities never leave the group and its orbit. Munthe-Kaas, "High order Runge-Kutta
-    methods on manifolds", Applied Numerical Mathematics 29 (1999).
-
-    Args:
-        system: any.
-    """
-    s, h, dim = system.symbols(), ca.SX.sym("step"), system.group.dim
-
-    def slope(elapsed: Any, y: Any) -> Any:
-        z, velocity = y[:dim], y[dim:]
-        pose, advected = system.move(s.pose, z), system.carry(s.advected, z)
-        rate = system.acceleration(s.time + elapsed, pose, velocity, advected, s.parameters)
-        return ca.vertcat(system.chart_rate(z, velocity), rate)
-
-    end = runge_kutta4(slope, ca.vertcat(ca.SX.zeros(dim), s.velocity), h)
-    z, velocity = end[:dim], end[dim:]
-    return step_of("munthe_kaas", system, s, h, system.move(s.pose, z), velocity, system.carry(s.advected, z))
 
 
 def matrix_runge_kutta(system: EulerPoincare) -> ca.Function:
@@ -48,7 +23,7 @@ def matrix_runge_kutta(system: EulerPoincare) -> ca.Function:
         system: any.
     """
     s, h = system.symbols(), ca.SX.sym("step")
-    return step_of("matrix_runge_kutta", system, s, h, *_by_entries(system, s, h))
+    return system.step("matrix_runge_kutta", s, h, *_by_entries(system, s, h))
 
 
 def projected_runge_kutta(system: EulerPoincare) -> ca.Function:
@@ -72,7 +47,7 @@ def projected_runge_kutta(system: EulerPoincare) -> ca.Function:
     advected = s.advected
     if system.advected is not None:
         advected = system.advected.act(group.inverse(moved) if system.sign > 0 else moved, s.advected)
-    return step_of("projected_runge_kutta", system, s, h, pose, velocity, advected)
+    return system.step("projected_runge_kutta", s, h, pose, velocity, advected)
 
 
 def _by_entries(system: EulerPoincare, s: Symbols, h: Any) -> tuple[Any, Any, Any]:

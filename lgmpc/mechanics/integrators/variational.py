@@ -13,16 +13,13 @@ for the full body problem", Comput. Methods Appl. Mech. Engrg. 196 (2007).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.integrators.rollout import state_of, step_of
-
-if TYPE_CHECKING:
-    from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
-    from lgmpc.mechanics.reduction.terms import Symbols
+from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
+from lgmpc.mechanics.reduction.terms import Symbols, state_of
 
 __all__ = ["cayley", "discrete_euler_poincare", "moser_veselov"]
 
@@ -66,7 +63,7 @@ def moser_veselov(system: EulerPoincare) -> ca.Function:
     if system.advected is not None:
         advected = system.advected.act(step.T, s.advected)
     momentum = step.T @ kicked + h / 2 * system.loads(s.time + h, pose, s.velocity, advected, s.parameters)
-    return step_of("moser_veselov", system, s, h, pose, _solve3(inertia, momentum), advected)
+    return system.step("moser_veselov", s, h, pose, _solve3(inertia, momentum), advected)
 
 
 def cayley(f: Any) -> Any:
@@ -104,7 +101,7 @@ def discrete_euler_poincare(system: EulerPoincare) -> ca.Function:
 
     # Calls, not copies: one iteration is compiled, and run as often as it takes.
     inputs = ["xi", "time", "step", "x", "p"]
-    arguments = [xi, s.time, h, state_of(s.pose, s.velocity, s.advected), s.parameters]
+    arguments = [xi, s.time, h, s.state, s.parameters]
     improve = ca.Function("improve", arguments, [newton], inputs, ["xi_next"])
     finish = ca.Function("finish", arguments, [state_of(pose, velocity, advected)], inputs, ["x_next"])
     outer = [ca.MX.sym(name, *improve.size_in(name)) for name in inputs[1:]]

@@ -31,17 +31,39 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.mechanics.integrators.rollout import Rollout
-from lgmpc.mechanics.integrators.runge_kutta import munthe_kaas
 from lgmpc.mechanics.reduction import momentum_maps
 from lgmpc.mechanics.reduction.groups import LieGroup
-from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols
+from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols, state_of
+from lgmpc.mechanics.rollout import Rollout, runge_kutta4
 from lgmpc.typing import Array
 
-__all__ = ["EulerPoincare", "LeftEulerPoincare", "Method", "RightEulerPoincare"]
+__all__ = ["EulerPoincare", "LeftEulerPoincare", "Method", "RightEulerPoincare", "munthe_kaas"]
 
 Method = Callable[["EulerPoincare"], ca.Function]
 """From a system to one step: (time, step, x, p) -> x_next, with ``x = [vec(pose); velocity; advected]``."""
+
+
+def munthe_kaas(system: EulerPoincare) -> ca.Function:
+    """The classical fourth-order method in the exponential chart around each step's first pose.
+
+    With ``g = g0 exp(z)`` (left), ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is carried by exp(z) itself,
+    so that poses and advected quantities never leave the group and its orbit. Munthe-Kaas, "High order Runge-Kutta
+    methods on manifolds", Applied Numerical Mathematics 29 (1999).
+
+    Args:
+        system: any.
+    """
+    s, h, dim = system.symbols(), ca.SX.sym("step"), system.group.dim
+
+    def slope(elapsed: Any, y: Any) -> Any:
+        z, velocity = y[:dim], y[dim:]
+        pose, advected = system.move(s.pose, z), system.carry(s.advected, z)
+        rate = system.acceleration(s.time + elapsed, pose, velocity, advected, s.parameters)
+        return ca.vertcat(system.chart_rate(z, velocity), rate)
+
+    end = runge_kutta4(slope, ca.vertcat(ca.SX.zeros(dim), s.velocity), h)
+    z, velocity = end[:dim], end[dim:]
+    return system.step("munthe_kaas", s, h, system.move(s.pose, z), velocity, system.carry(s.advected, z))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +195,21 @@ class EulerPoincare(ABC):
             energy += self.potential(s)
         name, outputs = f"{self.name}_observables", [ca.densify(momentum), energy]
         return ca.Function(name, _inputs(s), outputs, _INPUTS, ["momentum", "energy"])
+
+    def step(self, method: str, s: Symbols, h: Any, pose: Any, velocity: Any, advected: Any) -> ca.Function:
+        """Return a method's step as a function (time, step, x, p) -> x_next, ``x = [vec(pose); velocity; advected]``.
+
+        Args:
+            method: its name, a C identifier.
+            s: symbols at the step's beginning.
+            h: symbol of its length.
+            pose: expression (size, size) at its end.
+            velocity: (dim,) at its end.
+            advected: (m,) at its end.
+        """
+        inputs = [s.time, h, s.state, s.parameters]
+        x_next = state_of(pose, velocity, advected)
+        return ca.Function(f"{self.name}_{method}", inputs, [x_next], ["time", "step", "x", "p"], ["x_next"])
 
     @functools.cached_property
     def _observer(self) -> StageKernel:

@@ -22,8 +22,8 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.integrators.rollout import Rollout, runge_kutta4
 from lgmpc.mechanics.reduction.groups import SE3, SO3, LieGroup, extended_poses
+from lgmpc.mechanics.rollout import Rollout, runge_kutta4
 from lgmpc.typing import Array
 
 __all__ = ["SE3_DUAL", "SEMIDIRECT_DUAL", "SO3_DUAL", "Flow", "Function", "LiePoisson", "extended_poses_dual"]

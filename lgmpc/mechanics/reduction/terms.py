@@ -6,9 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
+
 from lgmpc.typing import Array
 
-__all__ = ["Advected", "Expression", "Motion", "Symbols"]
+__all__ = ["Advected", "Expression", "Motion", "Symbols", "state_of"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,16 @@ class Symbols:
     velocity: Any
     advected: Any
     parameters: Any
+
+    @property
+    def state(self) -> Any:
+        """The column ``[vec(pose); velocity; advected]``."""
+        return state_of(self.pose, self.velocity, self.advected)
+
+
+def state_of(pose: Any, velocity: Any, advected: Any) -> Any:
+    """Return the column ``[vec(pose); velocity; advected]``."""
+    return ca.densify(ca.vertcat(ca.vec(pose), velocity, advected))
 
 
 Expression = Callable[[Symbols], Any]

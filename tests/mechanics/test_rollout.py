@@ -6,7 +6,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.mechanics import torque_free_body
-from lgmpc.mechanics.integrators.rollout import CHUNK, Rollout, runge_kutta4
+from lgmpc.mechanics.rollout import CHUNK, Rollout, runge_kutta4
 
 
 def gatherer() -> Rollout:

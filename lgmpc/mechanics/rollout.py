@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,11 +13,7 @@ from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError, SolverError
 from lgmpc.typing import Array
 
-if TYPE_CHECKING:
-    from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare
-    from lgmpc.mechanics.reduction.terms import Symbols
-
-__all__ = ["Rollout", "check_grid", "runge_kutta4", "state_of", "step_of"]
+__all__ = ["Rollout", "check_grid", "runge_kutta4"]
 
 CHUNK = 4096
 """Steps kept in memory between two stored rows at least, so that one call does many."""
@@ -30,20 +26,6 @@ def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
     k3 = field(h / 2, y + h / 2 * k2)
     k4 = field(h, y + h * k3)
     return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
-def step_of(
-    method: str, system: EulerPoincare, s: Symbols, h: Any, pose: Any, velocity: Any, advected: Any
-) -> ca.Function:
-    """Return a method's step as a function (time, step, x, p) -> x_next, ``x = [vec(pose); velocity; advected]``."""
-    inputs = [s.time, h, state_of(s.pose, s.velocity, s.advected), s.parameters]
-    x_next = state_of(pose, velocity, advected)
-    return ca.Function(f"{system.name}_{method}", inputs, [x_next], ["time", "step", "x", "p"], ["x_next"])
-
-
-def state_of(pose: Any, velocity: Any, advected: Any) -> Any:
-    """Return the column ``[vec(pose); velocity; advected]``."""
-    return ca.densify(ca.vertcat(ca.vec(pose), velocity, advected))
 
 
 def check_grid(step: float, steps: int, every: int) -> None:

@@ -51,6 +51,7 @@ ARROWS: dict[str, str] = {
     "viz": "lie state robot runs demos",
     # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
     "config": "",
+    "config.schema": "runs",
     "config.robots": "robot",
     "config.planners": f"{_PARTS} control",
     "config.sensing": "robot estimation simulation",

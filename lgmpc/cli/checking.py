@@ -67,8 +67,8 @@ def _closed_loop(config: Config, robot: Robot) -> Lines:
         size = sum(each**2 for each in push.impulse_ns) ** 0.5
         force = size / push.duration_s
         yield "push", f"{push.body} at {push.time_s:g} s: {size:g} N.s in {push.duration_s:g} s ({force:g} N)"
-    limits = [name for name, value in config.gate if value is not None and name != "steady_from_s"]
-    yield "gate", f"{len(limits)} limits" if limits else "none: every run that does not fall passes"
+    limits = [f"{name} {limit:g}" for name, limit in config.gate.limits.items()]
+    yield "gate", ", ".join(limits) or "none: every run that does not fall passes"
     yield "duration", f"{config.duration_s:g} s simulated"
 
 

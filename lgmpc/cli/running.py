@@ -14,7 +14,6 @@ from lgmpc.cli.display import Display, Silent, warnings_on
 from lgmpc.cli.figures import Row, figure_table
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import Config
-from lgmpc.config.build import build_gate
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
 from lgmpc.runs import Gate, Metrics, measured
@@ -31,7 +30,7 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
-        _show(finished, build_gate(config), quiet=quiet)
+        _show(finished, config.gate, quiet=quiet)
     return finished.exit_code
 
 
@@ -46,9 +45,8 @@ def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
 
 
 def _limited(metrics: Metrics, gate: Gate) -> Iterator[Row]:
-    for name, limit in vars(gate).items():
-        if limit is not None and name != "steady_from_s":
-            yield Row.of(figure_of(name), measured(metrics, name), limit, highest=name.startswith("max_"))
+    for name, limit in gate.limits.items():
+        yield Row.of(figure_of(name), measured(metrics, name), limit, highest=name.startswith("max_"))
 
 
 def _always_shown(metrics: Metrics) -> Iterator[Row]:

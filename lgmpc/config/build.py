@@ -15,7 +15,7 @@ from lgmpc.control.reference import CircleReference, ComReference, StandReferenc
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range, weight_factor
-from lgmpc.runs import Gate, Recorder
+from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import Push, PushSchedule
 from lgmpc.simulation.loop import Rates
 from lgmpc.simulation.parameters import PlantParameters
@@ -24,7 +24,6 @@ from lgmpc.wbc import Gain, WholeBodyController, WholeBodyLimits, WholeBodySetti
 
 __all__ = [
     "build_controller",
-    "build_gate",
     "build_plant",
     "build_pushes",
     "build_robot",
@@ -34,11 +33,6 @@ __all__ = [
 
 _WBC_NORMAL_FORCE = (0.04, 10.0)
 """N per kg of the robot: a foot presses a little, and can carry the whole robot."""
-
-
-def build_gate(config: Config) -> Gate:
-    """Return the limits of section ``gate``."""
-    return Gate(**config.gate.model_dump())
 
 
 def build_plant(config: Config, robot: Robot) -> Plant:
@@ -165,7 +159,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         rates=rates,
         recorder=recorder,
         log_every=round(config.wbc.rate_hz / config.log.rate_hz),
-        gate=build_gate(config),
+        gate=config.gate,
         sensors=None if estimator is None else build_sensors(config, robot),
         estimator=estimator,
     )

@@ -5,13 +5,14 @@ from lgmpc.runs.compare import Change, compare
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
+from lgmpc.runs.gate import Gate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import PushInterval, RunLog, push_intervals
 from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
 from lgmpc.runs.recorder import Recorder
 from lgmpc.runs.result import RunResult, SolveResult
 from lgmpc.runs.trajectory import TrajectoryLog
-from lgmpc.runs.verdict import Gate, Outcome, Verdict, judge, measured
+from lgmpc.runs.verdict import Outcome, Verdict, judge, measured
 
 __all__ = [
     "Change",

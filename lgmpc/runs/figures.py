@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-__all__ = ["figure_number", "figure_of", "figure_words", "judge_figures", "short_number", "unknown_bounds"]
+__all__ = ["figure_number", "figure_of", "figure_words", "is_signed", "judge_figures", "short_number", "unknown_bounds"]
 
 _UNITS = {
     "_rad_s": ("rad/s", 1.0),
@@ -24,8 +24,11 @@ _UNITS = {
 
 _ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RPY", "ZMP")}
 
+_SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin", "rise")
+"""Last words, before the unit, of figures that can be negative."""
+
 _SMALL = 1e-3
-"""What is smaller, in its unit, is told as no more than that: nobody reads 2.8e-05 deg."""
+"""What is smaller, in its unit, is shown as no more than that: nobody reads 2.8e-05 deg."""
 
 
 def figure_of(bound: str) -> str:
@@ -33,12 +36,16 @@ def figure_of(bound: str) -> str:
     return bound[len("max_") :]
 
 
+def is_signed(figure: str) -> bool:
+    """Return whether a figure can be negative: a margin, a distance ahead, a height; not an error, a ratio, a speed."""
+    return _stem(figure).rpartition("_")[2] in _SIGNED or figure.startswith("least_")
+
+
 def figure_words(figure: str) -> tuple[str, str, float]:
     """Return ``com_error_m`` as ("CoM error", "mm", 1000): words, unit to show it in, scale to that unit."""
-    for ending, (unit, scale) in _UNITS.items():
-        if figure.endswith(ending):
-            return _words(figure.removesuffix(ending)), unit, scale
-    return _words(figure), "", 1.0
+    stem = _stem(figure)
+    unit, scale = _UNITS.get(figure.removeprefix(stem), ("", 1.0))
+    return _words(stem), unit, scale
 
 
 def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
@@ -83,6 +90,11 @@ def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> 
             ending, side = f" {unit}" if unit else "", "most" if highest else "least"
             reasons.append(f"{words} {shown}{ending}, allowed at {side} {allowed}{ending} ({bound})")
     return tuple(reasons)
+
+
+def _stem(figure: str) -> str:
+    """The name without its unit."""
+    return next((figure.removesuffix(ending) for ending in _UNITS if figure.endswith(ending)), figure)
 
 
 def _words(name: str) -> str:

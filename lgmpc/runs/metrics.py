@@ -79,6 +79,7 @@ class Metrics:
         real_time_factor: simulated over elapsed time.
         estimator_ms: duration of the estimator's ticks.
         estimator: how far the controller's estimate was from the truth.
+        min_base_height_fraction: lowest base height over the first; 1 for a base that is fixed.
     """
 
     survived_s: float
@@ -104,6 +105,7 @@ class Metrics:
     real_time_factor: float | None
     estimator_ms: Timing | None = None
     estimator: EstimatorErrors | None = None
+    min_base_height_fraction: float | None = None
 
 
 def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
@@ -166,6 +168,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         real_time_factor=(last - float(log.time[0])) / elapsed_s if elapsed_s else None,
         estimator_ms=None if log.estimate_ms is None else timing(log.estimate_ms),
         estimator=estimator_errors(log, end),
+        min_base_height_fraction=float(base[:, 2].min() / base[0, 2]) if log.floating_base else 1.0,
     )
 
 

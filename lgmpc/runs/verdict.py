@@ -1,16 +1,16 @@
-"""The gate that a run has to pass, and what it says when it does not."""
+"""Whether a run passed its gate, and if not, why."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 
-from lgmpc.errors import InputError
 from lgmpc.runs.figures import figure_of, short_number
+from lgmpc.runs.gate import Gate
 from lgmpc.runs.metrics import Metrics, Timing
 
-__all__ = ["Gate", "Outcome", "Verdict", "judge", "measured"]
+__all__ = ["Outcome", "Verdict", "judge", "measured"]
 
 
 class Outcome(str, Enum):
@@ -19,45 +19,6 @@ class Outcome(str, Enum):
     PASS = "pass"
     FAIL = "fail"
     INTERRUPTED = "interrupted"
-
-
-@dataclass(frozen=True)
-class Gate:
-    """Limits on a run's metrics; ``None`` = not limited. A robot that falls fails every gate.
-
-    Attributes:
-        steady_from_s: not a limit: when the transient is over, for the tracking error and the joint velocity.
-        max_tilt_deg: limit of :attr:`Metrics.max_tilt_deg`, and so on for the others.
-    """
-
-    steady_from_s: float = 0.0
-    max_tilt_deg: float | None = None
-    max_displacement_m: float | None = None
-    min_base_height_m: float | None = None
-    max_final_position_error_m: float | None = None
-    max_final_tilt_deg: float | None = None
-    max_final_rotation_deg: float | None = None
-    max_slip_m: float | None = None
-    max_foot_displacement_m: float | None = None
-    max_abs_torque_nm: float | None = None
-    max_torque_saturation_fraction: float | None = None
-    min_friction_margin_n: float | None = None
-    max_rms_joint_velocity_rad_s: float | None = None
-    max_com_rms_error_m: float | None = None
-    max_com_error_m: float | None = None
-    max_solver_failures: int | None = None
-    max_deadline_misses: int | None = None
-    max_mpc_p50_ms: float | None = None
-    max_wbc_p50_ms: float | None = None
-    min_real_time_factor: float | None = None
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and not math.isfinite(value):
-                raise InputError(f"gate.{field.name}", value, "a finite number")
-            if value is not None and value < 0 and field.name != "min_friction_margin_n":
-                raise InputError(f"gate.{field.name}", value, "a number that is not negative")
 
 
 @dataclass(frozen=True)
@@ -80,7 +41,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class _Words:
-    """How a metric is told: a phrase that its value completes, the unit it is told in, and its scale."""
+    """How a metric is reported: a phrase that its value completes, the unit of the value, and its scale."""
 
     phrase: str
     unit: str = ""
@@ -92,6 +53,7 @@ _WORDS = {
     "tilt_deg": _Words("the base tilted by", "deg"),
     "displacement_m": _Words("the base moved by", "mm", 1e3),
     "base_height_m": _Words("the base sank to", "mm", 1e3),
+    "base_height_fraction": _Words("the base sank to", "% of its height", 1e2),
     "final_position_error_m": _Words("the base ended away from its start by", "mm", 1e3),
     "final_tilt_deg": _Words("the base ended tilted by", "deg"),
     "final_rotation_deg": _Words("the base ended rotated from its start by", "deg"),
@@ -112,7 +74,7 @@ _WORDS = {
 
 
 def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict:
-    """Hold a run's metrics against its gate.
+    """Compare a run's metrics with its gate.
 
     Args:
         metrics: what was measured.
@@ -124,13 +86,13 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
     reasons = []
     if metrics.fell:
         reasons.append(f"the robot fell after {metrics.survived_s:.3g} s")
+    limits = gate.limits
     for name, words in _WORDS.items():
         for kind in ("max", "min"):
             field = f"{kind}_{name}"
-            limit = getattr(gate, field, None)
-            if limit is None:
+            if field not in limits:
                 continue
-            value = measured(metrics, field)
+            limit, value = limits[field], measured(metrics, field)
             if value is None or math.isnan(value):
                 reasons.append(f"{field} was not measured, but the gate limits it to {limit:g}")
             elif value > limit if kind == "max" else value < limit:

@@ -1,6 +1,5 @@
 """The shape of configs: documented, and in step with what it describes and with the file that editors read."""
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any, get_args
@@ -12,7 +11,6 @@ from lgmpc.config.schema import (
     CentroidalMpcSection,
     Config,
     FullBodyMpcSection,
-    GateSection,
     KinodynamicMpcSection,
     LqrMpcSection,
     PlantSection,
@@ -20,7 +18,6 @@ from lgmpc.config.schema import (
     SolveConfig,
     WbcSection,
 )
-from lgmpc.runs import Gate
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
 
@@ -57,10 +54,6 @@ def test_every_key_is_described_and_the_unit_of_its_name_is_explained(section: t
         if unit in words:
             said = [word for word in words[unit] if word in field.description]
             assert said, f"{section.__name__}.{name} does not say {' or '.join(words[unit])}"
-
-
-def test_the_gate_section_has_exactly_the_limits_that_runs_are_judged_by() -> None:
-    assert set(GateSection.model_fields) == {field.name for field in dataclasses.fields(Gate)}
 
 
 def keys(schema: Any) -> Any:

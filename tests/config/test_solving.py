@@ -81,16 +81,23 @@ BAD = [
     ("gate.foo=1", "gate.foo: got 1; expected the key converged, or a bound"),
     ("gate.max_cost=.nan", "gate.max_cost: got NaN (.nan); expected a finite number"),
     ("gate.max_cost=true", "gate.max_cost: got true; expected a finite number"),
+    ("gate.max_position_error_m=-1", "got -1; expected a number not below 0: position_error_m cannot be negative"),
+    ("gate.min_iterations=-1", "got -1; expected a number not below 0: iterations cannot be negative"),
     ("gate.converged=1", "gate.converged: got 1; expected true or false"),
     ("robot.model=iris", "robot: got iris, whose base is free; expected a robot with a fixed base"),
 ]
 
 
 @pytest.mark.parametrize(("override", "expected"), BAD, ids=[each[0] for each in BAD])
-def test_bad_values_are_told_with_their_place(override: str, expected: str) -> None:
+def test_bad_values_are_reported_with_their_place(override: str, expected: str) -> None:
     text = message(override)
     assert expected in text
     assert text.startswith("--set: ") or text.startswith("arm.yaml:2: robot")
+
+
+def test_bounds_on_margins_and_distances_may_be_negative() -> None:
+    bounds = arm("gate={min_friction_margin_n: -0.001, max_forward_distance_m: -0.1}").gate.bounds
+    assert bounds == {"min_friction_margin_n": -0.001, "max_forward_distance_m": -0.1}
 
 
 def test_all_unknown_bounds_are_found_at_once() -> None:
@@ -158,7 +165,7 @@ def test_what_did_not_converge_fails_unless_it_need_not() -> None:
     assert lenient.verdict.outcome is Outcome.PASS and not lenient.converged
 
 
-def test_broken_bounds_are_told_in_readable_units() -> None:
+def test_broken_bounds_are_reported_in_readable_units() -> None:
     outcome = prepare_solve(arm("gate={max_position_error_m: 1e-6, min_effort_ratio: 1.5}")).run(lambda now: None)
     first, second = outcome.verdict.reasons
     assert first.startswith("position error 0.") and "mm, allowed at most 0.001 mm (max_position_error_m)" in first

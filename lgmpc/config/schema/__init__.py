@@ -2,7 +2,6 @@
 
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth, InvariantEkfSection
-from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
 from lgmpc.config.schema.mpc import (
     CentroidalMpcSection,
@@ -36,7 +35,6 @@ __all__ = [
     "EstimatorSection",
     "FullBodyMpcSection",
     "FullBodyMpcWeights",
-    "GateSection",
     "GroundTruth",
     "InvariantEkfSection",
     "KinodynamicMpcSection",

@@ -8,7 +8,6 @@ from pydantic import Field, model_validator
 
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth
-from lgmpc.config.schema.gate import GateSection
 from lgmpc.config.schema.log import LogSection
 from lgmpc.config.schema.mpc import CentroidalMpcSection, MpcSection
 from lgmpc.config.schema.plant import PlantSection
@@ -16,6 +15,7 @@ from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ReferenceSection, StandReference
 from lgmpc.config.schema.sensors import SensorsSection
 from lgmpc.config.schema.wbc import WbcSection
+from lgmpc.runs.gate import Gate
 from lgmpc.settings import Positive, Problem, problem, problems
 
 __all__ = ["MOST_TICKS", "Config"]
@@ -38,7 +38,7 @@ class Config(Document):
     wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
     reference: ReferenceSection = Field(default=StandReference(), description="What the robot should do.")
     pushes: tuple[PushSection, ...] = Field(default=(), description="Disturbances.")
-    gate: GateSection = Field(default=GateSection(), description="What counts as success.")
+    gate: Gate = Field(default=Gate(), description="What counts as success.")
     log: LogSection = Field(default=LogSection(), description="What is recorded.")
 
     @model_validator(mode="after")

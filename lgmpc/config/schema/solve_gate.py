@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import ConfigDict, Field, model_validator
 
+from lgmpc.runs.figures import figure_of, is_signed
 from lgmpc.settings import LARGEST, Finite, Problem, Settings, problems
 
 __all__ = ["SolveGateSection"]
@@ -49,6 +50,8 @@ class SolveGateSection(Settings):
                 wrong.append(Problem(key, value, "the key converged, or a bound: max_<figure> or min_<figure>"))
             elif isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
                 wrong.append(Problem(key, value, "a finite number"))
+            elif value < 0 and not is_signed(figure_of(key)):
+                wrong.append(Problem(key, value, f"a number not below 0: {figure_of(key)} cannot be negative"))
         if wrong:
             raise problems(wrong)
         return data

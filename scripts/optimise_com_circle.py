@@ -18,12 +18,22 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.actions import ContactForwardDynamics, MultibodyAction
-from lgmpc.costs import CostItem, Residual, StageSymbols
-from lgmpc.costs.library import CoMPosition, ContactControlGravity, StateError
-from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.robot import RobotSpec, load_robot
-from lgmpc.solvers import Fddp, Solution
+from lgmpc import (
+    CoMPosition,
+    ContactControlGravity,
+    ContactForwardDynamics,
+    CostItem,
+    Fddp,
+    MultibodyAction,
+    Residual,
+    RobotSpec,
+    ShootingProblem,
+    Solution,
+    StageSymbols,
+    StateError,
+    Trajectory,
+    load_robot,
+)
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 RADIUS, FREQUENCY, NODES, STEP = 0.065, 0.2, 50, 0.02
@@ -72,7 +82,7 @@ def solve() -> tuple[Solution, np.ndarray]:
 
 
 def main() -> None:
-    """Solve and tell."""
+    """Solve the problem and print what the solution is like."""
     solution, error = solve()
     print(solution.explain())
     print(f"centre of mass: {1e3 * error.mean():.2f} mm from the circle on average, at most {1e3 * error.max():.2f} mm")

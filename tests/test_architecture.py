@@ -63,6 +63,7 @@ ARROWS: dict[str, str] = {
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.execution": "runs",
+    "config.showing": "robot runs viz",
     "config.new_folder": "runs",
     "config.session": "runs",
     "doctor": f"{_PARTS} simulation",
@@ -76,7 +77,7 @@ ARROWS: dict[str, str] = {
     "proxqp": "",
     "chromium": "",
     "shipped": "errors",
-    "": "",
+    "": f"errors {_PROBLEMS} solvers mpc wbc problems config",
 }
 
 # Outside package -> the only modules (or rooms) that may import it.

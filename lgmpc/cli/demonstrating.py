@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import err, has_desktop, out
+from lgmpc.cli.screen import err, out
 from lgmpc.demos.catalogue import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
@@ -42,7 +42,7 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
         view: open the scene in a browser, if it has one and there is a desktop.
         as_json: print the table as JSON.
     """
-    from lgmpc.viz.demonstration import demo_page, draw_demo
+    from lgmpc.viz import demo_page, draw_demo, has_desktop, serve_page, write_page
 
     demo = load_demo(name)
     try:
@@ -57,16 +57,12 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
         written.append(draw_demo(demo, outcome, folder / f"{name}.{kind}"))
     page = demo_page(demo, outcome) if outcome.bodies else ""
     if page:
-        from lgmpc.viz.page import write_page
-
         written.append(write_page(page, folder / f"{name}.html"))
     if as_json:
         print(_json(demo, outcome), end="")
     else:
         _print_table(demo, outcome, written)
     if view and page and not as_json and has_desktop():
-        from lgmpc.viz.page import serve_page
-
         serve_page(page, demo.name, open_browser=True)
     return 0 if outcome.agrees else 1
 

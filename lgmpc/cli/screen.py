@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "err",
-    "has_desktop",
     "out",
     "print_result",
     "show_crash",
@@ -46,11 +43,6 @@ def out() -> Console:
 def err() -> Console:
     """Return the console for progress, notes and errors."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
-
-
-def has_desktop() -> bool:
-    """Return whether a browser window can be expected to open here."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def show_error(error: LgmpcError) -> None:

@@ -5,7 +5,7 @@ files. The viewer and matplotlib are loaded when one is made.
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
-from lgmpc.viz.page import serve_page, write_page
+from lgmpc.viz.page import has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.trajectory_plots import plot_trajectory
@@ -14,6 +14,7 @@ from lgmpc.viz.trajectory_replay import trajectory_page
 __all__ = [
     "demo_page",
     "draw_demo",
+    "has_desktop",
     "plot_run",
     "plot_trajectory",
     "replay_page",

@@ -9,6 +9,8 @@ import base64
 import contextlib
 import html
 import importlib.util
+import os
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping
@@ -25,7 +27,7 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.typing import Array
 from lgmpc.viz.scene import Scene
 
-__all__ = ["PageServer", "Readout", "page_of", "serve_page", "time_line", "write_page"]
+__all__ = ["PageServer", "Readout", "has_desktop", "page_of", "serve_page", "time_line", "write_page"]
 
 _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Of the first and the second curve on the time line."""
@@ -104,6 +106,11 @@ def write_page(page: str, file: Path | str) -> Path:
     return path
 
 
+def has_desktop() -> bool:
+    """Return whether a browser window can be expected to open here."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def serve_page(
     page: str, what: str, *, port: int = 0, open_browser: bool = False, notify: Callable[[str], None] = print
 ) -> None:
@@ -114,7 +121,7 @@ def serve_page(
         what: it shows, for the message.
         port: TCP port; 0 = any free one.
         open_browser: open the page in the default browser.
-        notify: told the address.
+        notify: called with a line that says the address.
 
     Raises:
         InputError: if the port is taken.

@@ -1,0 +1,66 @@
+"""What ``import lgmpc`` gives, and what it loads."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lgmpc
+
+NAMES = [name for name in lgmpc.__all__ if name != "__version__"]
+
+
+def _run(code: str) -> list[str]:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_what_its_module_exports(name: str) -> None:
+    module = importlib.import_module(lgmpc._MODULE_OF[name])
+    assert getattr(lgmpc, name) is getattr(module, name)
+    assert name in module.__all__
+    assert getattr(lgmpc, name).__doc__
+
+
+def test_type_checkers_see_the_names_that_are_there() -> None:
+    tree = ast.parse(Path(lgmpc.__file__).read_text(encoding="utf-8"))
+    (guarded,) = (node for node in tree.body if isinstance(node, ast.If))
+    imported = {
+        alias.asname: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert imported == lgmpc._MODULE_OF
+
+
+def test_no_name_hides_a_room() -> None:
+    assert not set(NAMES) & {room.name for room in pkgutil.iter_modules(lgmpc.__path__)}
+
+
+def test_importing_the_package_loads_nothing_else() -> None:
+    loaded = _run("import sys; before = set(sys.modules); import lgmpc; print(*set(sys.modules) - before)")
+    allowed = {"lgmpc", "importlib", "typing", "warnings", "__future__"}  # and what these load
+    own = [name for name in loaded if name.startswith("lgmpc.")]
+    others = {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names) - allowed
+    assert (own, others) == ([], set())
+
+
+def test_a_name_loads_its_own_room_only() -> None:
+    loaded = _run("import sys, lgmpc; lgmpc.LgmpcError; print(*sys.modules)")
+    assert "lgmpc.errors" in loaded
+    assert not {"numpy", "pinocchio", "casadi", "lgmpc.config", "lgmpc.robot"} & set(loaded)
+
+
+def test_dir_lists_the_names_before_they_are_used() -> None:
+    assert set(lgmpc.__all__) <= set(_run("import lgmpc; print(*dir(lgmpc))"))
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'lgmpc' has no attribute 'Fdpp'"):
+        lgmpc.Fdpp  # noqa: B018
+    with pytest.raises(ImportError, match="cannot import name 'Fdpp'"):
+        from lgmpc import Fdpp  # noqa: F401

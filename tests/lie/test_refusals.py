@@ -71,6 +71,31 @@ def test_bad_input_is_named(function, arguments, message) -> None:
         function(*arguments)
 
 
+@pytest.mark.parametrize(
+    ("function", "distorted"),
+    [
+        (so3.inverse, lambda e: np.sqrt(1.0 + e) * EYE),
+        (so3.inverse, lambda e: EYE + e * np.eye(3, k=1)),
+        (quaternion.inverse, lambda e: (1.0 + e) * quaternion.identity()),
+        (se3.inverse, lambda e: np.eye(4) + e * np.eye(4, k=-3)),
+        (so3.vee, lambda e: e * EYE / 2.0),
+        (se3.vee, lambda e: e * np.eye(4, k=-3)),
+    ],
+)
+def test_a_millionth_off_is_taken_for_rounding_and_no_more(function, distorted) -> None:
+    for size in (0.9e-6, -0.9e-6):
+        function(distorted(size))
+    for size in (1.1e-6, -1.1e-6):
+        with pytest.raises(InputError):
+            function(distorted(size))
+
+
+def test_entries_are_accepted_up_to_1e100() -> None:
+    assert np.isfinite(so3.hat([0.99e100, 0.0, 0.0])).all()
+    with pytest.raises(InputError, match="smaller than 1e100"):
+        so3.hat([1e100, 0.0, 0.0])
+
+
 def test_one_bad_element_of_a_batch_is_enough() -> None:
     batch = np.tile(EYE, (4, 1, 1))
     so3.log(batch)

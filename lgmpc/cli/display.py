@@ -19,7 +19,7 @@ Step = TypeVar("Step", contravariant=True)
 class Display(Protocol[Step]):
     """Shows how far something is."""
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         """Show what is being prepared."""
 
     def move(self, now: Step) -> None:
@@ -29,7 +29,7 @@ class Display(Protocol[Step]):
 class Silent:
     """Shows nothing."""
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         """Do nothing."""
 
     def move(self, now: object) -> None:

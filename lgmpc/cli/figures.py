@@ -33,7 +33,7 @@ class Row:
 
     @classmethod
     def of(cls, figure: str, value: float | None, limit: float | None = None, *, highest: bool = True) -> Row:
-        """Take words and unit from a figure's name: ``slip_m`` is told as "slip", in mm."""
+        """Take words and unit from a figure's name: ``slip_m`` is shown as "slip", in mm."""
         words, unit, scale = figure_words(figure)
         shown = None if value is None else scale * value
         return cls(words, unit, shown, None if limit is None else scale * limit, highest)

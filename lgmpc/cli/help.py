@@ -1,4 +1,4 @@
-"""What the help of the command line says. A paragraph is one line: the terminal breaks it."""
+"""Texts of the command line's help. A paragraph is one line: the terminal breaks it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ __all__ = ["CHECK", "CONFIGS", "DEMO", "DOCTOR", "OVERVIEW", "PLAY", "PLOT", "RU
 
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
-    "A config (YAML) describes a robot and what counts as success and, either, a simulated world, controllers and "
-    "disturbances, which `lgmpc run` plays through, or a problem and a solver, whose trajectory `lgmpc solve` finds. "
-    "Both save a run folder; `lgmpc play` and `lgmpc plot` show what happened. `lgmpc demo` needs no config: it holds "
-    "what geometric mechanics predicts against simulations."
+    "A config (YAML) describes a robot, what counts as success, and either a plant, controllers and disturbances, "
+    "which `lgmpc run` simulates, or a problem and a solver, whose trajectory `lgmpc solve` computes. Both save a run "
+    "folder; `lgmpc play` and `lgmpc plot` show it. `lgmpc demo` needs no config: it compares predictions of geometric "
+    "mechanics with simulations."
 )
 OVERVIEW = f"""{_WHAT}
 
@@ -17,11 +17,12 @@ OVERVIEW = f"""{_WHAT}
 
 [bold]Start here[/bold]
 
-  lgmpc doctor                               is everything installed?
-  lgmpc run configs/solo12_balance.yaml      push Solo12, see it recover
-  lgmpc solve configs/solo12_trot.yaml       optimise a trajectory
-  lgmpc play latest                          watch the last of them in the browser
-  lgmpc demo                                 which demonstrations there are
+  lgmpc doctor                 check the installation
+  lgmpc configs                list the configs that come with lgmpc
+  lgmpc run solo12_balance     push Solo12, see it recover
+  lgmpc solve solo12_trot      optimise a trajectory
+  lgmpc play latest            replay the last of them in the browser
+  lgmpc demo                   list the demonstrations
 
 [bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 mistake in lgmpc
 """
@@ -33,17 +34,17 @@ def _examples(*lines: str) -> str:
 
 
 RUN = _examples(
-    "lgmpc run configs/solo12_balance.yaml",
-    "lgmpc run configs/solo12_balance.yaml --set mpc.enabled=false --set plant.friction=0.4",
-    'lgmpc run configs/solo12_balance.yaml --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs',
-    "lgmpc run configs/solo12_stand.yaml --json | jq .metrics.max_tilt_deg",
+    "lgmpc run solo12_balance",
+    "lgmpc run solo12_balance --set mpc.enabled=false --set plant.friction=0.4",
+    'lgmpc run solo12_balance --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs',
+    "lgmpc run solo12_stand --json | jq .metrics.max_tilt_deg",
     "lgmpc run runs/<time>-<name>/config.yaml      repeat a run",
 )
 SOLVE = _examples(
-    "lgmpc solve configs/solo12_trot.yaml",
-    'lgmpc solve configs/solo12_trot.yaml --set problem.cycles=5 "problem.velocity_m_s=[0.2, 0.1]"',
-    "lgmpc solve configs/panda_reach.yaml --set solver.method=ipopt gate.max_effort_ratio=0.9",
-    "lgmpc solve configs/solo12_com_circle_full_body.yaml --json | jq .figures",
+    "lgmpc solve solo12_trot",
+    'lgmpc solve solo12_trot --set problem.cycles=5 "problem.velocity_m_s=[0.2, 0.1]"',
+    "lgmpc solve panda_reach --set solver.method=ipopt gate.max_effort_ratio=0.9",
+    "lgmpc solve solo12_com_circle_full_body --json | jq .figures",
     "lgmpc solve runs/<time>-<name>/config.yaml    repeat it",
 )
 PLAY = _examples(
@@ -56,17 +57,17 @@ PLOT = _examples(
     "lgmpc plot runs/<time>-<name> --out /tmp/figures",
 )
 DEMO = _examples(
-    "lgmpc demo                                 which there are",
+    "lgmpc demo                                 the list",
     "lgmpc demo dzhanibekov                     a body that keeps turning over",
     "lgmpc demo integrators --out /tmp/demo --format svg --no-view",
 )
 CHECK = _examples(
-    "lgmpc check configs/solo12_balance.yaml",
+    "lgmpc check solo12_balance",
     "lgmpc check my.yaml --set robot.model=anymal_c",
-    "lgmpc check configs/panda_reach.yaml       which figures can be bounded",
+    "lgmpc check panda_reach                    which figures can be bounded",
 )
 CONFIGS = _examples(
-    "lgmpc configs                              which there are",
+    "lgmpc configs                              the list",
     "lgmpc configs --copy solo12_balance my.yaml",
     "lgmpc run my.yaml",
 )

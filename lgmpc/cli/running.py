@@ -26,7 +26,7 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
     """Run ``config``, showing its progress, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
-        finished = run_config(config, folder, notify=display.tell, progress=display.move)
+        finished = run_config(config, folder, notify=display.announce, progress=display.move)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
@@ -71,13 +71,13 @@ class _Lines:
         self._console = console
         self._simulating = False
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         self._console.print(message, markup=False)
 
     def move(self, now: Progress) -> None:
         if not self._simulating:
             self._simulating = True
-            self.tell(f"simulating {now.duration_s:g} s")
+            self.announce(f"simulating {now.duration_s:g} s")
 
 
 class _Moving:
@@ -87,7 +87,7 @@ class _Moving:
         self._bar = bar
         self._task = bar.add_task("preparing", total=duration_s, state="")
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         self._bar.update(self._task, description=message)
 
     def move(self, now: Progress) -> None:

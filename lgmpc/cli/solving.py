@@ -33,7 +33,7 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
     """Solve the problem of ``config``, showing the iterations, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config, quiet=quiet) as display, warnings_on(console):
-        finished = solve_config(config, folder, notify=display.tell, progress=display.move)
+        finished = solve_config(config, folder, notify=display.announce, progress=display.move)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
@@ -70,7 +70,7 @@ class _Lines:
         self._columns = columns
         self._count = 0
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         self._console.print(message, markup=False)
 
     def move(self, now: Iteration) -> None:
@@ -89,7 +89,7 @@ class _Moving:
         self._rows: deque[Iteration] = deque(maxlen=_ROWS)
         self._spinner = Spinner("dots", "")
 
-    def tell(self, message: str) -> None:
+    def announce(self, message: str) -> None:
         self._spinner.update(text=Text(message))
         self._draw()
 
@@ -107,11 +107,11 @@ class _Moving:
 
 
 Columns = Mapping[str, Callable[[Iteration], str]]
-"""Heading of each column, and what it says of an iteration."""
+"""Heading of each column, and its text for an iteration."""
 
 
 def _columns(method: str) -> Columns:
-    """What an iteration tells: FDDP compares what is left to gain with its tolerance, SQP the residual."""
+    """Return the columns of a method: FDDP compares what is left to gain with its tolerance, SQP the residual."""
     criterion = "left to gain" if "fddp" in method else "residual"
     return {
         "iteration": lambda now: str(now.count),

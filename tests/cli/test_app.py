@@ -1,4 +1,4 @@
-"""Help, versions, checks, schema: what the command line says without simulating."""
+"""Help, versions, checks, completion, schema: what the command line prints without simulating."""
 
 import json
 import subprocess
@@ -101,7 +101,7 @@ def test_every_command_explains_itself(command: list[str], invoke: Invoke) -> No
 
 
 def test_help_shows_examples_and_exit_codes(invoke: Invoke) -> None:
-    assert "lgmpc run configs/solo12_balance.yaml" in invoke("--help")[1]
+    assert "lgmpc run solo12_balance" in invoke("--help")[1]
     assert "130 stopped by Ctrl-C" in invoke("--help")[1]
     assert "--set mpc.enabled=false" in invoke("run", "--help")[1]
 
@@ -118,7 +118,7 @@ def test_the_version_is_the_packages(invoke: Invoke) -> None:
     assert invoke("--version") == (0, f"lgmpc {__version__}\n")
 
 
-def test_check_says_what_a_config_means(invoke: Invoke) -> None:
+def test_check_shows_what_a_config_means(invoke: Invoke) -> None:
     code, output = invoke("check", BALANCE)
     assert code == 0
     for words in (
@@ -132,7 +132,7 @@ def test_check_says_what_a_config_means(invoke: Invoke) -> None:
     assert "note:" not in output
 
 
-def test_check_tells_what_was_probably_not_meant(invoke: Invoke) -> None:
+def test_check_notes_what_was_probably_not_meant(invoke: Invoke) -> None:
     code, output = invoke("check", BALANCE, "duration_s=5", "--set", "mpc.enabled=false")
     assert code == 0
     assert "note: pushes.2 begins at 7 s, after the end of the run (5 s)" in output

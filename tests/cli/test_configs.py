@@ -31,7 +31,7 @@ def test_commands_take_a_name(invoke: Invoke) -> None:
     assert (code, output.split()[0]) == (0, "PASS")
 
 
-def test_the_wrong_command_for_a_name_says_the_right_one(invoke: Invoke) -> None:
+def test_the_wrong_command_for_a_name_names_the_right_one(invoke: Invoke) -> None:
     code, output = invoke("run", "panda_reach")
     assert code == 2
     assert "lgmpc solve " in output

@@ -29,7 +29,7 @@ def code_of(error: BaseException) -> int:
         (KeyboardInterrupt(), 130, "stopped; nothing was saved"),
     ],
 )
-def test_what_is_foreseen_is_told_as_it_is(
+def test_a_foreseen_error_is_shown_as_it_is(
     error: BaseException, code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert code_of(error) == code

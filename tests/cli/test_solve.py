@@ -83,7 +83,7 @@ def test_bad_input_exits_with_2_and_leaves_no_folder(invoke: Invoke, arm: Path) 
     assert not list((arm.parent / "runs").glob("*"))
 
 
-def test_check_tells_the_problem_and_its_figures(invoke: Invoke, arm: Path) -> None:
+def test_check_shows_the_problem_and_its_figures(invoke: Invoke, arm: Path) -> None:
     code, output = invoke("check", arm)
     assert code == 0, output
     for words in ("reach: 20 intervals, 0.4 s", "link2 at", "box_fddp", "position_error_m", "OK"):

@@ -161,8 +161,8 @@ class Fddp(IterativeSolver):
             gained = self._cost - cost
             if expected >= 0.0:
                 accept = abs(d0) < s.least_slope or gained > s.acceptance * expected
-            else:
-                accept = not self._closed and gained > s.ascent_acceptance * expected
+            else:  # the price of closing gaps: without them the sweep's step lowers its model
+                accept = gained > s.ascent_acceptance * expected
             if accept:
                 f.accept()
                 self._cost = cost

@@ -125,6 +125,18 @@ def test_activation_and_its_derivatives(activation: Any, value: Any) -> None:
         assert (got[2] >= 0).all()
 
 
+def test_huber_is_quadratic_up_to_its_threshold_and_linear_beyond() -> None:
+    """At the threshold itself the quadratic holds, in the second derivative too."""
+    r = ca.SX.sym("r", 5)
+    huber = Huber(0.8)
+    function = ca.Function("a", [r], [huber.value(r), huber.gradient(r), huber.curvature(r)])
+    beyond = np.nextafter(0.8, 1.0)
+    value, gradient, curvature = (v.full().ravel() for v in function([-beyond, -0.8, 0.5, 0.8, beyond]))
+    np.testing.assert_allclose(value, [0.32, 0.32, 0.125, 0.32, 0.32], rtol=1e-14)
+    np.testing.assert_allclose(gradient, [-0.8, -0.8, 0.5, 0.8, 0.8], rtol=1e-14)
+    assert curvature.tolist() == [0.0, 1.0, 1.0, 1.0, 0.0]
+
+
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="name: got 'my hand'"):
         CostItem("my hand", Height())

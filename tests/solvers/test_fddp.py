@@ -111,6 +111,36 @@ def test_feedback_is_that_of_the_closed_form(linear: Callable[..., Action]) -> N
     np.testing.assert_allclose(solution.control(0, moved.x0), us[0], atol=1e-7)
 
 
+@pytest.mark.parametrize("rising", [False, True])
+def test_full_steps_are_accepted_by_the_exact_change_of_a_linear_quadratic_cost(
+    linear: Callable[..., Action], rising: bool
+) -> None:
+    """Where the model is exact, a share of the expected change that is a thousandth off decides."""
+    problem = linear_problem(linear, mixed=False)
+    guess = Trajectory(problem.view("goal").copy(), np.zeros((9, 2)))  # costs nothing, and has gaps
+    if not rising:
+        guess.xs[...] *= 10.0
+    before = Fddp(problem).solve(guess, max_iterations=0).cost
+    for share, accepted in ((0.999, not rising), (1.001, rising)):
+        settings = FddpSettings(step_lengths=(1.0,), acceptance=share, ascent_acceptance=share)
+        reports: list[Progress] = []
+        after = Fddp(problem, settings).solve(guess, max_iterations=1, callback=reports.append).cost
+        assert reports[0].accepted is accepted
+        assert np.sign(after - before) == (0 if not accepted else 1 if rising else -1)
+
+
+def test_shortened_steps_close_their_share_of_the_gaps(linear: Callable[..., Action]) -> None:
+    problem = linear_problem(linear, mixed=False)
+    rng = np.random.default_rng(4)
+    guess = Trajectory(rng.standard_normal((10, 4)), rng.standard_normal((9, 2)))
+    solver = Fddp(problem, FddpSettings(step_lengths=(0.5,)))
+    gaps = solver.solve(guess, max_iterations=0).gaps
+    np.testing.assert_allclose(solver.solve(guess, max_iterations=3).gaps, gaps / 8, atol=1e-12)
+    # A trajectory without gaps keeps none, whatever the steps' length, and so can converge.
+    assert solver.solve(guess).status is Status.ITERATION_LIMIT
+    assert solver.solve(problem.rollout(guess.us)).status is Status.CONVERGED
+
+
 def check_against_ipopt(solution: Solution, problem: ShootingProblem, guess: Trajectory, atol: float) -> None:
     reference = NlpSolver(problem).solve(guess)
     assert solution.cost == pytest.approx(reference.cost, rel=1e-8)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import casadi as ca
@@ -9,7 +10,7 @@ import pytest
 from lgmpc.actions import Action, Bounded, LeastSquares, ParameterLayout
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, NlpSolver, Status
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, NlpSolver, Progress, Status
 from lgmpc.state import StateVector
 
 Make = Callable[..., ShootingProblem]
@@ -150,6 +151,51 @@ def test_steps_that_are_too_long_are_shortened() -> None:
     assert solution.status is Status.CONVERGED and solution.residual().largest < 1e-6
     assert solution.iterations < 50  # 95 if every point may be worse than the last few
     assert solution.cost == pytest.approx(NlpSolver(problem).solve().cost, rel=1e-8)
+
+
+@pytest.mark.parametrize("start", [0.0, 1.0])
+def test_decrease_is_measured_from_the_worst_of_the_last_four_points(start: float) -> None:
+    """Without gaps and constraints the penalty function is the cost: steps may raise it, but not above the worst."""
+    problem = ShootingProblem(Curved(), 6)
+    solver = LineSearchSqp(problem)
+    guess = problem.rollout(np.full((6, 1), start))
+    reports: list[Progress] = []
+    points = [solver.solve(guess, max_iterations=k) for k in range(7)]
+    solver.solve(guess, max_iterations=6, callback=reports.append)
+    assert any(after.cost > before.cost for before, after in itertools.pairwise(points))
+    for k, report in enumerate(reports, start=1):
+        worst = max(point.cost for point in points[max(k - 4, 0) : k])
+        assert points[k].cost < worst
+        if report.step_length < 1.0:  # because one twice as long goes beyond
+            step = points[k].us - points[k - 1].us
+            longer = solver.solve(problem.rollout(points[k - 1].us + 2.0 * step), max_iterations=0)
+            assert longer.cost > worst
+    assert min(report.step_length for report in reports) == 0.5
+
+
+class Bent(Curved):
+    """A transition that curves so much that a full step from rest leaves 0.861 of a gap of 1 and costs 0.5."""
+
+    name = "bent"
+
+    def step(self, x, u, p):
+        return u + 3.444 * u**2
+
+    def cost(self, x, u, p):
+        return LeastSquares(u, ca.SX(2.0))
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x - 1.0, ca.SX(2.0))
+
+
+@pytest.mark.parametrize(("margin", "length"), [(1.81, 1.0), (1.79, 0.5)])
+def test_the_penalty_is_set_to_twice_the_margin(margin: float, length: float) -> None:
+    """The first subproblem's costate is 1: a penalty of twice the margin outweighs the cost from 0.5 / 0.139 on."""
+    guess = Trajectory(np.array([[0.0], [1.0]]), np.zeros((1, 1)))
+    reports: list[Progress] = []
+    solver = LineSearchSqp(ShootingProblem(Bent(), 1), LineSearchSqpSettings(penalty_margin=margin))
+    assert solver.solve(guess, callback=reports.append).status is Status.CONVERGED
+    assert reports[0].step_length == length
 
 
 def test_what_rounding_hides_is_no_contradiction(cart: ShootingProblem, unicycle: ShootingProblem) -> None:

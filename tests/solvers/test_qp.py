@@ -13,6 +13,7 @@ from lgmpc.proxqp import proxqp
 from lgmpc.solvers.qp import (
     QP_SOLVERS,
     PiqpSettings,
+    PiqpSolver,
     QpStatus,
     RiccatiSettings,
     RiccatiSolver,
@@ -226,9 +227,14 @@ def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
     hard = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
     assert solver.solve(hard) is QpStatus.SOLVED and solver.took_over
     assert solver.solution.residual().largest < ACCURACY["piqp"]
-    patient = RiccatiSolver(qp, RiccatiSettings(max_sweeps=0))
+    none = RiccatiSolver(qp, RiccatiSettings(max_sweeps=0))
+    none.prepare()
+    assert none.solve(np.zeros(9)) is QpStatus.SOLVED and none.took_over
+    other = PiqpSolver(qp)
+    patient = RiccatiSolver(qp, RiccatiSettings(max_sweeps=60), fallback=lambda _: other)
     patient.prepare()
-    assert patient.solve(np.zeros(9)) is QpStatus.SOLVED and patient.took_over
+    assert patient.solve(hard) is QpStatus.SOLVED and patient.took_over
+    assert patient.iterations == other.iterations + 2  # the second sweep raises phi: no third is taken
 
 
 def test_unknown_names_are_named(cart: ShootingProblem) -> None:

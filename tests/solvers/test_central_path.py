@@ -1,0 +1,95 @@
+"""The path of :mod:`lgmpc.solvers.qp.central_path`, against Newton's method on dense optimality conditions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lgmpc.solvers.qp.central_path import CentralPath
+
+
+def newton(
+    hessian: np.ndarray, centre: np.ndarray, signs: np.ndarray, bounds: np.ndarray, s: np.ndarray, z: np.ndarray,
+    target: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Rows r, and steps of slacks and multipliers, of ``h (r - c) + G^T z = 0, s = b - G r, s z = target``.
+
+    G (signs, m x n) and b bound the rows from above, after a change of sign where they bound them from below.
+    """
+    n, m = centre.size, s.size
+    kkt = np.block(
+        [
+            [np.diag(hessian), np.zeros((n, m)), signs.T],
+            [signs, np.eye(m), np.zeros((m, m))],
+            [np.zeros((m, n)), np.diag(z), np.diag(s)],
+        ]
+    )
+    step = np.linalg.solve(kkt, np.concatenate([hessian * centre - signs.T @ z, bounds - s, target - s * z]))
+    return step[:n], step[n : n + m], step[n + m :]
+
+
+def longest(s: np.ndarray, ds: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """The longest step, at most 1, that keeps slacks and multipliers from becoming negative."""
+    ratios = [-value / step for value, step in zip(np.r_[s, z], np.r_[ds, dz], strict=True) if step < 0.0]
+    return min([1.0, *ratios])
+
+
+def test_steps_are_mehrotras() -> None:
+    """Predictor, centring by the cube of what the predictor leaves, corrector of second order; six rows, ten bounds."""
+    rng = np.random.default_rng(0)
+    hessian, centre = rng.uniform(0.5, 3.0, (2, 3)), 2.0 * rng.standard_normal((2, 3))
+    lower, upper = -rng.uniform(0.1, 1.0, (2, 3)), rng.uniform(0.1, 1.0, (2, 3))
+    lower[0, 1], upper[1, 2] = -np.inf, np.inf
+    low, high = np.flatnonzero(np.isfinite(lower)), np.flatnonzero(np.isfinite(upper))
+    signs = np.vstack([-np.eye(6)[low], np.eye(6)[high]])
+    bounds = np.concatenate([-lower.ravel()[low], upper.ravel()[high]])
+    start = 0.7
+    path = CentralPath(lower, upper, start, 1e6)
+    weights, targets = np.zeros((2, 3)), np.zeros((2, 3))
+
+    def rows() -> np.ndarray:
+        """Minimise the cost ``1/2 h (row - c)^2`` with the penalties that the path has written."""
+        return (hessian * centre + weights * targets) / (hessian + weights)
+
+    path.begin(weights, targets)
+    first = rows()
+    path.start(first)
+    gap = bounds - signs @ first.ravel()
+    worst = -gap.min()
+    s, z = np.maximum(gap, worst), start * (np.maximum(-gap, 0.0) + 0.3 * worst)
+    for _ in range(5):
+        problem = hessian.ravel(), centre.ravel(), signs, bounds, s, z
+        path.predict(weights, targets)
+        predicted, ds, dz = newton(*problem, np.zeros(s.size))
+        np.testing.assert_allclose(rows().ravel(), predicted, rtol=1e-9)
+        path.correct(rows(), targets)
+        length = longest(s, ds, z, dz)
+        left, mean = (s + length * ds) @ (z + length * dz) / s.size, s @ z / s.size
+        corrected, ds, dz = newton(*problem, mean * (left / mean) ** 3 - ds * dz)
+        np.testing.assert_allclose(rows().ravel(), corrected, rtol=1e-9)
+        assert path.step(rows())
+        length = min(1.0, 0.995 * longest(s, ds, z, dz))
+        s, z = s + length * ds, z + length * dz
+    assert path.settled
+    found, multipliers = path.active_rows()
+    np.testing.assert_allclose(found, np.clip(centre, lower, upper), atol=1e-4)
+    np.testing.assert_allclose(multipliers, hessian * (centre - found), atol=1e-3)
+
+
+def test_equal_bounds_alone_are_reached_without_slacks() -> None:
+    centre, bound = np.array([[0.3, -2.0]]), np.array([[1.0, 0.5]])
+    path = CentralPath(bound, bound, 0.7, 1e3)
+    weights, targets = np.zeros((1, 2)), np.zeros((1, 2))
+
+    def rows() -> np.ndarray:
+        return (centre + weights * targets) / (1.0 + weights)
+
+    path.begin(weights, targets)
+    path.start(rows())
+    for _ in range(5):
+        path.predict(weights, targets)
+        path.correct(rows(), targets)
+        assert path.step(rows())
+    found, multipliers = path.active_rows()
+    np.testing.assert_array_equal(found, bound)
+    np.testing.assert_allclose(rows(), bound, atol=1e-10)
+    np.testing.assert_allclose(multipliers, centre - bound, rtol=1e-9)

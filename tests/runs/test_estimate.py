@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError, RunFolderError
@@ -59,7 +60,6 @@ def test_the_estimators_time_counts_for_the_deadline() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_rotation_is_a_tilt_after_a_yaw(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    pin = pytest.importorskip("pinocchio")
     tilt, yaw = rng.uniform(0.0, 170.0), rng.uniform(-170.0, 170.0)
     horizontal = np.append(rng.normal(size=2), 0.0)
     truth = pin.Quaternion(*rng.normal(size=4)).normalized()

@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
@@ -42,7 +43,6 @@ def test_standing_still_is_perfect(standing) -> None:
 
 
 def test_rotate_agrees_with_pinocchio() -> None:
-    pin = pytest.importorskip("pinocchio")
     rng = np.random.default_rng(3)
     for _ in range(20):
         quaternion = rng.normal(size=4)

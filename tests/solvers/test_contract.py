@@ -69,14 +69,13 @@ def lagrangian_slope(solution: Solution) -> float:
     return largest
 
 
-@pytest.mark.parametrize("name", SOLVERS)
-@pytest.mark.parametrize("bounded", [False, True])
+@pytest.mark.parametrize(
+    ("name", "bounded"), [*((name, False) for name in SOLVERS), *((name, True) for name in BOUNDED)]
+)
 def test_a_solution_satisfies_the_conditions_by_differences_of_values(
     satellite: Make, name: str, bounded: bool
 ) -> None:
     """Nothing of the derivatives that the solvers use, nor of their own measurements."""
-    if bounded and name not in BOUNDED:
-        pytest.skip("takes no constraints")
     problem = satellite(bounded=bounded, nodes=5)
     solution = SOLVERS[name](problem).solve(problem.hold())
     assert solution.status is Status.CONVERGED
@@ -139,9 +138,8 @@ def test_steps_into_what_is_not_finite_end(linear: Callable[..., Action], name: 
     problem.set("weight", 1e-4)
     problem.set("goal", -0.5)  # beyond the brink
     problem.set_initial_state([1.0, 2.0])
-    start = time.perf_counter()
     solution = SOLVERS[name](problem).solve(problem.rollout(np.zeros((6, 2))))
-    assert time.perf_counter() - start < 20.0
+    assert solution.status is not Status.ITERATION_LIMIT
     if solution.status.solved:
         assert solution.residual().largest < 1e-4
     else:
@@ -162,17 +160,17 @@ def test_wrong_shapes_are_named(unicycle: ShootingProblem, name: str) -> None:
 def test_the_time_limit_is_kept_to_an_iteration(unicycle: ShootingProblem, name: str) -> None:
     solver = SOLVERS[name](unicycle)
     free = solver.solve()
-    told: list[float] = []
+    elapsed: list[float] = []
 
     def slow(progress: Any) -> None:
-        told.append(progress.elapsed)
+        elapsed.append(progress.elapsed)
         time.sleep(0.05)
 
-    start = time.perf_counter()
     solution = solver.solve(time_limit=0.08, callback=slow)
     assert solution.status is Status.TIME_LIMIT
-    assert solution.iterations < free.iterations
-    assert told[-1] < 0.08 + 0.05 and time.perf_counter() - start < 0.5
+    # Two calls take longer than the limit, however fast the machine: one iteration more at the most is begun.
+    assert solution.iterations <= 3 < free.iterations
+    assert all(time_s < 0.08 for time_s in elapsed[:-1])
     assert np.isfinite(solution.xs).all()
     assert "time_limit" in solution.explain()
 

@@ -1,1 +1,53 @@
 """Gaits, footholds, swings and commands: what a legged robot does with its feet, and when."""
+
+from lgmpc.locomotion.clock import GaitClock, GaitClockSettings, SwingInterval
+from lgmpc.locomotion.command import (
+    CommandEntry,
+    CommandFunction,
+    CommandLimiter,
+    CommandLimits,
+    CommandSource,
+    CommandTimeline,
+    MotionCommand,
+    Timeline,
+)
+from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
+from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
+from lgmpc.locomotion.swing import SwingSettings, SwingTrajectory
+from lgmpc.locomotion.terrain import FlatGround, Terrain
+
+__all__ = [
+    "BaseMotion",
+    "CommandEntry",
+    "CommandFunction",
+    "CommandLimiter",
+    "CommandLimits",
+    "CommandSource",
+    "CommandTimeline",
+    "ContactEventSettings",
+    "ContactEvents",
+    "ContactHorizon",
+    "ContactState",
+    "FlatGround",
+    "FootholdPlanner",
+    "FootholdSettings",
+    "Gait",
+    "GaitClock",
+    "GaitClockSettings",
+    "LegGeometry",
+    "MotionCommand",
+    "MotionReference",
+    "ReferenceBuilder",
+    "ReferenceSettings",
+    "SwingInterval",
+    "SwingSettings",
+    "SwingTrajectory",
+    "Terrain",
+    "Timeline",
+    "find_gait",
+    "quadruped_gaits",
+]

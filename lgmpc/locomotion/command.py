@@ -1,0 +1,239 @@
+"""Motion commands: how fast, how high, with which gait; from a timeline, a function, or any other source."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Protocol
+
+from pydantic import AfterValidator, Field, field_validator
+
+from lgmpc.errors import InputError
+from lgmpc.settings import Finite, NonNegative, Positive, Problem, Settings, Vector3, problem, problems
+
+__all__ = [
+    "CommandEntry",
+    "CommandFunction",
+    "CommandLimiter",
+    "CommandLimits",
+    "CommandSource",
+    "CommandTimeline",
+    "MotionCommand",
+    "Timeline",
+]
+
+_REST = 1e-6  # m/s and rad/s
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCommand:
+    """What the robot should do now; velocities in the horizontal frame that turns with the base.
+
+    Attributes:
+        vx: velocity ahead, m/s.
+        vy: to the left, m/s.
+        yaw_rate: to the left, rad/s.
+        height: of the base above the feet relative to the reference posture, m.
+        pitch: of the base, rad.
+        roll: of the base, rad.
+        gait: name of the gait to move with.
+    """
+
+    vx: float = 0.0
+    vy: float = 0.0
+    yaw_rate: float = 0.0
+    height: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    gait: str = "trot"
+
+    @property
+    def moves(self) -> bool:
+        """Whether any velocity is commanded."""
+        return max(abs(self.vx), abs(self.vy), abs(self.yaw_rate)) > _REST
+
+
+class CommandSource(Protocol):
+    """Where commands come from."""
+
+    def at(self, t: float) -> MotionCommand:
+        """Return the command at time ``t``, s."""
+
+
+@dataclass(frozen=True)
+class CommandFunction:
+    """A source that calls a function of time.
+
+    Attributes:
+        function: from s to a command.
+    """
+
+    function: Callable[[float], MotionCommand]
+
+    def at(self, t: float) -> MotionCommand:
+        """Return what the function returns.
+
+        Raises:
+            InputError: it returns anything but a command of finite numbers.
+        """
+        command = self.function(t)
+        if not isinstance(command, MotionCommand):
+            raise InputError("command", type(command).__name__, "a MotionCommand")
+        for name in ("vx", "vy", "yaw_rate", "height", "pitch", "roll"):
+            if not math.isfinite(getattr(command, name)):
+                raise InputError(f"command.{name}", getattr(command, name), "a finite number")
+        return command
+
+
+class CommandEntry(Settings):
+    """A change of the command at a time; what it does not name stays."""
+
+    at_s: NonNegative = Field(description="When the change takes place, s.")
+    velocity_m_s: Vector3 | None = Field(default=None, description="[ahead, left, 0] in the frame of the base, m/s.")
+    yaw_rate_rad_s: Finite | None = Field(default=None, description="To the left, rad/s.")
+    height_m: Finite | None = Field(
+        default=None, description="Of the base above the feet relative to the reference posture, m."
+    )
+    pitch_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = Field(
+        default=None, description="Of the base, rad."
+    )
+    roll_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = Field(
+        default=None, description="Of the base, rad."
+    )
+    gait: Annotated[str, Field(min_length=1)] | None = Field(default=None, description="Name of the gait.")
+
+    @field_validator("velocity_m_s")
+    @classmethod
+    def _stay_in_the_plane(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        if value is not None and value[2] != 0.0:
+            raise problem("[ahead, left, 0]: heights are commanded by height_m")
+        return value
+
+    def change(self, command: MotionCommand) -> MotionCommand:
+        """Return ``command`` with what this entry names replaced."""
+        named: dict[str, float | str | None] = {
+            "vx": None if self.velocity_m_s is None else self.velocity_m_s[0],
+            "vy": None if self.velocity_m_s is None else self.velocity_m_s[1],
+            "yaw_rate": self.yaw_rate_rad_s,
+            "height": self.height_m,
+            "pitch": self.pitch_rad,
+            "roll": self.roll_rad,
+            "gait": self.gait,
+        }
+        return replace(command, **{key: value for key, value in named.items() if value is not None})  # type: ignore[arg-type]
+
+
+def _in_order(entries: tuple[CommandEntry, ...]) -> tuple[CommandEntry, ...]:
+    found = [
+        Problem(f"{i}.at_s", entry.at_s, f"a time not before that of the entry ahead of it ({before.at_s:g} s)")
+        for i, (before, entry) in enumerate(zip(entries, entries[1:], strict=False), start=1)
+        if entry.at_s < before.at_s
+    ]
+    if found:
+        raise problems(found)
+    return entries
+
+
+Timeline = Annotated[tuple[CommandEntry, ...], AfterValidator(_in_order)]
+"""Entries in order of time, as a field of settings."""
+
+
+class CommandTimeline:
+    """A source that changes at given times.
+
+    Args:
+        entries: the changes, in order of time.
+        initial: the command before the first of them.
+        gaits: the names of gaits that exist; any, if omitted.
+
+    Raises:
+        InputError: entries out of order, or a gait that does not exist; it names the entry.
+    """
+
+    def __init__(
+        self,
+        entries: Sequence[CommandEntry],
+        initial: MotionCommand | None = None,
+        gaits: Collection[str] | None = None,
+    ) -> None:
+        command = MotionCommand() if initial is None else initial
+        self._times: list[float] = []
+        self._commands = [command]
+        for i, entry in enumerate(entries):
+            if self._times and entry.at_s < self._times[-1]:
+                raise InputError(f"commands.{i}.at_s", f"{entry.at_s:g}", f"a time from {self._times[-1]:g} s on")
+            if entry.gait is not None and gaits is not None and entry.gait not in gaits:
+                raise InputError(f"commands.{i}.gait", entry.gait, "the name of a gait", tuple(gaits))
+            command = entry.change(command)
+            self._times.append(entry.at_s)
+            self._commands.append(command)
+        self._position = 0
+
+    def at(self, t: float) -> MotionCommand:
+        """Return the command at time ``t``, s: that of the last entry until then."""
+        # Times mostly grow from call to call: search from where the last call ended.
+        i, times = self._position, self._times
+        while i < len(times) and times[i] <= t:
+            i += 1
+        while i > 0 and times[i - 1] > t:
+            i -= 1
+        self._position = i
+        return self._commands[i]
+
+
+class CommandLimits(Settings):
+    """How fast a command may be, and how fast it may change."""
+
+    speed_m_s: Positive = Field(default=3.0, description="Largest velocity in the plane, m/s.")
+    yaw_rate_rad_s: Positive = Field(default=4.0, description="Largest yaw rate, rad/s.")
+    acceleration_m_s2: Positive = Field(default=1.0, description="Of the velocity in the plane, m/s2.")
+    yaw_acceleration_rad_s2: Positive = Field(default=4.0, description="Of the yaw rate, rad/s2.")
+    height_rate_m_s: Positive = Field(default=0.1, description="Of the height, m/s.")
+    attitude_rate_rad_s: Positive = Field(default=0.5, description="Of pitch and roll, rad/s.")
+
+
+class CommandLimiter:
+    """Follows commands no faster than its limits allow, and arrives exactly.
+
+    Args:
+        limits: see :class:`CommandLimits`.
+        command: where to begin.
+
+    Attributes:
+        command: the limited command of the last step.
+    """
+
+    def __init__(self, limits: CommandLimits | None = None, command: MotionCommand | None = None) -> None:
+        self.limits = CommandLimits() if limits is None else limits
+        self.command = MotionCommand() if command is None else command
+
+    def step(self, command: MotionCommand, dt: float) -> MotionCommand:
+        """Return the limited command after ``dt``, s; the gait is that of ``command``."""
+        now, most = self.command, self.limits
+        if now == command and math.hypot(now.vx, now.vy) <= most.speed_m_s and abs(now.yaw_rate) <= most.yaw_rate_rad_s:
+            return now
+        vx, vy = command.vx, command.vy
+        speed = math.hypot(vx, vy)
+        if speed > most.speed_m_s:
+            vx, vy = vx * most.speed_m_s / speed, vy * most.speed_m_s / speed
+        dx, dy = vx - now.vx, vy - now.vy
+        change, step = math.hypot(dx, dy), most.acceleration_m_s2 * dt
+        if change > step:
+            vx, vy = now.vx + dx * step / change, now.vy + dy * step / change
+        rate = max(-most.yaw_rate_rad_s, min(most.yaw_rate_rad_s, command.yaw_rate))
+        self.command = MotionCommand(
+            vx,
+            vy,
+            _approach(now.yaw_rate, rate, most.yaw_acceleration_rad_s2 * dt),
+            _approach(now.height, command.height, most.height_rate_m_s * dt),
+            _approach(now.pitch, command.pitch, most.attitude_rate_rad_s * dt),
+            _approach(now.roll, command.roll, most.attitude_rate_rad_s * dt),
+            command.gait,
+        )
+        return self.command
+
+
+def _approach(value: float, target: float, step: float) -> float:
+    """Return ``value`` moved towards ``target`` by at most ``step``; the target itself within a step."""
+    return target if abs(target - value) <= step else value + math.copysign(step, target - value)

@@ -1,0 +1,223 @@
+r"""Where to put the feet down: under the hips, shifted so that the coming stance makes the velocity what it should be.
+
+The linear inverted pendulum of height h has the rate :math:`w = \sqrt{g / h}`. Supported for a time T at a point that
+the centre of mass passes in the middle, its velocity v is the same afterwards if the point is ahead of it at touchdown
+by the neutral distance :math:`v \tanh(w T / 2) / w` (about v T / 2, Raibert, "Legged robots that balance", 1986). Put
+further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance
+(dead beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
+Humanoids 2006). In a turn the support moves outward by :math:`h / g \; v \times \omega`, which carries the centripetal
+acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse control and model predictive
+control", 2019, has the term with another factor).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.terrain import FlatGround, Terrain
+from lgmpc.settings import Fraction, NonNegative, Settings
+from lgmpc.typing import Array
+
+__all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
+
+_GRAVITY = 9.81
+
+Point = tuple[float, float]
+
+
+class FootholdSettings(Settings):
+    """How footholds follow the velocity, and how far they may be from the hips."""
+
+    feedback: NonNegative = Field(
+        default=1.0, description="Feedback of the velocity error, in units of the pendulum's dead-beat gain."
+    )
+    centrifugal: NonNegative = Field(
+        default=1.0, description="Outward shift in a turn, in units of that which carries the centripetal acceleration."
+    )
+    reach_share: Fraction = Field(
+        default=0.92, description="Longest distance from hip to foothold, as a share of the stretched leg's length."
+    )
+    side_share: Fraction = Field(
+        default=0.25,
+        description="How far a foot stays on its own side of the base, as a share of its distance in the reference.",
+    )
+    spacing_share: Fraction = Field(
+        default=0.3, description="Shortest distance between two feet, as a share of the stretched leg's length."
+    )
+    error_decay_s: NonNegative = Field(
+        default=0.15, description="Time in which velocity errors are predicted to decay after the present swing, s."
+    )
+
+
+@dataclass(slots=True)
+class BaseMotion:
+    """Motion of the robot in the horizontal plane, world axes.
+
+    Attributes:
+        x: centre of mass, m.
+        y: centre of mass, m.
+        vx: its velocity, m/s.
+        vy: m/s.
+        yaw: of the base, rad.
+        yaw_rate: commanded, rad/s.
+        wanted_vx: commanded velocity, world axes, m/s.
+        wanted_vy: m/s.
+    """
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    yaw: float
+    yaw_rate: float = 0.0
+    wanted_vx: float = 0.0
+    wanted_vy: float = 0.0
+
+
+class FootholdPlanner:
+    """Heuristic footholds of every foot, for the swing under way and those after it.
+
+    Args:
+        legs: of the robot.
+        settings: see :class:`FootholdSettings`.
+        terrain: the ground; flat at height 0 if omitted.
+    """
+
+    def __init__(
+        self, legs: LegGeometry, settings: FootholdSettings | None = None, terrain: Terrain | None = None
+    ) -> None:
+        self.legs = legs
+        self.settings = s = FootholdSettings() if settings is None else settings
+        self.terrain: Terrain = FlatGround() if terrain is None else terrain
+        self.height = legs.height
+        self._rate = math.sqrt(_GRAVITY / legs.height)
+        self._feet = [(float(x), float(y)) for x, y, _ in legs.feet]
+        self._hips = [(float(x), float(y)) for x, y, _ in legs.hips]
+        self._sides = [math.copysign(s.side_share * y, y) if y else 0.0 for _, y in self._feet]
+        drops = legs.hips[:, 2] + legs.height
+        self.reach = [
+            math.sqrt(max((s.reach_share * float(length)) ** 2 - float(drop) ** 2, 0.0))
+            for length, drop in zip(legs.length, drops, strict=True)
+        ]
+        self._spacing = s.spacing_share * float(legs.length.min())
+
+    def place(
+        self, foot: int, motion: BaseMotion, remaining: float, stance: float, others: Sequence[Point] = ()
+    ) -> Point:
+        """Return the foothold (x, y) of a foot.
+
+        Args:
+            foot: which.
+            motion: present motion.
+            remaining: time until the touchdown, s.
+            stance: duration of the stance after it, s; inf to stand from then on.
+            others: where other feet are or will be.
+        """
+        vx, vy = motion.vx, motion.vy
+        x, y = motion.x + vx * remaining, motion.y + vy * remaining
+        return self._place(foot, motion, (x, y), (vx, vy), remaining, stance, others)
+
+    def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float) -> Point:
+        """Return the foothold of a later swing: as :meth:`place`, once the velocity error has decayed."""
+        decay = self.settings.error_decay_s
+        left = math.exp(-remaining / decay) if decay > 0.0 else 0.0
+        ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
+        drift = decay * (1.0 - left)
+        # The commanded velocity turns with the base: along the chord of the arc until the touchdown.
+        cx, cy = _turn(motion.wanted_vx, motion.wanted_vy, 0.5 * motion.yaw_rate * remaining)
+        com = (motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift)
+        wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, motion.yaw_rate * remaining)
+        return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, ())
+
+    def _place(
+        self,
+        foot: int,
+        motion: BaseMotion,
+        com: Point,
+        velocity: Point,
+        remaining: float,
+        stance: float,
+        others: Sequence[Point],
+    ) -> Point:
+        s, rate, omega = self.settings, self._rate, motion.yaw_rate
+        turned = omega * remaining
+        half = 0.5 * stance if stance < math.inf else 0.0
+        vx, vy = velocity
+        wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, turned)
+        # To the middle of the stance: the way of the centre of mass turns by half as much as the base.
+        nx, ny = _turn(vx, vy, 0.5 * omega * half)
+        neutral = math.tanh(0.5 * rate * stance) / rate
+        gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
+        outward = s.centrifugal * omega / (rate * rate)
+        fx, fy = _turn(*self._feet[foot], motion.yaw + turned + omega * half)
+        x = com[0] + fx + neutral * nx + gain * (vx - wx) + outward * wy
+        y = com[1] + fy + neutral * ny + gain * (vy - wy) - outward * wx
+        return self._bound(foot, (x, y), com, motion.yaw + turned, others)
+
+    def _bound(self, foot: int, point: Point, com: Point, yaw: float, others: Sequence[Point]) -> Point:
+        """Return the point within reach of the hip, on the foot's own side of the base and clear of the other feet."""
+        x, y = point
+        for other in others:
+            dx, dy = x - other[0], y - other[1]
+            distance = math.hypot(dx, dy)
+            if distance < self._spacing:
+                if distance == 0.0:
+                    dx, dy = _turn(*self._feet[foot], yaw)
+                    distance = math.hypot(dx, dy)
+                x, y = other[0] + dx * self._spacing / distance, other[1] + dy * self._spacing / distance
+        # In the axes of the base at touchdown:
+        x, y = _turn(x - com[0], y - com[1], -yaw)
+        side = self._sides[foot]
+        y = max(y, side) if side > 0.0 else min(y, side) if side < 0.0 else y
+        hx, hy = self._hips[foot]
+        dx, dy, reach = x - hx, y - hy, self.reach[foot]
+        distance = math.hypot(dx, dy)
+        if distance > reach:
+            x, y = hx + dx * reach / distance, hy + dy * reach / distance
+        x, y = _turn(x, y, yaw)
+        return com[0] + x, com[1] + y
+
+    def horizon(
+        self, clock: GaitClock, motion: BaseMotion, t: float, dt: float, contacts: Array, points: Array
+    ) -> None:
+        """Write where each foot stands, or will touch down next, in each interval of a horizon.
+
+        Args:
+            clock: the schedule.
+            motion: present motion.
+            t: beginning of the first interval, s.
+            dt: duration of the intervals, s.
+            contacts: (nc, 3) contact points of the feet that stand, targets of those that swing, world, m.
+            points: (N, nc, 3), overwritten.
+        """
+        count = len(points)
+        points[:] = contacts
+        for foot in range(clock.nc):
+            for swing in clock.swings(foot, t, t + count * dt):
+                if swing.liftoff <= t:
+                    continue
+                stance = clock.stance_duration(foot, swing.liftoff)
+                x, y = self.place_later(foot, motion, swing.touchdown - t, stance)
+                begin = math.ceil((swing.liftoff - t) / dt - 1e-9)
+                points[begin:, foot, 0] = x
+                points[begin:, foot, 1] = y
+                points[begin:, foot, 2] = self._height_at(x, y)
+
+    def _height_at(self, x: float, y: float) -> float:
+        if isinstance(self.terrain, FlatGround):
+            return self.terrain.level
+        return float(self.terrain.height(np.array([[x, y]]))[0])
+
+
+def _turn(x: float, y: float, angle: float) -> Point:
+    if angle == 0.0:
+        return x, y
+    c, s = math.cos(angle), math.sin(angle)
+    return c * x - s * y, s * x + c * y

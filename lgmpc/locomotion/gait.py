@@ -1,0 +1,133 @@
+"""Periodic gaits: how long each foot stands and swings in a cycle, and how the feet are offset from each other.
+
+A gait is a period, a duty factor (the share of the cycle that a foot stands) and for each foot the share of the cycle
+at which it lifts off (Hildebrand, "Symmetrical gaits of horses", Science 150, 1965). Standing is the gait of duty 1:
+its feet never lift off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from lgmpc.errors import InputError
+from lgmpc.settings import Settings, problem
+
+__all__ = ["Gait", "find_gait", "quadruped_gaits"]
+
+_GRAVITY = 9.81
+_SLACK = 1e-9  # of a cycle
+
+
+class Gait(Settings):
+    """One periodic gait.
+
+    Raises:
+        InputError: a value out of its bounds, or no foot.
+    """
+
+    name: Annotated[str, Field(min_length=1)] = Field(description="Name by which commands choose the gait.")
+    period_s: Annotated[float, Field(strict=True, ge=0.05, le=10.0)] = Field(description="Duration of a cycle, s.")
+    duty: Annotated[float, Field(strict=True, gt=0.0, le=1.0)] = Field(
+        description="Share of the cycle that a foot is on the ground; 1 stands."
+    )
+    offsets: tuple[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)], ...] = Field(
+        description="For each foot, the share of the cycle at which it lifts off."
+    )
+
+    @field_validator("offsets")
+    @classmethod
+    def _name_feet(cls, offsets: tuple[float, ...]) -> tuple[float, ...]:
+        if not offsets:
+            raise problem("an offset for each foot: a gait without feet is none")
+        return offsets
+
+    @property
+    def nc(self) -> int:
+        """Number of feet."""
+        return len(self.offsets)
+
+    @cached_property
+    def stands(self) -> bool:
+        """Whether no foot ever lifts off."""
+        return self.duty == 1.0
+
+    @cached_property
+    def stance_s(self) -> float:
+        """How long a foot stands in each cycle, s; inf for standing."""
+        return math.inf if self.stands else self.duty * self.period_s
+
+    @cached_property
+    def swing_s(self) -> float:
+        """How long a foot swings in each cycle, s."""
+        return (1.0 - self.duty) * self.period_s
+
+    @cached_property
+    def min_support(self) -> int:
+        """The fewest feet that are on the ground at any time of the cycle."""
+        if self.stands:
+            return self.nc
+        swing = 1.0 - self.duty - _SLACK
+        # The fewest stand just after one of the lift-offs.
+        return min(sum((now - other + _SLACK) % 1.0 >= swing for other in self.offsets) for now in self.offsets)
+
+    def reordered(self, order: Iterable[int]) -> Gait:
+        """Return the gait of the same feet in another order: foot i of the new one is foot ``order[i]`` of this one.
+
+        Raises:
+            InputError: ``order`` is no permutation of the feet.
+        """
+        order = tuple(order)
+        if sorted(order) != list(range(self.nc)):
+            raise InputError("order", order, f"each of 0 to {self.nc - 1} once")
+        return Gait(
+            name=self.name, period_s=self.period_s, duty=self.duty, offsets=tuple(self.offsets[i] for i in order)
+        )
+
+
+# name: (period in sqrt(height / gravity), duty, offsets of front left, front right, hind left, hind right)
+_QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float]]] = {
+    "stand": (2.2, 1.0, (0.0, 0.0, 0.0, 0.0)),
+    "walk": (3.8, 0.77, (0.25, 0.75, 0.0, 0.5)),
+    "trot": (2.2, 0.55, (0.0, 0.5, 0.5, 0.0)),
+    "pace": (1.8, 0.55, (0.0, 0.5, 0.0, 0.5)),
+    "bound": (1.8, 0.55, (0.0, 0.0, 0.5, 0.5)),
+    "pronk": (2.6, 0.7, (0.0, 0.0, 0.0, 0.0)),
+}
+
+
+def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
+    """Return the usual gaits of four feet by name; feet in the order front left, front right, hind left, hind right.
+
+    The trot of a robot as low as Solo12 takes 0.32 s (Leziart et al., "Implementation of a reactive walking controller
+    for the new open-hardware quadruped Solo-12", ICRA 2021). The dynamics of a pendulum of height h are the same in
+    units of ``sqrt(h / g)`` (equal Froude numbers), so the periods grow with that time.
+
+    Args:
+        height_m: of the centre of mass above the feet, m.
+
+    Raises:
+        InputError: a height that is not positive.
+    """
+    if not (height_m > 0.0 and math.isfinite(height_m)):
+        raise InputError("height_m", height_m, "a finite height above 0 m")
+    unit = math.sqrt(height_m / _GRAVITY)
+    return {
+        name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets)
+        for name, (periods, duty, offsets) in _QUADRUPED.items()
+    }
+
+
+def find_gait(gaits: Mapping[str, Gait], name: str, argument: str = "gait") -> Gait:
+    """Return the gait called ``name``.
+
+    Raises:
+        InputError: there is none; it names ``argument`` and the nearest gaits.
+    """
+    if name not in gaits:
+        raise InputError(argument, f"'{name}'", "the name of a gait", tuple(gaits), word=name)
+    return gaits[name]

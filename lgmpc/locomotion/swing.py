@@ -1,0 +1,176 @@
+"""The path of a foot through the air: towards a target that may move, and further down if there is no ground.
+
+Every coordinate is a polynomial of degree 5 in time. A new target replaces it by the one that begins with the present
+position, velocity and acceleration, so the path stays twice continuously differentiable; for a target that stays, the
+new polynomial is the old one (Flash and Hogan, "The coordination of arm movements", J. Neuroscience 5, 1985).
+"""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from lgmpc.settings import Fraction, NonNegative, Positive, Settings
+from lgmpc.typing import Array
+
+__all__ = ["SwingSettings", "SwingTrajectory"]
+
+Coefficients = tuple[float, float, float, float, float, float]
+State = tuple[float, float, float]  # position, velocity, acceleration
+
+
+class SwingSettings(Settings):
+    """Shape of the swings."""
+
+    clearance_m: Positive = Field(default=0.05, description="Apex above the higher one of lift-off and target, m.")
+    apex_share: float = Field(
+        default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
+    )
+    touchdown_speed_m_s: NonNegative = Field(
+        default=0.1, description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s."
+    )
+    search_depth_m: NonNegative = Field(
+        default=0.04, description="How far below its target a late foot searches for the ground, m."
+    )
+    freeze_share: Fraction = Field(
+        default=0.8, description="Share of the swing from which the target stays where it is."
+    )
+
+
+class SwingTrajectory:
+    """The swing of one foot: :meth:`lift_off`, then at every tick :meth:`retarget` and :meth:`sample`.
+
+    Args:
+        settings: see :class:`SwingSettings`.
+
+    Attributes:
+        liftoff: of the present swing, s.
+        touchdown: as scheduled at lift-off, s.
+        target: where the foot goes: x, y and the height of the ground there, m.
+    """
+
+    def __init__(self, settings: SwingSettings | None = None) -> None:
+        self.settings = SwingSettings() if settings is None else settings
+        self.liftoff = 0.0
+        self.touchdown = 0.0
+        self.target = (0.0, 0.0, 0.0)
+        self._apex_time = 0.0
+        self._planned = 0.0  # when the polynomials of x and y begin
+        self._x = self._y = self._rise = self._fall = _at_rest(0.0)
+        self._fall_begin = 0.0
+
+    def lift_off(self, t: float, touchdown: float, position: Array, velocity: Array, target: Array) -> None:
+        """Begin a swing.
+
+        Args:
+            t: now, s.
+            touchdown: when it is scheduled to end, s, after ``t``.
+            position: (3,) of the foot's contact point, world, m.
+            velocity: (3,) m/s; a downward one is not followed.
+            target: (3,) where to put it down, world, m.
+        """
+        s = self.settings
+        self.liftoff, self.touchdown = t, touchdown
+        self.target = (float(target[0]), float(target[1]), float(target[2]))
+        z = float(position[2])
+        apex = max(z, self.target[2]) + s.clearance_m
+        self._apex_time = t + s.apex_share * (touchdown - t)
+        self._rise = _quintic((z, max(float(velocity[2]), 0.0), 0.0), (apex, 0.0, 0.0), self._apex_time - t)
+        self._plan_fall(self._apex_time, (apex, 0.0, 0.0))
+        self._plan_plane(
+            t, (float(position[0]), float(velocity[0]), 0.0), (float(position[1]), float(velocity[1]), 0.0)
+        )
+
+    def retarget(self, t: float, target: Array) -> bool:
+        """Move the target (3,), unless the swing is too far on; return whether it moved."""
+        if t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff):
+            return False
+        x, y, z = float(target[0]), float(target[1]), float(target[2])
+        if (x, y, z) == self.target:
+            return True
+        height_changed = z != self.target[2]
+        self.target = (x, y, z)
+        self._plan_plane(t, _evaluate(self._x, t - self._planned), _evaluate(self._y, t - self._planned))
+        if height_changed:
+            begin = max(t, self._apex_time)
+            self._plan_fall(begin, self._height(begin))
+        return True
+
+    def search(self, t: float, position: Array) -> None:
+        """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
+        self.liftoff = self.touchdown = self._apex_time = t
+        self.target = (float(position[0]), float(position[1]), float(position[2]))
+
+    def sample(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Write position (3,), velocity and acceleration at time ``t``; after the touchdown, those of a late foot."""
+        if t >= self.touchdown:
+            self._sample_late(t - self.touchdown, position, velocity, acceleration)
+            return
+        dt = t - self._planned
+        position[0], velocity[0], acceleration[0] = _evaluate(self._x, dt)
+        position[1], velocity[1], acceleration[1] = _evaluate(self._y, dt)
+        position[2], velocity[2], acceleration[2] = self._height(t)
+
+    def _sample_late(self, late: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Straight down at constant speed to the search depth, and there to rest."""
+        s = self.settings
+        depth = s.touchdown_speed_m_s * late
+        searching = depth < s.search_depth_m
+        position[0], position[1], position[2] = self.target
+        position[2] -= depth if searching else s.search_depth_m
+        velocity[:] = 0.0
+        acceleration[:] = 0.0
+        if searching:
+            velocity[2] = -s.touchdown_speed_m_s
+
+    def _height(self, t: float) -> State:
+        if t < self._apex_time:
+            return _evaluate(self._rise, t - self.liftoff)
+        return _evaluate(self._fall, t - self._fall_begin)
+
+    def _plan_plane(self, t: float, x: State, y: State) -> None:
+        left = self.touchdown - t
+        self._planned = t
+        self._x = _quintic(x, (self.target[0], 0.0, 0.0), left)
+        self._y = _quintic(y, (self.target[1], 0.0, 0.0), left)
+
+    def _plan_fall(self, begin: float, state: State) -> None:
+        self._fall_begin = begin
+        end = (self.target[2], -self.settings.touchdown_speed_m_s, 0.0)
+        self._fall = _quintic(state, end, self.touchdown - begin)
+
+
+def _at_rest(position: float) -> Coefficients:
+    return position, 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+def _quintic(begin: State, end: State, duration: float) -> Coefficients:
+    """Return the polynomial of degree 5 from one state to another within ``duration``, s; lowest degree first."""
+    if not duration > 0.0 or not math.isfinite(duration):
+        return _at_rest(end[0])
+    p, v, a = begin
+    t = duration
+    # What is left at the end beyond the motion of constant acceleration, in units of the duration.
+    dp = end[0] - (p + t * (v + 0.5 * a * t))
+    dv = (end[1] - (v + a * t)) * t
+    da = (end[2] - a) * t * t
+    cube = 1.0 / (t * t * t)
+    return (
+        p,
+        v,
+        0.5 * a,
+        (10.0 * dp - 4.0 * dv + 0.5 * da) * cube,
+        (-15.0 * dp + 7.0 * dv - da) * cube / t,
+        (6.0 * dp - 3.0 * dv + 0.5 * da) * cube / (t * t),
+    )
+
+
+def _evaluate(c: Coefficients, t: float) -> State:
+    """Return position, velocity and acceleration at ``t``."""
+    c0, c1, c2, c3, c4, c5 = c
+    return (
+        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))),
+        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
+        2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+    )

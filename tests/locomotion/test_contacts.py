@@ -1,0 +1,193 @@
+"""Contact events by scripted floors: on time, early, late, missing, lost, and none measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
+from lgmpc.locomotion.gait import quadruped_gaits
+
+TROT = quadruped_gaits()["trot"]
+TICK = 1e-3
+WEIGHT = 25.0
+SETTINGS = ContactEventSettings()
+STANCE, SWING, EARLY, LATE, MISSING, LOST = ContactState
+
+
+class Script:
+    """A trot over a floor: by default every foot is in contact exactly when its schedule says so."""
+
+    def __init__(self, settings: ContactEventSettings = SETTINGS) -> None:
+        self.clock = GaitClock(TROT)
+        self.events = ContactEvents(self.clock, WEIGHT, settings)
+        self.first = self.clock.swing(0, 0.0)
+        self.t = 0.0
+        self.history: list[tuple[float, ContactState]] = []
+
+    def run(self, until: float, floor: Callable[[float, np.ndarray], None] | None = None) -> None:
+        while self.t < until - 1e-9:
+            contacts = self.clock.flags(self.t)
+            if floor is not None:
+                floor(self.t, contacts)
+            self.events.update(self.t, contacts)
+            self.history.append((self.t, self.events.states[0]))
+            self.t += TICK
+
+    def sequence(self) -> list[ContactState]:
+        states = [state for _, state in self.history]
+        return [state for i, state in enumerate(states) if i == 0 or state is not states[i - 1]]
+
+    def begin(self, state: ContactState) -> float:
+        return next(t for t, each in self.history if each is state)
+
+
+def test_on_time_the_schedule_is_followed() -> None:
+    script = Script()
+    script.run(2 * TROT.period_s)
+    assert script.sequence() == [SWING, STANCE, SWING, STANCE]
+    assert script.begin(STANCE) == pytest.approx(TROT.swing_s, abs=TICK)
+
+
+def test_without_a_measurement_the_schedule_is_followed() -> None:
+    clock = GaitClock(TROT)
+    events, twin = ContactEvents(clock, WEIGHT), GaitClock(TROT)
+    for t in np.arange(0.0, 1.0, TICK):
+        assert (events.update(t) == twin.flags(t)).all()
+
+
+def test_an_early_touchdown_carries_at_once_and_the_schedule_goes_on() -> None:
+    script = Script()
+    touch = 0.7 * TROT.swing_s
+
+    def step(t: float, contacts: np.ndarray) -> None:
+        contacts[0] |= touch <= t < TROT.period_s
+
+    script.run(TROT.period_s + 0.05, step)
+    assert script.sequence() == [SWING, EARLY, SWING]
+    assert script.begin(EARLY) == pytest.approx(touch + SETTINGS.touch_time_s, abs=1.1 * TICK)
+    lifted = next(t for t, state in script.history if state is SWING and t > touch + 0.01)
+    assert lifted == pytest.approx(TROT.period_s, abs=TICK)
+
+
+def test_a_touch_right_after_lift_off_is_no_touchdown() -> None:
+    script = Script()
+
+    def drag(t: float, contacts: np.ndarray) -> None:
+        contacts[0] |= t < 0.3 * TROT.swing_s
+
+    script.run(0.9 * TROT.period_s, drag)
+    assert script.sequence() == [SWING, STANCE]
+
+
+def test_a_flicker_is_no_touchdown() -> None:
+    script = Script()
+
+    def flicker(t: float, contacts: np.ndarray) -> None:
+        contacts[0] |= 0.6 * TROT.swing_s < t < 0.9 * TROT.swing_s and round(t / TICK) % 2 == 0
+
+    script.run(0.9 * TROT.period_s, flicker)
+    assert script.sequence() == [SWING, STANCE]
+
+
+def test_a_late_foot_swings_on_and_the_others_wait() -> None:
+    script = Script()
+    found = 0.5 * TROT.period_s + 0.03
+
+    def hole(t: float, contacts: np.ndarray) -> None:
+        contacts[0] = t >= found
+
+    flags = []
+    while script.t < found + 0.05:
+        script.run(script.t + TICK, hole)
+        flags.append(script.events.stance.copy())
+    assert script.sequence() == [SWING, LATE, STANCE]
+    assert script.begin(LATE) == pytest.approx(TROT.swing_s, abs=1.1 * TICK)
+    assert script.begin(STANCE) == pytest.approx(found, abs=SETTINGS.touch_time_s + 1.1 * TICK)
+    assert np.array(flags).sum(axis=1).min() >= 2
+    assert script.clock.next_liftoff(0, script.t) > TROT.period_s + 0.03
+
+
+def test_a_missing_foot_no_longer_delays_the_others() -> None:
+    script = Script()
+
+    def abyss(t: float, contacts: np.ndarray) -> None:
+        contacts[0] = False
+
+    script.run(TROT.swing_s + SETTINGS.max_late_s + 0.03, abyss)
+    assert script.sequence() == [SWING, LATE, MISSING]
+    assert script.begin(MISSING) - script.begin(LATE) == pytest.approx(SETTINGS.max_late_s, abs=1.1 * TICK)
+    assert script.events.searching(0) and not script.events.stance[0]
+    assert not script.events.stance[1]  # the other pair went on
+    script.run(script.t + TROT.period_s, abyss)
+    assert script.sequence()[3] is SWING  # its next swing begins as scheduled
+
+
+def test_a_missing_foot_that_finds_the_ground_carries() -> None:
+    script = Script()
+    found = TROT.swing_s + SETTINGS.max_late_s + 0.02
+
+    def hole(t: float, contacts: np.ndarray) -> None:
+        contacts[0] = t >= found
+
+    script.run(found + 0.02, hole)
+    assert script.sequence() == [SWING, LATE, MISSING, STANCE]
+
+
+def test_a_stance_foot_that_loses_its_contact_is_lost_and_found() -> None:
+    script = Script()
+    gone = TROT.swing_s + 0.05
+
+    def bump(t: float, contacts: np.ndarray) -> None:
+        contacts[0] &= not gone <= t < gone + 0.06
+
+    script.run(gone + 0.08, bump)
+    assert script.sequence() == [SWING, STANCE, LOST, STANCE]
+    assert script.begin(LOST) == pytest.approx(gone + SETTINGS.lost_time_s, abs=1.1 * TICK)
+
+
+def test_a_short_gap_in_a_stance_is_no_loss() -> None:
+    script = Script()
+    gone = TROT.swing_s + 0.05
+
+    def bounce(t: float, contacts: np.ndarray) -> None:
+        contacts[0] &= not gone <= t < gone + 0.5 * SETTINGS.lost_time_s
+
+    script.run(TROT.period_s - 0.01, bounce)
+    assert script.sequence() == [SWING, STANCE]
+
+
+def test_the_horizon_begins_with_what_the_feet_do() -> None:
+    script = Script()
+    script.run(TROT.swing_s + 0.01, lambda t, contacts: contacts.__setitem__(0, False))
+    flags = np.ones((10, 4), dtype=np.bool_)
+    script.clock.horizon(script.t, 0.02, flags)
+    script.events.correct(flags, 0.02)
+    assert not flags[0, 0]
+    assert flags[0, 1:].tolist() == script.events.stance[1:].tolist()
+    assert flags[1, 0]  # expected to have landed
+    script.events.correct(flags, 0.005)
+    assert flags[:4, 0].tolist() == [False, False, False, True]
+
+
+def test_forces_count_as_contact_with_hysteresis() -> None:
+    events = Script().events
+    threshold = SETTINGS.force_share * WEIGHT
+    # Feet 0 and 3 swing, 1 and 2 stand.
+    forces = threshold * np.array([0.9, 0.6, 0.4, 1.1])
+    assert events.measure(forces).tolist() == [False, True, False, True]
+
+
+def test_the_force_bound_opens_after_touchdown_and_closes_before_lift_off() -> None:
+    script = Script(ContactEventSettings(ramp_s=0.02, release_s=0.01))
+    events = script.events
+    script.run(TROT.swing_s - 0.01)
+    assert events.loading(0, script.t) == 0.0
+    script.run(TROT.swing_s + 0.0105)
+    t = events.since[0] + 0.01
+    assert events.loading(0, t) == pytest.approx(0.5)
+    assert events.loading(0, t + 0.02) == 1.0
+    assert events.loading(0, TROT.period_s - 0.005) == pytest.approx(0.5)

@@ -1,0 +1,175 @@
+"""Footholds: the pendulum that they are derived from, turns, reach, and the horizon."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
+from lgmpc.locomotion.gait import quadruped_gaits
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.terrain import FlatGround
+from lgmpc.robot import Robot
+
+TROT = quadruped_gaits()["trot"]
+speed = st.floats(-3.0, 3.0)
+
+
+def pendulum(position: float, velocity: float, height: float, duration: float) -> tuple[float, float]:
+    """Linear inverted pendulum about 0 after ``duration``."""
+    w = math.sqrt(9.81 / height)
+    c, s = math.cosh(w * duration), math.sinh(w * duration)
+    return position * c + velocity * s / w, position * w * s + velocity * c
+
+
+def test_legs_are_measured_in_the_reference_posture(solo12: Robot, legs: LegGeometry) -> None:
+    assert legs.height == pytest.approx(0.209, abs=1e-3)
+    np.testing.assert_allclose(
+        legs.feet[:, :2], [[0.195, 0.169], [0.195, -0.169], [-0.195, 0.169], [-0.195, -0.169]], atol=1e-3
+    )
+    np.testing.assert_allclose(legs.hips[0, :2], [0.1946, 0.1014], atol=1e-3)
+    model, data = solo12.model, solo12.create_data()
+    rng = np.random.default_rng(0)
+    hip = model.getJointId("FL_HFE")
+    longest = 0.0
+    for _ in range(2000):
+        q = solo12.q_reference.copy()
+        q[solo12.joint_q] = rng.uniform(-np.pi, np.pi, solo12.nu)
+        pin.framesForwardKinematics(model, data, q)
+        foot = data.oMf[solo12.contact_ids[0]].translation
+        longest = max(longest, float(np.linalg.norm(foot - data.oMi[hip].translation)))
+    assert 0.97 * legs.length[0] <= longest <= legs.length[0]
+
+
+def test_at_rest_the_feet_stay_where_they_belong(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    for foot in range(4):
+        place = planner.place(foot, BaseMotion(1.0, 2.0, 0.0, 0.0, 0.0), 0.1, TROT.stance_s)
+        np.testing.assert_allclose(place, legs.feet[foot, :2] + [1.0, 2.0], atol=1e-12)
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
+def test_one_stance_takes_the_velocity_error_away(legs: LegGeometry, v: float, wanted: float, stance: float) -> None:
+    planner = FootholdPlanner(legs, FootholdSettings(reach_share=1.0))
+    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, wanted_vx=wanted)
+    # The mean foothold of a diagonal is the point that supports.
+    support = np.mean([planner.place(foot, motion, 0.0, stance)[0] for foot in (0, 3)])
+    if abs(support) < 0.12:  # within reach
+        _, after = pendulum(-support, v, legs.height, stance)
+        assert after == pytest.approx(wanted, abs=1e-9)
+
+
+def test_standing_from_then_on_takes_the_capture_point(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    motion = BaseMotion(0.0, 0.0, 0.3, -0.2, 0.0)
+    place = np.array(planner.place(0, motion, 0.0, math.inf)) - legs.feet[0, :2]
+    np.testing.assert_allclose(place, np.array([0.3, -0.2]) * math.sqrt(legs.height / 9.81), atol=1e-12)
+
+
+def test_footholds_turn_with_the_base(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    straight = BaseMotion(0.0, 0.0, 0.4, 0.1, 0.0, wanted_vx=0.4)
+    for yaw in (0.5, -2.0, 3.0):
+        c, s = math.cos(yaw), math.sin(yaw)
+        turn = np.array([[c, -s], [s, c]])
+        vx, vy = turn @ [0.4, 0.1]
+        wx, wy = turn @ [0.4, 0.0]
+        turned = BaseMotion(0.0, 0.0, vx, vy, yaw, wanted_vx=wx, wanted_vy=wy)
+        for foot in range(4):
+            place = turn @ planner.place(foot, straight, 0.1, 0.2)
+            np.testing.assert_allclose(planner.place(foot, turned, 0.1, 0.2), place, atol=1e-12)
+
+
+def test_a_turn_in_place_puts_the_feet_ahead_by_half_a_stance(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.3, yaw_rate=2.0)
+    x, y = planner.place(0, motion, 0.05, 0.2)
+    angle = 0.3 + 2.0 * (0.05 + 0.1)
+    fx, fy, _ = legs.feet[0]
+    assert math.hypot(x, y) == pytest.approx(math.hypot(fx, fy))
+    assert math.atan2(y, x) == pytest.approx(math.atan2(fy, fx) + angle)
+
+
+def test_a_turn_while_moving_shifts_the_support_outward(legs: LegGeometry) -> None:
+    v, omega, stance = 0.5, 1.0, 0.01
+    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, yaw_rate=omega, wanted_vx=v)
+    centre = np.mean([FootholdPlanner(legs).place(foot, motion, 0.0, stance) for foot in range(4)], axis=0)
+    # Support y moves so that (0 - y) g / h is the centripetal acceleration omega v, to the left.
+    assert -centre[1] * 9.81 / legs.height == pytest.approx(omega * v, rel=0.01)
+
+
+@given(speed, speed, speed, st.floats(-3.0, 3.0), st.floats(0.0, 0.2), st.integers(0, 3), st.booleans())
+def test_footholds_are_within_reach_and_on_their_side(
+    legs: LegGeometry, vx: float, vy: float, rate: float, yaw: float, remaining: float, foot: int, stops: bool
+) -> None:
+    planner = FootholdPlanner(legs)
+    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate)
+    x, y = planner.place(foot, motion, remaining, math.inf if stops else 0.18)
+    c, s = math.cos(yaw + rate * remaining), math.sin(yaw + rate * remaining)
+    dx, dy = x - 0.3 - vx * remaining, y + 0.2 - vy * remaining
+    local = np.array([c * dx + s * dy, -s * dx + c * dy])
+    hip = legs.hips[foot]
+    drop = hip[2] + legs.height
+    distance = math.hypot(*(local - hip[:2]), drop)
+    assert distance <= planner.settings.reach_share * legs.length[foot] + 1e-9
+    side = planner.settings.side_share * legs.feet[foot, 1]
+    assert local[1] * math.copysign(1.0, side) >= abs(side) - 1e-9
+
+
+def test_a_foothold_keeps_its_distance_from_another_foot(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+    alone = planner.place(0, motion, 0.0, 0.2)
+    near = planner.place(0, motion, 0.0, 0.2, [(alone[0] + 0.01, alone[1])])
+    assert math.dist(near, (alone[0] + 0.01, alone[1])) == pytest.approx(0.3 * legs.length[0])
+    same = planner.place(0, motion, 0.0, 0.2, [alone])
+    assert math.dist(same, alone) == pytest.approx(0.3 * legs.length[0])
+    far = planner.place(0, motion, 0.0, 0.2, [(alone[0] + 0.2, alone[1])])
+    assert far == alone
+
+
+def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs, terrain=FlatGround(level=0.1))
+    clock = GaitClock(TROT)
+    t, dt = 0.02, 0.02
+    clock.advance(t)
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, wanted_vx=0.5)
+    contacts = np.arange(12.0).reshape(4, 3)
+    points = np.zeros((20, 4, 3))
+    planner.horizon(clock, motion, t, dt, contacts, points)
+    flags = np.zeros((20, 4), dtype=np.bool_)
+    clock.horizon(t, dt, flags)
+    for foot in range(4):
+        liftoffs = [k for k in range(1, 20) if flags[k - 1, foot] and not flags[k, foot]]
+        first = liftoffs[0]
+        np.testing.assert_array_equal(points[:first, foot], np.tile(contacts[foot], (first, 1)))
+        swing = next(s for s in clock.swings(foot, t, 1.0) if s.liftoff > t)
+        expected = planner.place_later(foot, motion, swing.touchdown - t, TROT.stance_s)
+        second = liftoffs[1] if len(liftoffs) > 1 else 20
+        np.testing.assert_allclose(points[first:second, foot], np.tile([*expected, 0.1], (second - first, 1)))
+
+
+def test_later_swings_are_placed_for_the_commanded_velocity(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.2, 0.0, wanted_vx=0.5)
+    steady = replace(motion, vy=0.0)
+    near = planner.place_later(0, motion, 0.0, 0.18)
+    np.testing.assert_allclose(near, planner.place(0, motion, 0.0, 0.18), atol=1e-12)
+    far, reference = planner.place_later(0, motion, 3.0, 0.18), planner.place_later(0, steady, 3.0, 0.18)
+    assert far[0] == pytest.approx(reference[0])
+    assert far[1] - reference[1] == pytest.approx(0.2 * planner.settings.error_decay_s, rel=1e-3)
+
+
+def test_flat_ground_is_flat() -> None:
+    ground, points = FlatGround(level=0.2, coefficient=0.4), np.zeros((3, 2))
+    assert ground.height(points).tolist() == [0.2] * 3
+    assert ground.friction(points).tolist() == [0.4] * 3
+    assert ground.normal(points).tolist() == [[0.0, 0.0, 1.0]] * 3
+    assert ground.steppable(points).all()

@@ -1,0 +1,92 @@
+"""Motion references: integrated commands on a leash, and poses that fit them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.horizon import MotionReference
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
+from lgmpc.robot import Robot
+
+N, DT = 20, 0.02
+
+
+def written(builder: ReferenceBuilder, robot: Robot, command: MotionCommand, ground: float = 0.0) -> MotionReference:
+    reference = MotionReference.standing(robot, N, np.zeros(3))
+    builder.write(reference, command, DT, ground)
+    return reference
+
+
+def test_at_rest_it_is_the_reference_posture(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    com = pin.centerOfMass(solo12.model, solo12.create_data(), solo12.q_reference)
+    builder.begin(com, 0.0)
+    reference = written(builder, solo12, MotionCommand())
+    np.testing.assert_allclose(reference.q, np.tile(solo12.q_reference, (N + 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(reference.com, np.tile(com, (N + 1, 1)), atol=1e-9)
+    assert not reference.com_velocity.any() and not reference.angular_velocity.any()
+
+
+def test_every_pose_has_its_centre_of_mass_where_the_reference_has_it(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    builder.begin(np.array([1.0, -2.0, 0.0]), 2.5)
+    command = MotionCommand(0.5, -0.2, 1.5, 0.02, 0.2, -0.1)
+    reference = written(builder, solo12, command, ground=0.3)
+    data = solo12.create_data()
+    for k in (0, 7, N):
+        np.testing.assert_allclose(pin.centerOfMass(solo12.model, data, reference.q[k]), reference.com[k], atol=1e-9)
+        rotation = pin.Quaternion(reference.q[k, 3:7]).matrix()
+        expected = pin.rpy.rpyToMatrix(command.roll, command.pitch, 2.5 + 1.5 * DT * k)
+        np.testing.assert_allclose(rotation, expected, atol=1e-12)
+    assert reference.com[0, 2] == pytest.approx(0.3 + legs.height + 0.02)
+
+
+def test_positions_are_the_integral_of_velocities_in_a_turn(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    builder.begin(np.zeros(3), 0.4)
+    command = MotionCommand(vx=0.8, vy=0.1, yaw_rate=2.0)
+    reference = written(builder, solo12, command)
+    assert np.linalg.norm(reference.com_velocity, axis=1) == pytest.approx(math.hypot(0.8, 0.1))
+    np.testing.assert_allclose(reference.angular_velocity, np.tile([0.0, 0.0, 2.0], (N + 1, 1)))
+    # Moving on step by step comes to the same nodes.
+    com = np.zeros(3)
+    for k in range(N):
+        np.testing.assert_allclose([builder.x, builder.y], reference.com[k, :2], atol=1e-4)
+        for _ in range(20):
+            builder.advance(1e-3, command, com, builder.yaw)
+            com[:2] = builder.x, builder.y
+
+
+def test_the_desired_position_stays_on_its_leash(solo12: Robot, legs: LegGeometry) -> None:
+    settings = ReferenceSettings(leash_m=0.04, yaw_leash_rad=0.2)
+    builder = ReferenceBuilder(solo12, legs, settings)
+    com = np.array([0.0, 0.0, 0.2])
+    builder.begin(com, 0.0)
+    for _ in range(1000):  # held in place against a command
+        builder.advance(1e-3, MotionCommand(vx=0.5, yaw_rate=1.0), com, 0.0)
+    assert math.hypot(builder.x, builder.y) == pytest.approx(0.04)
+    assert builder.yaw == pytest.approx(0.2)
+    com[:2] = 1.0, -1.0  # pushed far away
+    builder.advance(1e-3, MotionCommand(), com, 0.0)
+    assert math.hypot(builder.x - 1.0, builder.y + 1.0) == pytest.approx(0.04)
+
+
+def test_the_heading_counts_turns(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    builder.begin(np.zeros(3), 3.0)
+    for k in range(1, 3001):
+        measured = math.remainder(3.0 + 2e-3 * k, 2.0 * math.pi)
+        builder.advance(1e-3, MotionCommand(yaw_rate=2.0), np.zeros(3), measured)
+    assert builder.yaw == pytest.approx(9.0)
+
+
+def test_the_velocity_is_turned_into_the_world(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    builder.begin(np.zeros(3), 0.5 * math.pi)
+    assert builder.velocity(MotionCommand(vx=0.5, vy=0.2)) == pytest.approx((-0.2, 0.5))

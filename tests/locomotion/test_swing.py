@@ -1,0 +1,120 @@
+"""Swing trajectories: where they begin and end, smooth under moving targets, straight down when late."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lgmpc.locomotion.swing import SwingSettings, SwingTrajectory
+
+coordinate = st.floats(-0.3, 0.3)
+duration = st.floats(0.08, 0.5)
+points = st.tuples(coordinate, coordinate, st.floats(-0.03, 0.03)).map(np.array)
+level = st.tuples(coordinate, coordinate, st.just(0.0)).map(np.array)
+
+
+def sample(swing: SwingTrajectory, t: float) -> np.ndarray:
+    """(3, 3) position, velocity, acceleration."""
+    rows = np.full((3, 3), np.nan)
+    swing.sample(t, *rows)
+    return rows
+
+
+@given(points, points, st.tuples(coordinate, coordinate, st.floats(0.0, 0.3)).map(np.array), duration)
+def test_a_swing_begins_where_the_foot_is_and_ends_at_its_target(
+    begin: np.ndarray, target: np.ndarray, velocity: np.ndarray, length: float
+) -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(1.0, 1.0 + length, begin, velocity, target)
+    position, speed, acceleration = sample(swing, 1.0)
+    np.testing.assert_allclose(position, begin, atol=1e-12)
+    np.testing.assert_allclose(speed, velocity, atol=1e-12)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
+    position, speed, _ = sample(swing, 1.0 + length - 1e-9)
+    np.testing.assert_allclose(position, target, atol=1e-8)
+    np.testing.assert_allclose(speed, [0.0, 0.0, -swing.settings.touchdown_speed_m_s], atol=1e-5)
+    apex = sample(swing, 1.0 + swing.settings.apex_share * length)
+    assert apex[0, 2] == pytest.approx(max(begin[2], target[2]) + swing.settings.clearance_m)
+    assert apex[1, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+@given(level, level, duration)
+def test_the_foot_rises_to_the_apex_and_then_falls(begin: np.ndarray, target: np.ndarray, length: float) -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, length, begin, np.zeros(3), target)
+    heights = np.array([sample(swing, t)[0, 2] for t in np.linspace(0.0, length, 201)])
+    top = int(np.argmax(heights))
+    assert (np.diff(heights[: top + 1]) >= -1e-12).all()
+    assert (np.diff(heights[top:]) <= 1e-12).all()
+    assert heights.max() <= swing.settings.clearance_m + 1e-9
+    assert heights.min() >= -1e-9
+
+
+@given(points, st.lists(points, min_size=1, max_size=6), duration, st.floats(0.0, 0.05))
+def test_a_moving_target_leaves_the_path_twice_differentiable(
+    begin: np.ndarray, targets: list[np.ndarray], length: float, offset: float
+) -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, length, begin, np.zeros(3), targets[0])
+    for t, target in zip(np.linspace(offset * length, 0.75 * length, len(targets)), targets, strict=True):
+        before = sample(swing, t)
+        assert swing.retarget(t, target)
+        after = sample(swing, t)
+        np.testing.assert_allclose(after[0], before[0], atol=1e-10)
+        np.testing.assert_allclose(after[1], before[1], atol=1e-8)
+        np.testing.assert_allclose(after[2], before[2], atol=1e-6 / length**2)
+    end = sample(swing, length - 1e-9)
+    np.testing.assert_allclose(end[0], targets[-1], atol=1e-7)
+
+
+@given(level, level, duration)
+def test_velocity_and_acceleration_are_the_derivatives(begin: np.ndarray, target: np.ndarray, length: float) -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, length, begin, np.array([0.1, -0.1, 0.05]), target)
+    h = 1e-5 * length
+    for t in np.array([0.1, 0.3, 0.6, 0.9]) * length:
+        below, here, above = sample(swing, t - h), sample(swing, t), sample(swing, t + h)
+        np.testing.assert_allclose((above[:2] - below[:2]) / (2 * h), here[1:], rtol=1e-5, atol=1e-5 / length**2)
+
+
+def test_a_target_that_stays_leaves_the_path() -> None:
+    begin, target = np.array([0.0, 0.1, 0.0]), np.array([0.2, 0.1, 0.0])
+    still, moved = SwingTrajectory(), SwingTrajectory()
+    for swing in (still, moved):
+        swing.lift_off(0.0, 0.2, begin, np.zeros(3), target)
+    moved.retarget(0.05, target + 0.1)
+    moved.retarget(0.05, target)  # planned anew from the state on the old path
+    np.testing.assert_allclose(sample(moved, 0.12), sample(still, 0.12), atol=1e-9)
+
+
+def test_near_the_touchdown_the_target_is_frozen() -> None:
+    swing = SwingTrajectory(SwingSettings(freeze_share=0.7))
+    swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
+    assert not swing.retarget(0.15, np.array([0.3, 0.0, 0.0]))
+    assert swing.target == (0.1, 0.0, 0.0)
+    assert swing.retarget(0.13, np.array([0.12, 0.0, 0.0]))
+
+
+def test_a_late_foot_descends_at_constant_speed_to_the_search_depth() -> None:
+    s = SwingSettings(touchdown_speed_m_s=0.2, search_depth_m=0.03)
+    swing = SwingTrajectory(s)
+    target = np.array([0.1, 0.05, 0.01])
+    swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), target)
+    position, velocity, acceleration = sample(swing, 0.3)
+    np.testing.assert_allclose(position, [0.1, 0.05, 0.01 - 0.02])
+    np.testing.assert_allclose(velocity, [0.0, 0.0, -0.2])
+    np.testing.assert_allclose(acceleration, 0.0)
+    position, velocity, _ = sample(swing, 1.0)
+    np.testing.assert_allclose(position, [0.1, 0.05, 0.01 - 0.03])
+    np.testing.assert_allclose(velocity, 0.0)
+
+
+def test_a_lost_foot_searches_from_where_it_is() -> None:
+    swing = SwingTrajectory()
+    swing.search(2.0, np.array([0.1, 0.2, 0.005]))
+    position, velocity, _ = sample(swing, 2.1)
+    np.testing.assert_allclose(position, [0.1, 0.2, 0.005 - 0.1 * swing.settings.touchdown_speed_m_s])
+    assert velocity[2] == -swing.settings.touchdown_speed_m_s
+    assert not swing.retarget(2.1, np.zeros(3))

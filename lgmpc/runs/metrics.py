@@ -23,6 +23,7 @@ __all__ = [
     "compute_metrics",
     "friction_margin",
     "rotate",
+    "rpy_deg",
     "slip",
     "tilt_deg",
     "timing",
@@ -196,6 +197,23 @@ def tilt_deg(quaternion: Array, reference: Array) -> Array:
     # atan2 of sine and cosine: arccos alone loses half the digits near zero.
     angle: Array = np.degrees(np.arctan2(np.linalg.norm(axis[:, :2], axis=1), axis[:, 2]))
     return angle
+
+
+def rpy_deg(quaternion: Array) -> Array:
+    """Return roll, pitch and yaw of orientations: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+
+    Args:
+        quaternion: (n, 4) x y z w.
+
+    Returns:
+        (n, 3) degrees; roll and yaw without jumps of whole turns, pitch in [-90, 90].
+    """
+    x, y, z, w = quaternion.T
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    angles: Array = np.degrees(np.column_stack((np.unwrap(roll), pitch, np.unwrap(yaw))))
+    return angles
 
 
 def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array]:

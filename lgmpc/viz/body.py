@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,8 @@ from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, sphere
 from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["Body", "Part", "load_body"]
+
+_LOG = logging.getLogger(__name__)
 
 # From the trunk outwards; a model without colours of its own is painted in these.
 _PALETTE = (0x34414F, 0xC9D1D9, 0x8794A3, 0x5D6B7A)
@@ -113,7 +116,8 @@ def _visual_parts(robot: Robot) -> list[Part]:
             pin.GeometryType.VISUAL,
             package_dirs=[str(folder) for folder in source.package_dirs],
         )
-    except (ValueError, RuntimeError):  # a mesh that is not there: the run is worth seeing without it
+    except (ValueError, RuntimeError) as error:  # a mesh that is not there: the run is worth seeing without it
+        _LOG.warning("%s is drawn as a stick figure: %s", robot.name, " ".join(str(error).split()))
         return []
     depth = _depths(robot.model)
     plain = len({tuple(np.round(g.meshColor, 3)) for g in visuals.geometryObjects}) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog, push_intervals
 from lgmpc.runs.estimate import tilt_and_yaw_deg
-from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.metrics import rpy_deg, tilt_deg
 from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, X, Y, Z
 
@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = ["FIGURES", "plot_run"]
 
+_LABEL_BAND = 0.16
+"""Share of an axes' height that the pushes' labels have to themselves."""
+
 
 def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
-    """Draw the figures of a run: base, centre of mass, contact forces, torques, timing.
+    """Draw the figures of a run: base, attitude, centre of mass, joints, contact forces, torques, timing, estimate.
 
     Args:
         run: the run folder, read.
@@ -62,6 +65,24 @@ def _base(figure: Figure, log: RunLog) -> bool:
     _finish(log, tilt)
     _label_pushes(log, position)
     legend_above(position)
+    return True
+
+
+def _attitude(figure: Figure, log: RunLog) -> bool:
+    if not log.floating_base:
+        return False
+    figure.set_size_inches(8.0, 4.8)
+    angles, rates = figure.subplots(2, 1, sharex=True)
+    rpy = rpy_deg(log.base_pose[:, 3:])
+    for axis, (color, name) in enumerate(((X, "roll, x"), (Y, "pitch, y"), (Z, "yaw, z"))):
+        angles.plot(log.time, rpy[:, axis], color=color, label=name)
+        rates.plot(log.time, log.v[:, 3 + axis], color=color, lw=1.1)
+    angles.set(title="Base attitude", ylabel="deg")
+    rates.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
+    _finish(log, angles, span=0.2)
+    _finish(log, rates, span=0.02)
+    _label_pushes(log, angles)
+    legend_above(angles)
     return True
 
 
@@ -115,6 +136,34 @@ def _forces(figure: Figure, log: RunLog) -> bool:
     return True
 
 
+def _joints(figure: Figure, log: RunLog) -> bool:
+    """Positions and velocities: a row for each kind of joint that the legs share, else one for all."""
+    names: list[str] = log.joint_names.tolist()
+    if not names:
+        return False
+    kinds = joint_kinds(names)
+    rows = kinds or {"": list(range(len(names)))}
+    figure.set_size_inches(9.6, 1.2 + (1.7 if kinds else 3.0) * len(rows))
+    grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
+    first = 7 if log.floating_base else 0
+    scalar = log.q.shape[1] - first == len(names)  # a joint may have more coordinates than degrees of freedom
+    for (position, velocity), (kind, joints) in zip(grid, rows.items(), strict=True):
+        for count, joint in enumerate(joints):
+            style = {"color": (X, Y, Z, EXTRA)[count % 4], "lw": 1.1, "label": _joint_label(names[joint], kinds)}
+            position.plot(log.time, log.q[:, first + joint] if scalar else np.full(log.ticks, np.nan), **style)
+            velocity.plot(log.time, log.joint_velocity[:, joint], **style)
+        position.set(title=f"Position{kind and ', '}{kind}", ylabel="rad")
+        velocity.set(title=f"Velocity{kind and ', '}{kind}", ylabel="rad/s")
+        _finish(log, position, span=0.01)
+        _finish(log, velocity, span=0.02)
+    for axes in grid[-1]:
+        axes.set_xlabel("time, s")
+    _label_pushes(log, *grid[0])
+    if len(names) <= 12:
+        legend_above(grid[0, 1])
+    return True
+
+
 def _torques(figure: Figure, log: RunLog) -> bool:
     """Torques against their limits: a row for each kind of joint that the legs share, else shares of the limit."""
     names: list[str] = log.joint_names.tolist()
@@ -128,8 +177,7 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
         scale = np.ones(len(names)) if alike else log.effort_limit
         for count, joint in enumerate(joints):
-            color = (X, Y, Z, EXTRA)[count % 4]
-            label = names[joint].partition("_")[0] if alike else names[joint]
+            color, label = (X, Y, Z, EXTRA)[count % 4], _joint_label(names[joint], kinds)
             axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
         for limit in sorted({float(limit) for limit in (log.effort_limit / scale)[joints]}):
             draw_limits(axes, -limit, limit, f"limit {limit:g} N.m" if alike else "limit")
@@ -157,27 +205,26 @@ def _timing(figure: Figure, log: RunLog) -> bool:
         return False
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    figure.set_size_inches(4.4 * len(parts), 3.2)
+    figure.set_size_inches(4.8 * len(parts), 3.6)
     for axes, (name, milliseconds, period, color) in zip(
         figure.subplots(1, len(parts), squeeze=False)[0], parts, strict=True
     ):
         low, high = max(float(milliseconds.min()), 1e-4), max(float(milliseconds.max()), 1.1e-4)
         wide = high > 10.0 * low
         bins = (np.geomspace if wide else np.linspace)(0.95 * low, 1.05 * high, 60)
-        counts, _, _ = axes.hist(milliseconds, bins=bins, color=color, alpha=0.85)
+        axes.hist(milliseconds, bins=bins, color=color, alpha=0.85)
         if wide:
             axes.set_xscale("log")
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylim(0.0, 1.45 * float(np.max(counts)))
         if high > 0.2 * period:
             axes.axvline(period, color=LIMIT, ls="--", lw=1.2, label=f"period {period:g} ms")
         p50, p99 = np.percentile(milliseconds, [50.0, 99.0])
         axes.axvline(float(p50), color=INK, lw=1.2, label=f"median {p50:.3g} ms")
         axes.axvline(float(p99), color=INK, lw=1.2, ls=":", label=f"99 % {p99:.3g} ms")
         axes.set(title=f"{name} (every {period:g} ms)", xlabel="duration, ms", ylabel="count")
-        axes.legend(loc="upper right")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=3, columnspacing=1.2, handlelength=1.5)
     return True
 
 
@@ -203,7 +250,9 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
 
 FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "base": _base,
+    "attitude": _attitude,
     "com": _com,
+    "joints": _joints,
     "forces": _forces,
     "torques": _torques,
     "timing": _timing,
@@ -223,13 +272,20 @@ def _finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
             axes.set_ylim(0.5 * (low + high - span), 0.5 * (low + high + span))
 
 
+def _joint_label(name: str, kinds: Mapping[str, Sequence[int]]) -> str:
+    """Return the leg of a joint, where rows are kinds of joints, else its name."""
+    return name.partition("_")[0] if kinds else name
+
+
 def _label_pushes(log: RunLog, *all_axes: Axes) -> None:
-    """Write each push's impulse above it, unless they are too many to read."""
+    """Write each push's impulse in a band above the curves and limits, unless they are too many to read."""
     pushes = push_intervals(log)
-    for axes in all_axes if len(pushes) <= 8 else ():
+    for axes in all_axes if 0 < len(pushes) <= 8 else ():
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + _LABEL_BAND / (1.0 - _LABEL_BAND) * (high - low))
         for push in pushes:
             text = f"{np.linalg.norm(push.impulse):.2g} N.s"
-            where = (0.5 * (push.start + push.end), 0.97)
+            where = (0.5 * (push.start + push.end), 0.98)
             axes.annotate(
                 text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
             )

@@ -8,7 +8,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.runs import compare, compute_metrics
-from lgmpc.runs.metrics import rotate, tilt_deg
+from lgmpc.runs.metrics import rotate, rpy_deg, tilt_deg
 
 from .conftest import new_recorder
 
@@ -52,6 +52,21 @@ def test_rotate_agrees_with_pinocchio() -> None:
         np.testing.assert_allclose(rotate(quaternion, vector), expected, atol=1e-14)
 
 
+def test_roll_pitch_and_yaw_agree_with_pinocchio() -> None:
+    quaternions = np.random.default_rng(4).normal(size=(50, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    for quaternion in quaternions:
+        expected = pin.rpy.matrixToRpy(pin.Quaternion(quaternion).toRotationMatrix())
+        np.testing.assert_allclose(rpy_deg(quaternion[None])[0], np.degrees(expected), atol=1e-11)
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_turn_goes_on_beyond_half_a_turn(axis) -> None:
+    angles = np.linspace(0.0, 500.0, 30)
+    turned = rpy_deg(np.array([about(axis, angle) for angle in angles]))
+    np.testing.assert_allclose(turned[:, axis], angles, atol=1e-11)
+
+
 @pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-4, 3.0, 44.0, 90.0, 179.0, 180.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_tilt_is_the_angle_whatever_the_yaw_and_the_sign(degrees, axis) -> None:
@@ -84,6 +99,15 @@ def test_displacement_and_final_errors(changed) -> None:
     # cos(angle / 2) = cos(yaw / 2) cos(pitch / 2)
     expected = 2.0 * np.degrees(np.arccos(np.cos(np.radians(1.0)) * np.cos(np.radians(0.5))))
     assert metrics.final_rotation_deg == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-6, 30.0, 179.0, 180.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_rotation_does_not_depend_on_the_sign_of_its_quaternion(changed, degrees, sign) -> None:
+    def turn(arrays):
+        arrays["q"][-1, 3:7] = sign * about(2, degrees)
+
+    assert compute_metrics(changed(turn)).final_rotation_deg == pytest.approx(degrees, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +192,7 @@ def test_torque_and_saturation(changed) -> None:
     assert metrics.torque_saturation_fraction == pytest.approx(0.06)
 
 
-def test_steady_state_errors_start_when_told(changed) -> None:
+def test_steady_state_errors_start_at_the_given_time(changed) -> None:
     def err(arrays):
         arrays["com_reference"][:500, 0] += 1.0
         arrays["com_reference"][500:, 1] += 0.004
@@ -182,6 +206,27 @@ def test_steady_state_errors_start_when_told(changed) -> None:
     assert metrics.rms_joint_velocity_rad_s == pytest.approx(0.01)
     late = compute_metrics(changed(err), steady_from_s=2.0)
     assert late.com_rms_error_m is None and late.rms_joint_velocity_rad_s is None
+
+
+def test_a_torque_is_saturated_from_a_billionth_below_the_limit(changed) -> None:
+    limit = 1.8
+
+    def saturate(arrays):
+        arrays["tau"][:4, 0] = limit, (1.0 - 1e-9) * limit, (1.0 - 0.9e-9) * limit, (1.0 - 1.1e-9) * limit
+
+    assert compute_metrics(changed(saturate)).torque_saturation_fraction == pytest.approx(3 / 1000, rel=1e-12)
+
+
+def test_a_tick_that_takes_its_whole_period_is_in_time(changed) -> None:
+    def spend(arrays):
+        arrays["wbc_ms"][:2] = 1.0, np.nextafter(1.0, 2.0)
+        arrays["mpc_ms"][:2] = 10.0, np.nextafter(10.0, 20.0)
+
+    assert compute_metrics(changed(spend)).deadline_misses == 2
+
+
+def test_an_update_without_a_period_has_no_deadline(standing) -> None:
+    assert compute_metrics(replace(standing, mpc_period_s=0.0)).deadline_misses == 0
 
 
 def test_failures_and_missed_deadlines_are_counted(changed) -> None:

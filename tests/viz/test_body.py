@@ -52,12 +52,14 @@ def test_quaternions_never_jump_to_their_other_sign(solo12) -> None:
     assert np.all(np.sum(keys[1:] * keys[:-1], axis=1) > 0.9)
 
 
-def test_a_robot_without_meshes_is_a_stick_figure(solo12, tmp_path) -> None:
+def test_a_robot_without_its_meshes_is_a_stick_figure_and_the_reason_is_logged(solo12, tmp_path, caplog) -> None:
     bare = tmp_path / "bare.urdf"
     text = solo12.source.urdf.read_text()
     bare.write_text(text.replace("package://", "package://nowhere/"))
     body = load_body(replace(solo12, source=ModelSource(bare)))
     assert {part.name.partition("_")[0] for part in body.parts} == {"ball", "bar"}
+    (message,) = (record.getMessage() for record in caplog.records)
+    assert message.startswith("solo12 is drawn as a stick figure: ") and "package://nowhere/" in message
     _, highest = body.bounds(solo12.q_reference)
     assert 0.2 < highest[2] < 0.35
 

@@ -116,7 +116,7 @@ def test_the_panels_work(browser, page) -> None:
     assert tab.inner_text("#now") == "0.20"
     assert tab.inner_text("#name") == "solo12_pushed"
     assert tab.inner_text("#verdict").lower() == "pass"
-    # Space plays and pauses; the time line seeks to where it is clicked; the push tells itself.
+    # Space plays and pauses; the time line seeks to where it is clicked; the push shows its size.
     tab.keyboard.press("Space")
     assert tab.evaluate("document.getElementById('play').classList.contains('playing')")
     tab.wait_for_function("Number(document.getElementById('now').textContent) > 0.25")
@@ -137,6 +137,18 @@ def test_the_panels_work(browser, page) -> None:
     tab.get_by_text("planned forces").click()
     assert tab.evaluate(hidden, ["overlay", "planned"])
     assert problems == []
+    tab.close()
+
+
+def test_a_phone_has_a_time_line_of_its_whole_width(browser, page) -> None:
+    tab = browser.new_page(viewport={"width": 420, "height": 800})
+    tab.goto(f"{page.as_uri()}#t=0.2")
+    tab.evaluate("lgmpc.ready")
+    line, bar, card = (tab.locator(each).bounding_box() for each in ("#timeline", "#bar", "#card"))
+    assert line["width"] > 340
+    for box in (bar, card):
+        assert 0 <= box["x"] and box["x"] + box["width"] <= 420
+    assert bar["y"] + bar["height"] <= 800
     tab.close()
 
 

@@ -191,13 +191,17 @@ class Player {
     g.fillRect(0, 0, width, height);
     const x = (time) => (time / duration) * width;
     g.font = "10px system-ui, 'DejaVu Sans', sans-serif";
+    let free = 0;  // where no label has been written yet
     for (const push of pushes) {
       g.fillStyle = "rgba(213, 94, 0, .28)";
       g.fillRect(x(push.start), 0, Math.max(x(push.end) - x(push.start), 2), height - 13);
+      const size = g.measureText(push.impulse).width;
+      const left = width - x(push.end) > size + 8 ? x(push.end) + 4 : x(push.start) - 4 - size;
+      if (left < free) continue;
+      free = left + size + 4;
       g.fillStyle = "#b34f00";
-      const room = width - x(push.end) > 60;
-      g.textAlign = room ? "left" : "right";
-      g.fillText(push.impulse, room ? x(push.end) + 4 : x(push.start) - 4, 11);
+      g.textAlign = "left";
+      g.fillText(push.impulse, left, 11);
     }
     const bottom = height - 13;
     this.drawContacts(g, x, bottom);

@@ -3,7 +3,7 @@
     python scripts/bench_mpc.py [--impulse 2.0] [--nodes 20] [--facets 8] [--seconds 3]
     python scripts/bench_mpc.py --model full_body [--solvers riccati piqp]     # or kinodynamic, lqr
 
-A quadruped of Solo12's mass (with the models that know its legs: Solo12) stands, is pushed for 0.2 s, and recovers.
+A quadruped of Solo12's mass (with the models that have legs: Solo12) stands, is pushed for 0.2 s, and recovers.
 Updates at 100 Hz (50 Hz with the legs); an update is timed from measured state to plan, everything included. The
 solvers take turns update by update, so that whatever else the machine does meets all of them alike.
 """
@@ -27,16 +27,18 @@ import pinocchio as pin
 
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import (
     CentroidalLqr,
     CentroidalMpc,
     CentroidalMpcSettings,
-    CentroidalPlan,
     FullBodyMpc,
     FullBodyMpcSettings,
     KinodynamicMpc,
     KinodynamicMpcSettings,
     LqrSettings,
+    MeasuredState,
+    Plan,
 )
 from lgmpc.solvers.qp import QP_SOLVERS
 from lgmpc.typing import Array
@@ -62,11 +64,11 @@ class ClosedLoop(ABC):
         self.deviation = 0.0
 
     @abstractmethod
-    def plan(self, t: float, wrench: Array) -> CentroidalPlan:
+    def plan(self, t: float, wrench: Array) -> Plan:
         """Plan from the present state."""
 
     @abstractmethod
-    def advance(self, plan: CentroidalPlan, wrench: Array) -> None:
+    def advance(self, plan: Plan, wrench: Array) -> None:
         """Let the first controls act for one period."""
 
     def step(self, t: float, wrench: Array) -> None:
@@ -105,10 +107,15 @@ class CentroidalLoop(ClosedLoop):
     def __init__(self, name: str, nodes: int, facets: int, mpc: CentroidalMpc | CentroidalLqr | None = None) -> None:
         super().__init__(name)
         solver = name if name in QP_SOLVERS else "riccati"
-        model = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=nodes, facets=facets, qp_solver=solver))
+        model = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=solver))
         self.mpc = model if mpc is None else mpc
         self.compiled = model.solver.compiled
         self.x: Array = STANDING.copy()
+        self._contacts = ContactHorizon.allocate(nodes, 4)
+        self._contacts.hold(FEET, np.ones(4, dtype=np.bool_), 0.6)
+        level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (nodes + 1, 1))
+        rest = np.zeros((nodes + 1, 3))
+        self._motion = MotionReference(np.tile(STANDING[:3], (nodes + 1, 1)), rest, level, rest)
         self._action = model.problem.action
         self._parameters = model.problem.parameters[0].copy()
         layout = self._action.parameters
@@ -117,12 +124,12 @@ class CentroidalLoop(ClosedLoop):
         self._parameters[layout["contact_flags"]] = 1.0
         self._wrench = layout["external_wrench"]
 
-    def plan(self, t: float, wrench: Array) -> CentroidalPlan:
+    def plan(self, t: float, wrench: Array) -> Plan:
         """Plan from the present state."""
-        x = self.x
-        return self.mpc.update(t, x[:3], x[3:6], x[6:9], FEET, np.ones(4), STANDING, wrench)
+        state = MeasuredState.centroidal(t, self.x[:3], self.x[3:])
+        return self.mpc.update(state, self._contacts, self._motion, np.tile(wrench, (len(self._motion.com) - 1, 1)))
 
-    def advance(self, plan: CentroidalPlan, wrench: Array) -> None:
+    def advance(self, plan: Plan, wrench: Array) -> None:
         """Let the first forces act for one period."""
         self._parameters[self._wrench] = wrench
         self.x = self._action.evaluate(self.x, plan.first_forces.ravel(), self._parameters).x_next
@@ -140,17 +147,22 @@ class WholeBodyLoop(ClosedLoop):
         self._data = self.robot.create_data()
         self.q, self.v = self.robot.q_reference.copy(), np.zeros(self.robot.nv)
         self._standing = np.r_[pin.centerOfMass(self.robot.model, self._data, self.q), np.zeros(6)]
+        nodes = mpc.settings.nodes
+        self._contacts = ContactHorizon.allocate(nodes, self.robot.nc)
+        self._motion = MotionReference.standing(self.robot, nodes, self._standing[:3])
 
     @property
     def standing(self) -> Array:
         """(9,) reference."""
         return self._standing
 
-    def plan(self, t: float, wrench: Array) -> CentroidalPlan:
+    def plan(self, t: float, wrench: Array) -> Plan:
         """Plan from the present state."""
-        return self.mpc.update(t, self.q, self.v, np.ones(4), self._standing, self.robot.q_reference, wrench)
+        no_momentum = np.zeros(6)
+        state = MeasuredState(t, self.q, self.v, self._standing[:3], no_momentum, np.eye(3), np.eye(3))
+        return self.mpc.update(state, self._contacts, self._motion, np.tile(wrench, (len(self._motion.com) - 1, 1)))
 
-    def advance(self, plan: CentroidalPlan, wrench: Array) -> None:
+    def advance(self, plan: Plan, wrench: Array) -> None:
         """Let the first controls act for one period, an interval of the plan."""
         problem, u = self.mpc.problem, self.mpc.solver.us[0]
         x = problem.action.evaluate(problem.x0, u, problem.parameters[0]).x_next
@@ -176,14 +188,14 @@ def lqr(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
 def kinodynamic(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
     """One loop a solver."""
     robot = build_robot(load_config(CONFIG))
-    settings = [KinodynamicMpcSettings(nodes=nodes, facets=facets, qp_solver=name) for name in solvers]
+    settings = [KinodynamicMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name) for name in solvers]
     return [WholeBodyLoop(s.qp_solver, KinodynamicMpc(robot, s)) for s in settings]
 
 
 def full_body(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
     """One loop a solver."""
     robot = build_robot(load_config(CONFIG))
-    settings = [FullBodyMpcSettings(nodes=nodes, facets=facets, qp_solver=name) for name in solvers]
+    settings = [FullBodyMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name) for name in solvers]
     return [WholeBodyLoop(s.qp_solver, FullBodyMpc(robot, s)) for s in settings]
 
 

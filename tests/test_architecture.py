@@ -51,9 +51,8 @@ ARROWS: dict[str, str] = {
     "viz": "lie state robot runs demos",
     # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
     "config": "",
-    "config.schema": "runs",
+    "config.schema": "runs mpc",
     "config.robots": "robot",
-    "config.planners": f"{_PARTS} control",
     "config.sensing": "robot estimation simulation",
     "config.build": f"{_PARTS} simulation control runs",
     "config.scenarios": "robot problems",

@@ -15,7 +15,7 @@ from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.config.session import SessionResult
-from lgmpc.control.prediction import WholeBodyPredictor
+from lgmpc.mpc import StandInMpc
 from lgmpc.runs import Metrics
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -79,8 +79,8 @@ def test_whole_body_models_survive_a_push_that_would_stretch_the_legs(model: str
     result = session.run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
     planner = session.controller.planner
-    assert planner is not None and isinstance(planner.predictor, WholeBodyPredictor)
-    assert 5 < planner.predictor.stood_in < 60  # of 125 updates; measured 22 (MuJoCo)
+    assert planner is not None and isinstance(planner.mpc, StandInMpc)
+    assert 5 < planner.mpc.stood_in < 60  # of 125 updates; measured 22 (MuJoCo)
 
 
 @pytest.mark.parametrize("plant", PLANTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from lgmpc.config.closed_loop import ClosedLoopSession
-from lgmpc.config.planners import build_planner
 from lgmpc.config.robots import build_robot, build_robot_spec
 from lgmpc.config.schema import Config
 from lgmpc.config.schema.reference import ComCircleReference
@@ -11,8 +10,10 @@ from lgmpc.config.schema.wbc import WbcGain
 from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.config.session import Notify, Session
 from lgmpc.control.balance import BalanceController
+from lgmpc.control.planner import Planner
 from lgmpc.control.reference import CircleReference, ComReference, StandReference
 from lgmpc.estimation import FrictionMonitor
+from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.runs import Recorder
@@ -113,9 +114,9 @@ def _gain(gain: WbcGain) -> Gain:
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:
     """Return the controller of sections ``mpc``, ``wbc`` and ``reference``."""
-    reference = build_reference(config)
-    planner = build_planner(config, robot, reference, notify) if config.mpc.enabled else None
-    floor = FrictionMonitor(config.wbc.friction, 1.0 / config.wbc.rate_hz)
+    reference, period = build_reference(config), 1.0 / config.wbc.rate_hz
+    planner = Planner(robot, make_mpc(robot, config.mpc, notify), reference, period) if config.mpc.enabled else None
+    floor = FrictionMonitor(config.wbc.friction, period)
     return BalanceController(robot, build_whole_body_controller(config, robot), reference, floor, planner)
 
 

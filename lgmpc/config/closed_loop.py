@@ -130,9 +130,10 @@ class _Observer:
             0 if wbc.status is QpStatus.SOLVED else 1,
             controller.wbc_ms,
         )
-        if planner is not None and planner.planned:
-            failed = int(not planner.status.fresh)
-            self._record_plan(sample.time, planner.horizon_com, planner.first_forces, failed, 1e3 * planner.spent)
+        if planner is not None and planner.planned and planner.plan is not None:
+            plan = planner.plan
+            failed = int(not plan.status.fresh)
+            self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, 1e3 * planner.spent)
         if tick.index % self._every == 0:
             self._report(sample.time, terms)
         return sample.time < self._end

@@ -1,30 +1,22 @@
-"""Model-predictive control: receding horizons on top of the real-time solvers."""
+"""Model-predictive control: receding horizons on top of the real-time solvers, behind one contract."""
 
-from lgmpc.mpc.centroidal import CentroidalMpc
-from lgmpc.mpc.full_body import FullBodyMpc
-from lgmpc.mpc.kinodynamic import KinodynamicMpc
-from lgmpc.mpc.lqr import CentroidalLqr, LinearCentroidal, linearize_centroidal
-from lgmpc.mpc.plan import CentroidalPlan, CentroidalSample, MpcStatus, PosturePlan, PostureSample
-from lgmpc.mpc.receding import RecedingHorizon
-from lgmpc.mpc.settings import (
-    CentroidalMpcSettings,
-    CentroidalWeights,
-    FullBodyMpcSettings,
-    FullBodyWeights,
-    KinodynamicMpcSettings,
-    KinodynamicWeights,
-    LqrSettings,
-    MpcSettings,
-    WholeBodyMpcSettings,
-)
-from lgmpc.mpc.whole_body import WholeBodyMpc
+from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
+from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings, FullBodyWeights
+from lgmpc.mpc.interface import MeasuredState, Mpc
+from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings, KinodynamicWeights
+from lgmpc.mpc.lqr import CentroidalLqr, LinearCentroidal, LqrSettings, linearize_centroidal
+from lgmpc.mpc.models import AnyMpcSettings, make_mpc
+from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
+from lgmpc.mpc.plan import MotionSample, MpcStatus, Plan, PlanSampler, PosturePlan, PostureSample
+from lgmpc.mpc.settings import CentroidalWeights, MpcSettings, MultibodyWeights, SqpMpcSettings, TrackingWeights
+from lgmpc.mpc.sqp import SqpMpc
+from lgmpc.mpc.stand_in import StandInMpc
 
 __all__ = [
+    "AnyMpcSettings",
     "CentroidalLqr",
     "CentroidalMpc",
     "CentroidalMpcSettings",
-    "CentroidalPlan",
-    "CentroidalSample",
     "CentroidalWeights",
     "FullBodyMpc",
     "FullBodyMpcSettings",
@@ -34,12 +26,22 @@ __all__ = [
     "KinodynamicWeights",
     "LinearCentroidal",
     "LqrSettings",
+    "MeasuredState",
+    "MotionSample",
+    "Mpc",
     "MpcSettings",
     "MpcStatus",
+    "MultibodyMpc",
+    "MultibodyMpcSettings",
+    "MultibodyWeights",
+    "Plan",
+    "PlanSampler",
     "PosturePlan",
     "PostureSample",
-    "RecedingHorizon",
-    "WholeBodyMpc",
-    "WholeBodyMpcSettings",
+    "SqpMpc",
+    "SqpMpcSettings",
+    "StandInMpc",
+    "TrackingWeights",
     "linearize_centroidal",
+    "make_mpc",
 ]

@@ -8,25 +8,50 @@ them, with every limit kept.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import ContactForce, Control
-from lgmpc.mpc.settings import FullBodyMpcSettings
-from lgmpc.mpc.whole_body import WholeBodyMpc, common_constraints, common_costs, contact_point_model
+from lgmpc.mpc.multibody import (
+    MultibodyMpc,
+    MultibodyMpcSettings,
+    common_constraints,
+    common_costs,
+    contact_point_model,
+)
+from lgmpc.mpc.settings import MultibodyWeights
 from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
+from lgmpc.robot.scaling import weight_factor
+from lgmpc.settings import NonNegative, Positive
 from lgmpc.typing import Array
 
-__all__ = ["FullBodyMpc"]
+__all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights"]
 
 
-class FullBodyMpc(WholeBodyMpc):
+class FullBodyWeights(MultibodyWeights):
+    """Weights of the squared deviations that the full-body MPC minimises."""
+
+    joint_velocity: NonNegative = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
+    effort: Positive = Field(
+        default=1e-3, description="Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass)."
+    )
+
+
+class FullBodyMpcSettings(MultibodyMpcSettings):
+    """Model-predictive control of the whole robot by its torques, which have limits as the forces have."""
+
+    model: Literal["full_body"] = Field(default="full_body", description="Model that predicts.")
+    weights: FullBodyWeights = Field(default=FullBodyWeights(), description="Weights of the cost.")
+
+
+class FullBodyMpc(MultibodyMpc):
     """Plans joint torques: contact forward dynamics, with friction, normal forces and torques limited.
 
     State (q, v), control the torques. The limits are hard constraints of each subproblem, which has no solution where
@@ -36,7 +61,7 @@ class FullBodyMpc(WholeBodyMpc):
     Args:
         robot: the robot, with a floating base and contact frames.
         settings: horizon, weights, limits.
-        progress: told what is being compiled, when something is.
+        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: the robot has no contact frames.
@@ -59,30 +84,27 @@ class FullBodyMpc(WholeBodyMpc):
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
         ]
         limits = [
-            *common_constraints(contacts, s.facets),
+            *common_constraints(contacts, s.friction_facets),
             ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
         ]
-        action = MultibodyAction(f"full_body_{robot.nc}x{s.facets}", self._dynamics, costs, limits)
-        super().__init__(robot, action, s, progress)
+        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", self._dynamics, costs, limits)
+        super().__init__(robot, action, s, s.weights, progress)
         efforts = holding_efforts(model, contacts, robot.q_reference)
         self._efforts = efforts
-        self.problem.set("contact_gains", [0.0, 1.0 / s.node_duration])
+        self.problem.set("contact_gains", [0.0, 1.0 / s.node_s])
         self.problem.set("effort_reference", efforts)
-        self._set_weight(self.problem, "effort", np.full(robot.nu, s.weights.effort), s)
+        w, free = s.weights, np.zeros(3)
+        turn, posture = np.full(3, w.base_orientation), np.full(robot.nu, w.posture)
+        motion = np.concatenate([free, turn, posture, np.zeros(6), np.full(robot.nu, w.joint_velocity)])
+        self._set_weight(self.problem, "state", motion)
+        self._set_weight(self.problem, "effort", np.full(robot.nu, weight_factor(robot.mass) * w.effort))
         for i in range(robot.nc):
-            self._set_weight(self.problem, f"force{i}", s.weights.forces(1), s)
+            self._set_weight(self.problem, f"force{i}", w.forces(1, robot.mass))
         self._force_references = tuple(self.problem.view(f"force{i}_reference") for i in range(robot.nc))
 
     def _measure(self, q: Array, v: Array) -> None:
         nq = self.robot.nq
         self.problem.x0[:nq], self.problem.x0[nq:] = q, v
-
-    def _state_weights(self, robot: Robot, settings: FullBodyMpcSettings) -> Array:
-        w, free = settings.weights, np.zeros(3)
-        turn = np.broadcast_to(w.base_orientation, 3)
-        return np.concatenate(
-            [free, turn, np.full(robot.nu, w.posture), np.zeros(6), np.full(robot.nu, w.joint_velocity)]
-        )
 
     def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
         robot = self._dynamics.robot

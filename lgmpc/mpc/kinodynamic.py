@@ -3,25 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions import KinodynamicAction, StateMomentum
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control
-from lgmpc.mpc.settings import KinodynamicMpcSettings
-from lgmpc.mpc.whole_body import WholeBodyMpc, common_constraints, common_costs, contact_point_model
+from lgmpc.mpc.multibody import (
+    MultibodyMpc,
+    MultibodyMpcSettings,
+    common_constraints,
+    common_costs,
+    contact_point_model,
+)
+from lgmpc.mpc.settings import MultibodyWeights
 from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
+from lgmpc.settings import Positive
 from lgmpc.typing import Array
 
-__all__ = ["KinodynamicMpc"]
+__all__ = ["KinodynamicMpc", "KinodynamicMpcSettings", "KinodynamicWeights"]
 
 
-class KinodynamicMpc(WholeBodyMpc):
+class KinodynamicWeights(MultibodyWeights):
+    """Weights of the squared deviations that the kinodynamic MPC minimises."""
+
+    joint_velocity: Positive = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
+
+
+class KinodynamicMpcSettings(MultibodyMpcSettings):
+    """Model-predictive control of momenta and posture by contact forces and joint velocities."""
+
+    model: Literal["kinodynamic"] = Field(default="kinodynamic", description="Model that predicts.")
+    weights: KinodynamicWeights = Field(default=KinodynamicWeights(), description="Weights of the cost.")
+
+
+class KinodynamicMpc(MultibodyMpc):
     """Plans contact forces and joint velocities: centroidal momentum with full kinematics, friction limited.
 
     State (q, h), control the forces and the joint velocities. Torques do not appear: keeping them within their limits
@@ -30,7 +51,7 @@ class KinodynamicMpc(WholeBodyMpc):
     Args:
         robot: the robot, with a floating base and contact frames.
         settings: horizon, weights, limits.
-        progress: told what is being compiled, when something is.
+        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: the robot has no contact frames.
@@ -50,23 +71,20 @@ class KinodynamicMpc(WholeBodyMpc):
         self._nf = 3 * robot.nc
         state = StateMomentum(self._model)
         costs = [*common_costs(state), CostItem("control", Control(self._nf + robot.nu))]
-        self._action = KinodynamicAction(
-            f"kinodynamic_{robot.nc}x{s.facets}", self._model, contacts, costs, common_constraints(contacts, s.facets)
-        )
-        super().__init__(robot, self._action, s, progress)
+        limits = common_constraints(contacts, s.friction_facets)
+        name = f"kinodynamic_{robot.nc}x{s.friction_facets}"
+        self._action = KinodynamicAction(name, self._model, contacts, costs, limits)
+        super().__init__(robot, self._action, s, s.weights, progress)
         w = s.weights
-        self._set_weight(self.problem, "control", [*w.forces(robot.nc), *[w.joint_velocity] * robot.nu], s)
+        turn, posture = np.full(3, w.base_orientation), np.full(robot.nu, w.posture)
+        self._set_weight(self.problem, "state", np.concatenate([np.zeros(3), turn, posture, np.zeros(6)]))
+        self._set_weight(self.problem, "control", [*w.forces(robot.nc, robot.mass), *[w.joint_velocity] * robot.nu])
         self._force_reference = self.problem.view("control_reference")[:, : self._nf]
 
     def _measure(self, q: Array, v: Array) -> None:
         nq = self.robot.nq
         self.problem.x0[:nq] = q
         self.problem.x0[nq:] = pin.computeCentroidalMomentum(self._model, self._data, q, v).np
-
-    def _state_weights(self, robot: Robot, settings: KinodynamicMpcSettings) -> Array:
-        w = settings.weights
-        turn = np.broadcast_to(w.base_orientation, 3)
-        return np.concatenate([np.zeros(3), turn, np.full(robot.nu, w.posture), np.zeros(6)])
 
     def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
         robot = self._action.robot

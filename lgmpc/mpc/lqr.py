@@ -15,19 +15,27 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.linalg import LinAlgError, expm, solve_discrete_are
 
 from lgmpc.errors import InputError
-from lgmpc.mpc.keeping import PlanKeeper, weight_shares, write_intervals
-from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
-from lgmpc.mpc.settings import LqrSettings
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.base import BaseMpc, input_error, weight_shares, write_intervals
+from lgmpc.mpc.centroidal import write_centroidal_reference
+from lgmpc.mpc.interface import MeasuredState
+from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.settings import MpcSettings, TrackingWeights
 from lgmpc.ocp import KktResidual
-from lgmpc.typing import Array, BoolArray
+from lgmpc.robot import Robot
+from lgmpc.settings import NonNegative
+from lgmpc.typing import Array
 
-__all__ = ["CentroidalLqr", "LinearCentroidal", "linearize_centroidal"]
+__all__ = ["CentroidalLqr", "LinearCentroidal", "LqrSettings", "linearize_centroidal"]
 
 _MOVED = 0.005
 """m. Where contact points or reference are further than this from where the gain was computed, it is computed anew."""
@@ -72,7 +80,17 @@ def linearize_centroidal(mass: float, weight: Array, arms: Array, flags: Array, 
     return LinearCentroidal(exact[:9, :9], exact[:9, 9 : 9 + 3 * nc], exact[:9, 9 + 3 * nc :])
 
 
-class CentroidalLqr(PlanKeeper):
+class LqrSettings(MpcSettings):
+    """Linear-quadratic regulation of the momenta by contact forces, linearised about standing."""
+
+    model: Literal["lqr"] = Field(default="lqr", description="Model that predicts.")
+    uprighting_rate_hz: NonNegative = Field(
+        default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
+    )
+    weights: TrackingWeights = Field(default=TrackingWeights(), description="Weights of the cost, an interval each.")
+
+
+class CentroidalLqr(BaseMpc):
     """Contact forces by linear feedback of centre of mass and momenta, called as :class:`~lgmpc.mpc.CentroidalMpc` is.
 
     Each :meth:`update` predicts the regulated motion over a horizon. A known external wrench is met by the smallest
@@ -88,7 +106,6 @@ class CentroidalLqr(PlanKeeper):
     Attributes:
         settings: as given.
         mass: as given, kg.
-        friction: coefficient to which planned forces are cut; may be set between updates.
         gain: (3 nc, 9) K of the last update, ``u = -K x``.
         failures: updates without a fresh plan so far.
         failures_in_a_row: since the last fresh plan.
@@ -109,9 +126,10 @@ class CentroidalLqr(PlanKeeper):
             raise InputError("contacts", contacts, "at least one contact point")
         s = LqrSettings() if settings is None else settings
         super().__init__(s, mass)
-        self.friction = s.friction
+        self.settings: LqrSettings = s
+        self._friction = np.full(s.nodes + 1, s.friction)
+        self._normal_force = s.normal_force(self.mass)
         self.gain = np.zeros((3 * contacts, 9))
-        self._weights = s.weights
         self._weight: Array = -self.mass * np.asarray(gravity, dtype=np.float64)
         n = s.nodes
         self._flags = np.zeros((n + 1, contacts))
@@ -126,37 +144,31 @@ class CentroidalLqr(PlanKeeper):
         super().reset()
         self._place = None
 
-    def update(
-        self,
-        t: float,
-        com: Array,
-        linear_momentum: Array,
-        angular_momentum: Array,
-        contact_points: Array,
-        contact_flags: Array | BoolArray,
-        x_reference: Array,
-        external_wrench: Array | None = None,
-    ) -> CentroidalPlan:
-        """Plan from the measured state; arguments, result and errors as :meth:`lgmpc.mpc.CentroidalMpc.update`.
+    @classmethod
+    def of(cls, robot: Robot, settings: LqrSettings, progress: Callable[[str], None] | None = None) -> CentroidalLqr:
+        """Return the regulator of a robot; nothing of it is compiled."""
+        return cls(robot.mass, robot.nc, settings, gravity=robot.gravity)
+
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`.
 
         The gain is that of the first interval's contacts; later ones decide which forces are zero.
         """
         start = time.perf_counter()
         try:
-            x = np.concatenate([com, linear_momentum, angular_momentum]).reshape(9)
-            points = np.broadcast_to(contact_points, (self.settings.nodes, self._flags.shape[1], 3))[0]
-            write_intervals(self._flags, contact_flags)
-            write_intervals(self._wrench, 0.0 if external_wrench is None else external_wrench)
-            self._reference[...] = x_reference
-        except ValueError as error:
-            n, nc = self.settings.nodes, self._flags.shape[1]
-            expected = (
-                f"state (3,) each, contact_points ({nc}, 3) or ({n}, {nc}, 3), contact_flags ({nc},) or ({n}, {nc}),"
-                f" x_reference (9,) or ({n + 1}, 9), external_wrench (6,) or ({n}, 6)"
+            x = np.concatenate([state.com, state.momentum]).reshape(9)
+            points = contacts.points[0].reshape(self._flags.shape[1], 3)
+            write_intervals(self._flags, contacts.flags)
+            write_intervals(self._friction, contacts.friction)
+            write_intervals(self._wrench, wrench)
+            write_centroidal_reference(
+                self._reference, self.mass, state, reference, self.settings.uprighting_rate_hz, self.settings.node_s
             )
-            raise InputError("inputs of the LQR", str(error), expected) from error
-        numbers = (x, points, self._flags, self._wrench, self._reference)
-        if not math.isfinite(t + sum(float(array.sum()) for array in numbers) + self.friction):
+        except ValueError as error:
+            raise input_error(error, self.settings.nodes, self._flags.shape[1]) from error
+        t = state.time
+        numbers = (x, points, self._flags, self._friction, self._wrench, self._reference)
+        if not math.isfinite(t + sum(float(array.sum()) for array in numbers)):
             return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
         with np.errstate(over="ignore", invalid="ignore"):
             try:
@@ -175,8 +187,8 @@ class CentroidalLqr(PlanKeeper):
             if np.array_equal(flags, known_flags) and np.abs(arms - known_arms).max() < _MOVED:
                 return
         s = self.settings
-        model = linearize_centroidal(self.mass, self._weight, arms, flags, s.node_duration)
-        q, r = np.diag(self._weights.state()), np.diag(self._weights.forces(len(arms)))
+        model = linearize_centroidal(self.mass, self._weight, arms, flags, s.node_s)
+        q, r = np.diag(s.weights.state(self.mass)), np.diag(s.weights.forces(len(arms), self.mass))
         cost_to_go = solve_discrete_are(model.A, model.B, q, r)
         right = model.B.T @ cost_to_go
         self.gain = np.linalg.solve(r + right @ model.B, right @ model.A)
@@ -197,25 +209,24 @@ class CentroidalLqr(PlanKeeper):
         rest[:3] = self._reference[0, :3]
         for k in range(nodes):
             wanted = shares[k] + meeting[k] - self.gain @ (xs[k] - self._reference[k])
-            forces[k] = self._saturated(wanted.reshape(nc, 3)) * flags[k]
+            forces[k] = self._saturated(wanted.reshape(nc, 3), self._friction[k]) * flags[k]
             deviation = model.A @ (xs[k] - rest) + model.B @ (forces[k].ravel() - shares[k])
             xs[k + 1] = rest + deviation + model.W @ self._wrench[k]
         return xs, forces
 
-    def _saturated(self, forces: Array) -> Array:
+    def _saturated(self, forces: Array, friction: float) -> Array:
         """Cut forces (nc, 3) to their normal bounds and friction cones."""
-        s = self.settings
         out = forces.copy()
-        np.clip(out[:, 2], s.normal_force_min, s.normal_force_max, out=out[:, 2])
+        np.clip(out[:, 2], *self._normal_force, out=out[:, 2])
         sideways = np.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2)
-        out[:, :2] *= np.minimum(1.0, self.friction * out[:, 2] / np.maximum(sideways, 1e-12))[:, None]
+        out[:, :2] *= np.minimum(1.0, friction * out[:, 2] / np.maximum(sideways, 1e-12))[:, None]
         return out
 
-    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
         self._place = None  # the gain may be what is at fault
         return super()._fall_back(status, t, qp_iterations, start)
 
-    def _standing_plan(self, t: float) -> CentroidalPlan:
+    def _standing_plan(self, t: float) -> Plan:
         n = self.settings.nodes
         x = np.concatenate([np.nan_to_num(self._reference[0, :3]), np.zeros(6)])
         shares = weight_shares(np.nan_to_num(self._flags[:n]), self._weight)

@@ -1,4 +1,4 @@
-"""What a predictive controller hands to the one below it: a predicted motion that can be asked at any time."""
+"""Predicted motions: the result of a predictive controller, stamped and sampled by time."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from lgmpc.lie import quaternion, so3
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalPlan", "CentroidalSample", "MpcStatus", "PosturePlan", "PostureSample"]
+__all__ = ["MotionSample", "MpcStatus", "Plan", "PlanSampler", "PosturePlan", "PostureSample"]
 
 
 class MpcStatus(Enum):
-    """Where a plan comes from; the value says what to do about it."""
+    """Where a plan comes from; the value states the remedy."""
 
     SOLVED = "nothing to do"
     INACCURATE = "usable; if it happens often, raise the QP solver's iterations or bring the weights closer together"
@@ -30,7 +30,7 @@ class MpcStatus(Enum):
 
 
 @dataclass(frozen=True)
-class CentroidalSample:
+class MotionSample:
     """The predicted motion at one time, or with one row for each of several; world axes.
 
     Attributes:
@@ -102,7 +102,7 @@ class PosturePlan:
 
 
 @dataclass(frozen=True)
-class CentroidalPlan:
+class Plan:
     """A predicted trajectory of centre of mass, momenta and contact forces; arrays of its own.
 
     Every model's prediction has this part; where it knows base and joints too, ``posture`` holds them.
@@ -142,12 +142,12 @@ class CentroidalPlan:
         """Time of the last node, s."""
         return self.time + self.node_duration * len(self.forces)
 
-    def sample(self, t: float) -> CentroidalSample:
+    def sample(self, t: float) -> MotionSample:
         """Return the predicted motion at time ``t`` (s); see :meth:`sample_at`."""
         rows = self.sample_at(np.array([t]))
-        return CentroidalSample(*(getattr(rows, item.name)[0] for item in fields(rows)))
+        return MotionSample(*(getattr(rows, item.name)[0] for item in fields(rows)))
 
-    def sample_at(self, times: Array) -> CentroidalSample:
+    def sample_at(self, times: Array) -> MotionSample:
         """Return the predicted motion at ``times`` (n,) s, every array with n rows.
 
         Before the first node it is that of the first, after the last that of the last; between nodes it is the motion
@@ -167,9 +167,57 @@ class CentroidalPlan:
         # k' = moment - c(t) x total, where the moment about the origin is constant: the end of the interval gives it.
         moment = (x_next[:, 6:9] - x[:, 6:9] + _cross(_com_integral(c, l, resultant, h, m), total)) / h
         angular = x[:, 6:9] + s * moment - _cross(_com_integral(c, l, resultant, s, m), total)
-        return CentroidalSample(
-            com, momentum / m, resultant / m, momentum, angular, moment - _cross(com, total), forces
-        )
+        return MotionSample(com, momentum / m, resultant / m, momentum, angular, moment - _cross(com, total), forces)
+
+
+class PlanSampler:
+    """The latest plan, sampled by time at the ticks of the controller below.
+
+    Ticks are sampled many at once, because NumPy's cost of one call is that of a hundred rows; a time between ticks
+    reads the nearest one.
+
+    Args:
+        period: of the ticks, s.
+        ticks: sampled in one call; the number of ticks between two plans.
+
+    Attributes:
+        plan: the latest plan, None before the first.
+        motion: samples of its motion, a row a tick.
+        posture: samples of its posture, None where the plan has none.
+    """
+
+    def __init__(self, period: float, ticks: int) -> None:
+        self._period = period
+        self._offsets: Array = period * np.arange(ticks, dtype=np.float64)
+        self._start = 0.0
+        self.plan: Plan | None = None
+        self.motion: MotionSample | None = None
+        self.posture: PostureSample | None = None
+
+    def clear(self) -> None:
+        """Forget the plan."""
+        self.plan = self.motion = self.posture = None
+
+    def load(self, plan: Plan, time: float) -> None:
+        """Sample ``plan`` from ``time`` (s) on."""
+        self.plan, self._start = plan, time
+        times = time + self._offsets
+        self.motion = plan.sample_at(times)
+        self.posture = None if plan.posture is None else plan.posture.sample_at(times)
+
+    def row(self, time: float) -> int:
+        """Return the row of the samples that belongs to ``time`` (s); samples on where it lies outside of them.
+
+        Raises:
+            ValueError: there is no plan.
+        """
+        if self.plan is None:
+            raise ValueError("no plan was loaded")
+        row = round((time - self._start) / self._period)
+        if not 0 <= row < len(self._offsets):
+            self.load(self.plan, time)
+            return 0
+        return row
 
 
 def _com_integral(c: Array, l: Array, resultant: Array, t: Array | float, m: float) -> Array:  # noqa: E741

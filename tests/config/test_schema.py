@@ -8,16 +8,13 @@ import pytest
 
 from lgmpc.config.json_schema import json_schema_text
 from lgmpc.config.schema import (
-    CentroidalMpcSection,
     Config,
-    FullBodyMpcSection,
-    KinodynamicMpcSection,
-    LqrMpcSection,
     PlantSection,
     RobotSection,
     SolveConfig,
     WbcSection,
 )
+from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
 
@@ -76,7 +73,7 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 
 def test_sections_have_defaults_that_can_run() -> None:
-    models = (CentroidalMpcSection, KinodynamicMpcSection, FullBodyMpcSection, LqrMpcSection)
+    models = (CentroidalMpcSettings, KinodynamicMpcSettings, FullBodyMpcSettings, LqrSettings)
     for section in (PlantSection, *models, WbcSection):
         assert section() == section.model_validate({})
     assert RobotSection(model="solo12").contact_radius_m == 0.0

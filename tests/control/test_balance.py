@@ -13,10 +13,8 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.control.balance import BalanceController
 from lgmpc.control.interface import RobotState
-from lgmpc.control.planner import PlannerSettings
-from lgmpc.control.prediction import CentroidalPredictor
-from lgmpc.errors import InputError
-from lgmpc.mpc import CentroidalMpc, MpcStatus
+from lgmpc.control.reference import CircleReference
+from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
 from lgmpc.wbc import QpStatus
 
@@ -62,7 +60,7 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
     assert recovered.kd == 0.0 and np.isfinite(recovered.tau).all()
 
 
-def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) -> None:
+def test_a_stale_plan_is_not_followed(controller: BalanceController, robot: Robot) -> None:
     """With the plan stale, the whole-body QP regulates the centre of mass to the user's target."""
     rest = np.zeros(robot.nv)
     controller.update(RobotState(0.0, robot.q_reference, rest))
@@ -82,17 +80,18 @@ def test_a_stale_plan_is_let_go_of(controller: BalanceController, robot: Robot) 
     assert planner.status is MpcStatus.SOLVED
 
 
-def test_a_tick_without_solution_teaches_the_observer_nothing(controller: BalanceController, robot: Robot) -> None:
-    """While a fall-back acts, the robot's motion is not what the QP asked for, and must not be taken for a push."""
+def test_a_tick_without_solution_is_left_out_of_the_observation(controller: BalanceController, robot: Robot) -> None:
+    """While a fall-back acts, the motion is not that of the QP's acceleration, and must not be taken for a push."""
     rest, moving = np.zeros(robot.nv), np.zeros(robot.nv)
     moving[0] = 0.5
     controller.update(RobotState(0.0, robot.q_reference, rest))
     planner = controller.planner
     assert planner is not None
-    controller._tracked.joint_position[:] = np.nan  # the fault: a tick's QP cannot be solved
+    kept = planner._joint_position.copy()
+    planner._joint_position[:] = np.nan  # the fault: a tick's QP cannot be solved
     controller.update(RobotState(0.001, robot.q_reference, rest))
     assert controller.wbc.status is QpStatus.NOT_FINITE
-    controller._tracked.joint_position[:] = robot.q_reference[robot.joint_q]
+    planner._joint_position[:] = kept
     controller.update(RobotState(0.002, robot.q_reference, moving))  # it gained speed unobserved
     np.testing.assert_allclose(planner.observer.wrench, 0.0, atol=1e-6)
 
@@ -106,7 +105,7 @@ def test_it_waits_for_a_first_finite_state(controller: BalanceController, robot:
     assert np.isfinite(controller.target).all()
 
 
-def test_whoever_lies_on_his_side_gives_up(controller: BalanceController, robot: Robot) -> None:
+def test_a_robot_on_its_side_gets_no_torque(controller: BalanceController, robot: Robot) -> None:
     rest = np.zeros(robot.nv)
     controller.update(RobotState(0.0, robot.q_reference, rest))
     rolled = robot.q_reference.copy()
@@ -118,7 +117,7 @@ def test_whoever_lies_on_his_side_gives_up(controller: BalanceController, robot:
         assert command.kd > 0.0
 
 
-def test_the_observer_finds_who_pushes() -> None:
+def test_the_observer_estimates_a_push() -> None:
     """Pushed with 10 N sideways at the base's centre of mass, which is near the whole robot's."""
     push = "pushes=[{body: base_link, time_s: 0.1, duration_s: 0.2, impulse_ns: [0.0, 2.0, 0.0]}]"
     session = prepare(load_config(CONFIG, [push, "duration_s=0.28"]))
@@ -129,10 +128,55 @@ def test_the_observer_finds_who_pushes() -> None:
     np.testing.assert_allclose(planner.observer.wrench[:3], [0.0, 10.0, 0.0], atol=0.05)
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
-    with pytest.raises(InputError, match="every"):
-        PlannerSettings(every=0)
-    with pytest.raises(InputError, match="wrench_decay_time"):
-        PlannerSettings(wrench_decay_time=0.0)
-    with pytest.raises(InputError, match="uprighting_rate"):
-        CentroidalPredictor(CentroidalMpc(2.5, 4), uprighting_rate=-1.0)
+def test_a_push_is_predicted_to_fade_with_its_time_constant(robot: Robot) -> None:
+    """The wrench that the MPC receives decays over the nodes by exp(-t / wrench_decay_s)."""
+    controller = build_controller(load_config(CONFIG, ["mpc.wrench_decay_s=0.05"]), robot)
+    controller.update(RobotState(0.0, robot.q_reference, np.zeros(robot.nv)))
+    planner = controller.planner
+    assert planner is not None
+    planner.observer.skip()
+    planner.observer.wrench[:] = [1.0, -2.0, 0.5, 0.1, 0.0, 0.0]
+    for k in range(1, 11):
+        controller.update(RobotState(1e-3 * k, robot.q_reference, np.zeros(robot.nv)))
+        planner.observer.skip()
+        planner.observer.wrench[:] = [1.0, -2.0, 0.5, 0.1, 0.0, 0.0]
+    seen = planner.mpc.problem.view("external_wrench")[:20]  # type: ignore[attr-defined]
+    expected = np.exp(-0.02 * np.arange(20) / 0.05)[:, None] * planner.observer.wrench
+    np.testing.assert_allclose(seen, expected, atol=1e-12)
+
+
+def test_the_mpc_receives_position_and_momentum_of_the_reference(robot: Robot) -> None:
+    circle = "reference={kind: com_circle, radius_m: 0.02, frequency_hz: 0.5, start_s: 0.0, ramp_s: 0.5}"
+    controller = build_controller(load_config(CONFIG, [circle]), robot)
+    for k in range(3):
+        controller.update(RobotState(1e-3 * k, robot.q_reference, np.zeros(robot.nv)))
+    planner = controller.planner
+    assert planner is not None
+    seen = planner.mpc.problem.view("x_reference")  # type: ignore[attr-defined]
+    times = 0.02 * np.arange(21)
+    offset, velocity, _ = CircleReference(0.02, 0.5, 0.0, 0.5).sample(times)
+    np.testing.assert_allclose(seen[:, :3], controller.wbc.terms.com + offset, atol=1e-9)
+    np.testing.assert_allclose(seen[:, 3:6], robot.mass * velocity, atol=1e-12)
+    assert np.abs(velocity).max() > 0.01
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_targets_that_no_plan_has_are_those_of_standing(robot: Robot, broken: bool) -> None:
+    """A plan of the legs that a centroidal or a stale one follows leaves no trace in the targets."""
+    controller = build_controller(load_config(CONFIG, ["mpc.stale_after=1"]), robot)
+    rest, planner = np.zeros(robot.nv), controller.planner
+    controller.update(RobotState(0.0, robot.q_reference, rest))
+    assert planner is not None
+    tracked = controller._tracked
+    upright = tracked.base_rotation.copy()
+    for k in range(1, 41):
+        tracked.base_rotation[:], tracked.joint_position[:] = np.eye(3)[[1, 2, 0]], 0.5
+        tracked.angular_momentum[:] = tracked.angular_momentum_rate[:] = 9.0
+        if broken:
+            planner._start_com[:] = np.nan
+        controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
+    assert planner.status is (MpcStatus.STALE if broken else MpcStatus.SOLVED)
+    np.testing.assert_array_equal(tracked.base_rotation, upright)
+    np.testing.assert_array_equal(tracked.joint_position, robot.q_reference[robot.joint_q])
+    np.testing.assert_allclose(tracked.angular_momentum_rate, 0.0, atol=0.05)
+    np.testing.assert_allclose(tracked.angular_momentum, 0.0, atol=0.05)

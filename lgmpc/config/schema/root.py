@@ -9,12 +9,12 @@ from pydantic import Field, model_validator
 from lgmpc.config.schema.document import Document
 from lgmpc.config.schema.estimator import EstimatorSection, GroundTruth
 from lgmpc.config.schema.log import LogSection
-from lgmpc.config.schema.mpc import CentroidalMpcSection, MpcSection
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.pushes import PushSection
 from lgmpc.config.schema.reference import ReferenceSection, StandReference
 from lgmpc.config.schema.sensors import SensorsSection
 from lgmpc.config.schema.wbc import WbcSection
+from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
 from lgmpc.runs.gate import Gate
 from lgmpc.settings import Positive, Problem, problem, problems
 
@@ -34,7 +34,7 @@ class Config(Document):
     plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
     sensors: SensorsSection = Field(default=SensorsSection(), description="How the simulated robot's sensors err.")
     estimator: EstimatorSection = Field(default=GroundTruth(), description="How the controllers learn the state.")
-    mpc: MpcSection = Field(default=CentroidalMpcSection(), description="The predictive controller.")
+    mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
     wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
     reference: ReferenceSection = Field(default=StandReference(), description="What the robot should do.")
     pushes: tuple[PushSection, ...] = Field(default=(), description="Disturbances.")

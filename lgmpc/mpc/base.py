@@ -1,4 +1,4 @@
-"""What all predictive controllers do with their last plan: keep it, and go on with it when an update fails."""
+"""The base of every predictive controller: keeps the last plan, and returns it when an update fails."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.interface import MeasuredState
+from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["PlanKeeper", "checked_mass", "weight_shares", "write_intervals"]
+__all__ = ["BaseMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
 
 _LOG = logging.getLogger(__name__)
 
 
-class PlanKeeper(ABC):
-    """Counts failures, and answers them with the last fresh plan, whose later part is for the present.
+class BaseMpc(ABC):
+    """Counts failures, and returns the last fresh plan after one: its later part is for the present.
 
     Args:
         settings: horizon, limits.
@@ -39,11 +41,11 @@ class PlanKeeper(ABC):
     """
 
     def __init__(self, settings: MpcSettings, mass: float) -> None:
-        self.settings = settings
+        self.settings: MpcSettings = settings
         self.mass = checked_mass(mass)
         self.failures = 0
         self.failures_in_a_row = 0
-        self._plan: CentroidalPlan | None = None  # the last fresh one
+        self._plan: Plan | None = None  # the last fresh one
 
     def reset(self) -> None:
         """Forget the last plan and the failure counts: the next update begins as the first one did."""
@@ -52,17 +54,21 @@ class PlanKeeper(ABC):
         self._plan = None
 
     @abstractmethod
-    def _standing_plan(self, t: float) -> CentroidalPlan:
-        """Rest at the reference, all numbers finite: for when no update has succeeded yet."""
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured state; see :meth:`lgmpc.mpc.interface.Mpc.update`."""
 
-    def _keep(self, plan: CentroidalPlan, status: MpcStatus, qp_iterations: int, start: float) -> CentroidalPlan:
+    @abstractmethod
+    def _standing_plan(self, t: float) -> Plan:
+        """Return the plan of rest at the reference, all numbers finite: used before any update has succeeded."""
+
+    def _keep(self, plan: Plan, status: MpcStatus, qp_iterations: int, start: float) -> Plan:
         """Return a fresh plan, complete; ``start`` is when the update began, by the performance counter."""
         self.failures_in_a_row = 0
         elapsed = time.perf_counter() - start
         self._plan = dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
         return self._plan
 
-    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
         """Return the last fresh plan with a status that says why; STALE after too many failures in a row."""
         self.failures += 1
         self.failures_in_a_row += 1
@@ -74,10 +80,10 @@ class PlanKeeper(ABC):
         elapsed = time.perf_counter() - start
         return dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
 
-    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> CentroidalPlan:
+    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> Plan:
         """Return a plan whose status and timing are filled in later."""
         xs.flags.writeable = forces.flags.writeable = False
-        return CentroidalPlan(t, self.settings.node_duration, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, kkt, 0.0)
+        return Plan(t, self.settings.node_s, self.mass, xs, forces, MpcStatus.NOT_FINITE, 0, kkt, 0.0)
 
 
 def checked_mass(mass: float) -> float:
@@ -98,10 +104,22 @@ def weight_shares(flags: Array, weight: Array) -> Array:
     return shares
 
 
-def write_intervals(target: Array, value: Array | BoolArray | float) -> None:
-    """Write one value for all intervals, or one each (the terminal node, which reads none of them, keeps the last)."""
-    if np.ndim(value) == target.ndim:
-        target[:-1] = value
-        target[-1] = target[-2]
-    else:
-        target[...] = value
+def write_intervals(target: Array, values: Array | BoolArray) -> None:
+    """Write the values of the N intervals into the rows of N + 1 nodes; the last node, which has none, repeats them.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    if values.shape[1:] != target.shape[1:]:
+        raise ValueError(f"shape {values.shape} instead of {(len(target) - 1, *target.shape[1:])}")
+    target[:-1] = values
+    target[-1] = target[-2]
+
+
+def input_error(error: ValueError, nodes: int, contacts: int) -> InputError:
+    """Return the error of an update whose arrays have wrong shapes."""
+    expected = (
+        f"points ({nodes}, {contacts}, 3), flags ({nodes}, {contacts}), friction ({nodes},), com and com_velocity"
+        f" ({nodes + 1}, 3), q ({nodes + 1}, nq), wrench ({nodes}, 6)"
+    )
+    return InputError("inputs of the MPC", str(error), expected)

@@ -1,4 +1,4 @@
-"""What all controllers that optimise share: warm start, real-time iterations and their acceptance."""
+"""Predictive control by sequential quadratic programming: warm start, real-time iterations, their acceptance."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lgmpc.mpc.keeping import PlanKeeper, weight_shares
-from lgmpc.mpc.plan import CentroidalPlan, MpcStatus
-from lgmpc.mpc.settings import MpcSettings
+from lgmpc.mpc.base import BaseMpc, weight_shares
+from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.settings import SqpMpcSettings
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeResult, RealTimeSqp, RealTimeStatus
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["RecedingHorizon"]
+__all__ = ["SqpMpc"]
 
 # A loosely solved subproblem is followed if it breaks its constraints by less than this share of the weight (forces,
 # N) and its dynamics by less than this (m, N.s, N.m.s).
@@ -23,12 +23,12 @@ _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
 
 
-class RecedingHorizon(PlanKeeper):
+class SqpMpc(BaseMpc):
     """Solves one problem again and again, each time from where the last solution has arrived.
 
     Each update shifts the last trajectory to the present, takes the configured number of SQP steps from there and
-    returns the new plan. No numbers make it raise: when an update fails, the last valid plan goes on (its later part is
-    for the present), with a status that says why; after several failures in a row the status is STALE.
+    returns the new plan. No numbers make it raise: when an update fails, the last valid plan continues (its later part
+    is for the present), with a status that says why; after several failures in a row the status is STALE.
 
     A subclass writes measured state, references and parameters into :attr:`problem` and calls :meth:`_advance`.
 
@@ -37,7 +37,7 @@ class RecedingHorizon(PlanKeeper):
         settings: horizon, limits, solver.
         mass: of the robot, kg.
         weight: (3,) force that holds the robot against gravity, world axes, N.
-        progress: told what is being compiled, when something is.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
@@ -55,12 +55,13 @@ class RecedingHorizon(PlanKeeper):
     def __init__(
         self,
         problem: ShootingProblem,
-        settings: MpcSettings,
+        settings: SqpMpcSettings,
         mass: float,
         weight: Array,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         super().__init__(settings, mass)
+        self.settings: SqpMpcSettings = settings
         self.problem = problem
         self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
         self._weight = weight
@@ -69,16 +70,6 @@ class RecedingHorizon(PlanKeeper):
         self._trajectory: Trajectory | None = None  # what the last fresh plan was made of
         self._guess_time: float | None = None
 
-    @property
-    def friction(self) -> float:
-        """Friction coefficient that plans rely on; may be set between updates."""
-        return float(self.problem.view(self._friction_names[0])[0, 0])
-
-    @friction.setter
-    def friction(self, coefficient: float) -> None:
-        for name in self._friction_names:
-            self.problem.view(name)[:] = coefficient
-
     def reset(self) -> None:
         """Forget the last plan and the failure counts: the next update begins as the first one did."""
         super().reset()
@@ -86,23 +77,18 @@ class RecedingHorizon(PlanKeeper):
         self.forget()
 
     def forget(self) -> None:
-        """Begin the next update without a guess, at rest; the last plan remains what to fall back on."""
+        """Begin the next update without a guess, at rest; the last plan remains the fall-back."""
         self._guess_time = None
-
-    @property
-    @abstractmethod
-    def _friction_names(self) -> tuple[str, ...]:
-        """Parameters that hold the friction coefficient."""
 
     @abstractmethod
     def _rest(self) -> Trajectory:
         """The guess without a last solution: stand still in the measured state."""
 
     @abstractmethod
-    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> CentroidalPlan:
+    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
         """Return the plan that a solution from time ``t`` on amounts to; status and timing are filled in later."""
 
-    def _advance(self, t: float, start: float) -> CentroidalPlan:
+    def _advance(self, t: float, start: float) -> Plan:
         """Plan from ``problem.x0`` at time ``t``; ``start`` is when the update began, by the performance counter."""
         x0 = self.problem.x0
         # One sum over all numbers shows any NaN or infinity among them.
@@ -126,7 +112,7 @@ class RecedingHorizon(PlanKeeper):
 
     def _warm_start(self, t: float) -> None:
         """Shift the last trajectory to the present; without one, stand still."""
-        h, nodes = self.settings.node_duration, self.settings.nodes
+        h, nodes = self.settings.node_s, self.settings.nodes
         ahead = math.inf if self._guess_time is None else (t - self._guess_time) / h
         if not 0.0 <= ahead <= nodes:
             self.solver.set_guess(self._rest())
@@ -142,7 +128,7 @@ class RecedingHorizon(PlanKeeper):
         limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
 
-    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> CentroidalPlan:
+    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
         """Go on with the last valid plan; the next update starts from it, unless it may be what made this one fail."""
         plan = super()._fall_back(status, t, qp_iterations, start)
         if self._plan is None or self._trajectory is None or plan.status is not MpcStatus.NOT_FINITE:

@@ -1,4 +1,4 @@
-"""What predictive controllers on a robot's full kinematics share: contact points, costs, references and plans."""
+"""The base of predictive controllers whose models have base and joints: contact points, costs, references, plans."""
 
 from __future__ import annotations
 
@@ -6,28 +6,32 @@ import dataclasses
 import time
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.compile import compile_map
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, FrictionCone, StateError
 from lgmpc.errors import InputError
-from lgmpc.mpc.keeping import write_intervals
-from lgmpc.mpc.plan import CentroidalPlan, PosturePlan
-from lgmpc.mpc.receding import RecedingHorizon
-from lgmpc.mpc.settings import FullBodyMpcSettings, KinodynamicMpcSettings
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.base import input_error, write_intervals
+from lgmpc.mpc.interface import MeasuredState
+from lgmpc.mpc.plan import Plan, PosturePlan
+from lgmpc.mpc.settings import MultibodyWeights, SqpMpcSettings
+from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.settings import Positive
 from lgmpc.solvers import RealTimeResult
 from lgmpc.state import State
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array
 
-__all__ = ["WholeBodyMpc", "common_constraints", "common_costs", "contact_point_model"]
+__all__ = ["MultibodyMpc", "MultibodyMpcSettings", "common_constraints", "common_costs", "contact_point_model"]
 
 
 def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
@@ -50,7 +54,7 @@ def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
 
 
 def common_costs(state: State) -> list[CostItem]:
-    """Costs ``com``, ``momentum`` and ``state``; their weights are written by :class:`WholeBodyMpc`."""
+    """Costs ``com``, ``momentum`` and ``state``; their weights are written by :class:`MultibodyMpc`."""
     return [
         CostItem("com", CoMPosition()),
         CostItem("momentum", CentroidalMomentum()),
@@ -63,8 +67,21 @@ def common_constraints(contacts: tuple[str, ...], facets: int) -> list[Constrain
     return [ConstraintItem(f"cone{i}", FrictionCone(frame, facets), 0.0, np.inf) for i, frame in enumerate(contacts)]
 
 
-class WholeBodyMpc(RecedingHorizon):
-    """Plans the motion of base and joints with the contact forces; see :class:`~lgmpc.mpc.receding.RecedingHorizon`.
+class MultibodyMpcSettings(SqpMpcSettings):
+    """Settings of models that have base and joints."""
+
+    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
+        default=50.0, description="Updates per second, Hz, 1 to 10000."
+    )
+    reach_rad: Positive = Field(
+        default=0.9,
+        description="How far joints of a plan may be from the reference posture, rad; less than what stretches a leg."
+        " Where it is further, the centroidal model plans instead.",
+    )
+
+
+class MultibodyMpc(SqpMpc):
+    """Plans the motion of base and joints with the contact forces; see :class:`~lgmpc.mpc.sqp.SqpMpc`.
 
     A foot whose flag is 1 does not move (its velocity, should it have one, is taken back within an interval), one whose
     flag is 0 has no force. An external wrench acts on the base, so that the plan is right while somebody pushes.
@@ -72,8 +89,9 @@ class WholeBodyMpc(RecedingHorizon):
     Args:
         robot: the robot.
         action: whose items are those of :func:`common_costs` and :func:`common_constraints`, and others.
-        settings: horizon, weights, limits.
-        progress: told what is being compiled, when something is.
+        settings: horizon, limits.
+        weights: of the common costs.
+        progress: called with a description of what is being compiled.
 
     Raises:
         MissingDependencyError: the QP solver is not installed.
@@ -83,26 +101,26 @@ class WholeBodyMpc(RecedingHorizon):
         self,
         robot: Robot,
         action: ItemAction,
-        settings: FullBodyMpcSettings | KinodynamicMpcSettings,
+        settings: MultibodyMpcSettings,
+        weights: MultibodyWeights,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         n, nc = settings.nodes, robot.nc
         problem = ShootingProblem(action, n)
-        problem.set("duration", settings.node_duration)
-        weights = settings.weights
-        self._set_weight(problem, "com", weights.state()[:3], settings)
-        self._set_weight(problem, "momentum", weights.state()[3:], settings)
-        self._set_weight(problem, "state", self._state_weights(robot, settings), settings)
-        for i in range(nc):
-            problem.set(f"cone{i}_friction", settings.friction)
+        self._node_s, self._terminal = settings.node_s, weights.terminal
+        problem.set("duration", settings.node_s)
+        self._set_weight(problem, "com", weights.state(robot.mass)[:3])
+        self._set_weight(problem, "momentum", weights.state(robot.mass)[3:])
         super().__init__(problem, settings, robot.mass, -robot.mass * robot.gravity, progress)
+        self.settings: MultibodyMpcSettings = settings
         self.robot = robot
-        self._reach = settings.reach
+        self._normal_force = settings.normal_force(robot.mass)
         view = problem.view
         self._wrench = view("external_wrench")
         self._com_reference, self._momentum_reference = view("com_reference"), view("momentum_reference")
         self._q_reference = view("state_reference")[:, : robot.nq]
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
+        self._friction = tuple(view(f"cone{i}_friction")[:, 0] for i in range(nc))
         x, u, p = (
             ca.SX.sym(name, size)
             for name, size in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
@@ -117,10 +135,6 @@ class WholeBodyMpc(RecedingHorizon):
         """Write ``problem.x0``."""
 
     @abstractmethod
-    def _state_weights(self, robot: Robot, settings: Any) -> Array:
-        """(ndx,) weights of the state's deviation."""
-
-    @abstractmethod
     def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
         """Return centre of mass (3,), momentum (6,), velocity (nv,) and forces (3 nc,) as expressions."""
 
@@ -128,87 +142,54 @@ class WholeBodyMpc(RecedingHorizon):
     def _refer_forces(self, shares: Array) -> None:
         """Write the forces (N+1, nc, 3) to stay near."""
 
-    def update(
-        self,
-        t: float,
-        q: Array,
-        v: Array,
-        contact_flags: Array | BoolArray,
-        x_reference: Array,
-        q_reference: Array,
-        external_wrench: Array | None = None,
-    ) -> CentroidalPlan:
-        """Plan from the measured state; world axes.
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured configuration and velocity; see :meth:`lgmpc.mpc.interface.Mpc.update`.
 
-        Args:
-            t: time of the state, s.
-            q: (nq,) configuration.
-            v: (nv,) velocity.
-            contact_flags: (nc,), or (N, nc) an interval each: whether each foot is in contact.
-            x_reference: (9,), or (N+1, 9) a node each: [centre of mass; linear momentum; angular momentum] to stay
-                near.
-            q_reference: (nq,) whose base orientation and joint positions to stay near.
-            external_wrench: (6,), or (N, 6): [force; moment about the centre of mass] that acts on the base, as far as
-                it is known; none if omitted.
-
-        Returns:
-            The new plan with its posture, or after a failure the last valid one with the status that says why.
-
-        Raises:
-            InputError: an array of the wrong shape (values are never refused).
+        The external wrench acts on the base. Contact points are those of the feet, not of the horizon.
         """
         start = time.perf_counter()
-        nq, nv = self.robot.nq, self.robot.nv
+        q, v, nq, nv = state.q, state.v, self.robot.nq, self.robot.nv
         if np.shape(q) != (nq,) or np.shape(v) != (nv,):
             raise InputError("measured state", f"shapes {np.shape(q)} and {np.shape(v)}", f"q ({nq},) and v ({nv},)")
-        self._load(contact_flags, x_reference, q_reference, external_wrench)
+        self._load(state, contacts, reference, wrench)
         with np.errstate(over="ignore", invalid="ignore"):
             self._measure(q, v)
-        return self._advance(t, start)
+        return self._advance(state.time, start)
 
-    def keeps_reach(self, plan: CentroidalPlan) -> bool:
-        """Whether no joint of a plan is further from the reference posture than ``settings.reach``, at any node."""
+    def keeps_reach(self, plan: Plan) -> bool:
+        """Return whether no joint of a plan is further than ``settings.reach_rad`` from the reference, at any node."""
         assert plan.posture is not None
-        return bool((np.abs(plan.posture.qs[:, 7:] - self._q_reference[:, 7:]) <= self._reach).all())
+        return bool((np.abs(plan.posture.qs[:, 7:] - self._q_reference[:, 7:]) <= self.settings.reach_rad).all())
 
-    @property
-    def _friction_names(self) -> tuple[str, ...]:
-        return tuple(f"cone{i}_friction" for i in range(self.robot.nc))
-
-    @staticmethod
-    def _set_weight(
-        problem: ShootingProblem, name: str, weight: Any, settings: FullBodyMpcSettings | KinodynamicMpcSettings
-    ) -> None:
+    def _set_weight(self, problem: ShootingProblem, name: str, weight: Any) -> None:
         """Set a cost's weights; the action multiplies those of the running nodes by the intervals' duration."""
-        weight, nodes = np.asarray(weight), settings.nodes
-        problem.set(f"{name}_weight", weight / settings.node_duration, range(nodes))
-        problem.set(f"{name}_weight", settings.weights.terminal * weight, [nodes])
+        weight, nodes = np.asarray(weight), problem.nodes
+        problem.set(f"{name}_weight", weight / self._node_s, range(nodes))
+        problem.set(f"{name}_weight", self._terminal * weight, [nodes])
 
-    def _load(self, flags: Array | BoolArray, x_reference: Array, q_reference: Array, wrench: Array | None) -> None:
+    def _load(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> None:
         try:
-            write_intervals(self._flags, flags)
-            write_intervals(self._wrench, 0.0 if wrench is None else wrench)
-            self._com_reference[...] = x_reference[..., :3]
-            self._momentum_reference[...] = x_reference[..., 3:]
-            self._q_reference[...] = q_reference
+            write_intervals(self._flags, contacts.flags)
+            write_intervals(self._wrench, wrench)
+            for friction in self._friction:
+                write_intervals(friction, contacts.friction)
+            self._com_reference[...] = reference.com
+            np.multiply(reference.com_velocity, self.mass, out=self._momentum_reference[:, :3])
+            self._momentum_reference[:, 3:] = state.angular_momentum(reference.angular_velocity)
+            self._q_reference[...] = reference.q
         except ValueError as error:
-            n, nc = self.settings.nodes, self.robot.nc
-            expected = (
-                f"contact_flags ({nc},) or ({n}, {nc}), x_reference (9,) or ({n + 1}, 9), q_reference"
-                f" ({self.robot.nq},), external_wrench (6,) or ({n}, 6)"
-            )
-            raise InputError("inputs of the MPC", str(error), expected) from error
-        s = self.settings
+            raise input_error(error, self.settings.nodes, self.robot.nc) from error
+        lowest, highest = self._normal_force
         for i, (lower, upper) in enumerate(self._cones):
             # A foot in the air has no force, which lies strictly inside its bounds.
             flag = self._flags[:, i]
-            opened = (flag - 1.0) * s.normal_force_max
+            opened = (flag - 1.0) * highest
             lower[:, :-1] = opened[:, None]
-            lower[:, -1] = flag * s.normal_force_min + opened
-            upper[:, -1] = s.normal_force_max
+            lower[:, -1] = flag * lowest + opened
+            upper[:, -1] = highest
         self._refer_forces(self._shares())
 
-    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> CentroidalPlan:
+    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
         xs, us, parameters = self._read.inputs
         xs[...] = trajectory.xs
         us[:-1] = trajectory.us
@@ -225,7 +206,7 @@ class WholeBodyMpc(RecedingHorizon):
         )
         return self._with_posture(plan, trajectory.xs[:, : self.robot.nq].copy(), vs.copy())
 
-    def _standing_plan(self, t: float) -> CentroidalPlan:
+    def _standing_plan(self, t: float) -> Plan:
         n, robot = self.settings.nodes, self.robot
         x = np.concatenate([self._com_reference[0], np.zeros(6)])
         xs, forces, q = (
@@ -239,6 +220,6 @@ class WholeBodyMpc(RecedingHorizon):
         plan = self._make_plan(t, xs, forces, KktResidual.unknown())
         return self._with_posture(plan, q, np.zeros((n + 1, robot.nv)))
 
-    def _with_posture(self, plan: CentroidalPlan, qs: Array, vs: Array) -> CentroidalPlan:
+    def _with_posture(self, plan: Plan, qs: Array, vs: Array) -> Plan:
         qs.flags.writeable = vs.flags.writeable = False
         return dataclasses.replace(plan, posture=PosturePlan(plan.time, plan.node_duration, qs, vs))

@@ -1,0 +1,86 @@
+"""The contract of every predictive controller: measured state, contacts and desired motion in, plan out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.plan import Plan
+from lgmpc.mpc.settings import MpcSettings
+from lgmpc.typing import Array
+
+__all__ = ["MeasuredState", "Mpc"]
+
+
+@dataclass(frozen=True)
+class MeasuredState:
+    """Measured state in the quantities that predictive models start from; each model reads those it has.
+
+    Attributes:
+        time: of the measurement, s.
+        q: (nq,) configuration.
+        v: (nv,) velocity.
+        com: (3,) centre of mass, world, m.
+        momentum: (6,) centroidal momentum [linear; angular], world axes.
+        rotation: (3, 3) orientation of the base, body to world.
+        inertia: (3, 3) of the whole robot about its centre of mass with joints locked: maps the angular velocity of the
+            base, body axes, to angular momentum, world axes, kg.m2.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    com: Array
+    momentum: Array
+    rotation: Array
+    inertia: Array
+
+    @classmethod
+    def centroidal(cls, time: float, com: Array, momentum: Array) -> MeasuredState:
+        """Return the state of a robot that is level and of which only the centroidal state is measured."""
+        nothing = np.zeros(0)
+        return cls(time, nothing, nothing, np.asarray(com), np.asarray(momentum), np.eye(3), np.zeros((3, 3)))
+
+    def angular_momentum(self, angular_velocity: Array) -> Array:
+        """Return (n, 3) of the robot turning like one body with ``angular_velocity`` (n, 3), world axes, N.m.s."""
+        turning: Array = angular_velocity @ (self.inertia @ self.rotation.T).T
+        return turning
+
+
+class Mpc(Protocol):
+    """A predictive controller.
+
+    Attributes:
+        settings: horizon, weights, limits.
+        failures: updates without a fresh plan so far.
+    """
+
+    @property
+    def settings(self) -> MpcSettings:
+        """Horizon, weights, limits."""
+
+    @property
+    def failures(self) -> int:
+        """Updates without a fresh plan so far."""
+
+    def reset(self) -> None:
+        """Forget the past: the next update begins as the first one did."""
+
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured state; no numbers make it raise.
+
+        Args:
+            state: measured state.
+            contacts: over the N intervals of the horizon.
+            reference: desired motion at the N + 1 nodes.
+            wrench: (N, 6) predicted external [force; moment about the centre of mass], world axes, N and N.m.
+
+        Returns:
+            The new plan, or after a failure the last valid one, with the status that says why.
+
+        Raises:
+            InputError: an array of the wrong shape.
+        """

@@ -1,0 +1,71 @@
+"""Every predictive model: its settings, and the controller that they make.
+
+A new model is a module with its settings, a ``model: Literal[...]`` among them, and its controller, and one line in the
+table here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Union
+
+from pydantic import Discriminator, Tag
+
+from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
+from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
+from lgmpc.mpc.interface import Mpc
+from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings
+from lgmpc.mpc.lqr import CentroidalLqr, LqrSettings
+from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
+from lgmpc.mpc.settings import MpcSettings
+from lgmpc.mpc.stand_in import StandInMpc
+from lgmpc.robot import Robot
+
+__all__ = ["AnyMpcSettings", "make_mpc"]
+
+Progress = Callable[[str], None]
+
+
+def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[[Robot, Any, Progress | None], Mpc]:
+    """Return what makes a model with base and joints together with its stand-in of the same horizon and limits."""
+
+    def make(robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None) -> Mpc:
+        shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
+        centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
+        return StandInMpc(model(robot, settings, progress), centroidal)
+
+    return make
+
+
+_MODELS: Mapping[type[MpcSettings], Callable[[Robot, Any, Progress | None], Mpc]] = {
+    CentroidalMpcSettings: CentroidalMpc.of,
+    KinodynamicMpcSettings: with_stand_in(KinodynamicMpc),
+    FullBodyMpcSettings: with_stand_in(FullBodyMpc),
+    LqrSettings: CentroidalLqr.of,
+}
+
+
+def _model(value: Any) -> Any:
+    """Return the model that a table of settings names; the centroidal one where it names none."""
+    if isinstance(value, Mapping):
+        return value.get("model", "centroidal")
+    return getattr(value, "model", "centroidal")
+
+
+if TYPE_CHECKING:
+    AnyMpcSettings = MpcSettings
+else:
+    _tagged = tuple(Annotated[each, Tag(each.model_fields["model"].default)] for each in _MODELS)
+    AnyMpcSettings = Annotated[Union[_tagged], Discriminator(_model)]  # noqa: UP007
+    """The settings of one of the models; the key ``model`` selects which."""
+
+
+def make_mpc(robot: Robot, settings: MpcSettings, progress: Progress | None = None) -> Mpc:
+    """Return the predictive controller that ``settings`` describe.
+
+    Args:
+        robot: the controller's model of the robot.
+        settings: of one of the models.
+        progress: called with a description of what is being compiled.
+    """
+    return _MODELS[type(settings)](robot, settings, progress)

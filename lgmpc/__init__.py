@@ -38,9 +38,10 @@ _NAMES = {
         "StateError",
     ),
     "lgmpc.errors": ("LgmpcError",),
+    "lgmpc.locomotion.sequence": ("GaitSequence",),
     "lgmpc.mpc": ("CentroidalMpc",),
     "lgmpc.ocp": ("ShootingProblem", "Trajectory", "check_derivatives"),
-    "lgmpc.problems": ("Gait", "GaitSettings", "build_gait"),
+    "lgmpc.problems": ("GaitSettings", "build_gait"),
     "lgmpc.robot": ("Robot", "RobotSpec", "load_robot"),
     "lgmpc.solvers": ("BoxFddp", "Fddp", "LineSearchSqp", "NlpSolver", "RealTimeSqp", "Solution"),
     "lgmpc.state": ("StateMultibody",),
@@ -71,11 +72,11 @@ if TYPE_CHECKING:
     from lgmpc.costs.library import FrictionCone as FrictionCone
     from lgmpc.costs.library import StateError as StateError
     from lgmpc.errors import LgmpcError as LgmpcError
+    from lgmpc.locomotion.sequence import GaitSequence as GaitSequence
     from lgmpc.mpc import CentroidalMpc as CentroidalMpc
     from lgmpc.ocp import ShootingProblem as ShootingProblem
     from lgmpc.ocp import Trajectory as Trajectory
     from lgmpc.ocp import check_derivatives as check_derivatives
-    from lgmpc.problems import Gait as Gait
     from lgmpc.problems import GaitSettings as GaitSettings
     from lgmpc.problems import build_gait as build_gait
     from lgmpc.robot import Robot as Robot

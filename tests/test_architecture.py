@@ -76,7 +76,7 @@ ARROWS: dict[str, str] = {
     "proxqp": "",
     "chromium": "",
     "shipped": "errors",
-    "": f"errors {_PROBLEMS} solvers mpc wbc problems config",
+    "": f"errors {_PROBLEMS} solvers locomotion mpc wbc problems config",
 }
 
 # Outside package -> the only modules (or rooms) that may import it.

@@ -7,14 +7,15 @@ the figures by which a solution is judged.
     solution = BoxFddp(scenario.problem).solve(scenario.guess)
     print(scenario.figures(solution.trajectory))
 
-Gaits that have no name are put together of phases (:class:`Gait`), and :func:`build_legged` takes any of them along any
-motion of the base. Forces and margins of any trajectory, by Pinocchio, are in ``reactions`` and ``soles``.
+Gaits that have no name are put together of phases (:class:`~lgmpc.locomotion.sequence.GaitSequence`), and
+:func:`build_legged` takes any of them along any motion of the base. Forces and margins of any trajectory, by
+Pinocchio, are in ``reactions`` and ``soles``.
 """
 
+from lgmpc.locomotion.sequence import GaitPhase
 from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.gait import FootSwing, Gait, GaitGrid, GaitPhase, QuadrupedFeet
 from lgmpc.problems.leg_strokes import LegStrokes
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
@@ -35,10 +36,7 @@ __all__ = [
     "FlightSettings",
     "FlightWaypoint",
     "FlightWeights",
-    "FootSwing",
     "Footsteps",
-    "Gait",
-    "GaitGrid",
     "GaitPhase",
     "GaitSettings",
     "JumpSettings",
@@ -47,7 +45,6 @@ __all__ = [
     "LeggedWeights",
     "Multirotor",
     "MultirotorSettings",
-    "QuadrupedFeet",
     "ReachSettings",
     "ReachWeights",
     "RecoverySettings",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.problems.gait import Gait
+from lgmpc.locomotion.sequence import GaitSequence
 from lgmpc.typing import Array
 
 __all__ = ["BaseLeap", "BaseMotion", "BasePath", "Footsteps", "SwingCurve"]
@@ -182,7 +182,7 @@ class Footsteps:
     swings: tuple[tuple[SwingCurve, ...], ...]
 
     @classmethod
-    def plan(cls, gait: Gait, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> Footsteps:
+    def plan(cls, gait: GaitSequence, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> Footsteps:
         """Put the footholds where the feet would be if they were fixed to the base at the middle of each stance.
 
         So the leg is as far ahead at touchdown as it is behind at lift-off (Raibert, "Legged robots that balance",
@@ -215,7 +215,7 @@ class Footsteps:
         return points
 
 
-def _swings(gait: Gait, motion: BaseMotion, foot: str, start: Array, base: Array) -> tuple[SwingCurve, ...]:
+def _swings(gait: GaitSequence, motion: BaseMotion, foot: str, start: Array, base: Array) -> tuple[SwingCurve, ...]:
     swings, here, curves = gait.swings(foot), start, []
     for i, swing in enumerate(swings):
         if not (math.isfinite(swing.liftoff) and math.isfinite(swing.touchdown)):

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.gait import Gait, GaitGrid
 from lgmpc.problems.kinematics import contact_positions
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
@@ -48,7 +48,7 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
     return build_legged("jump", robot, s.gait(robot), leap, s.common)
 
 
-def build_legged(name: str, robot: Robot, gait: Gait, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
+def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
     """Return the problem of any gait along any motion of the base.
 
     The guess is the posture carried along, and the torques that hold it at rest.
@@ -116,7 +116,7 @@ def _guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
     return states
 
 
-def _waypoints(gait: Gait, steps: Footsteps) -> tuple[Waypoint, ...]:
+def _waypoints(gait: GaitSequence, steps: Footsteps) -> tuple[Waypoint, ...]:
     marks = [
         Waypoint(f"{foot}, step {i + 1}", swing.touchdown, swing.end)
         for foot, swings in zip(gait.feet, steps.swings, strict=True)

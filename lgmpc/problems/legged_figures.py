@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
-from lgmpc.problems.gait import GaitGrid
 from lgmpc.problems.kinematics import com_positions, com_speed, contact_positions, joint_limit_violation
 from lgmpc.problems.reactions import friction_use, reactions
 from lgmpc.robot import Robot

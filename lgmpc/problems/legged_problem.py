@@ -21,8 +21,8 @@ import pinocchio as pin
 from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
+from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import ShootingProblem
-from lgmpc.problems.gait import GaitGrid
 from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights
 from lgmpc.problems.reactions import carry
 from lgmpc.robot import Robot

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from lgmpc.errors import InputError
-from lgmpc.problems.gait import Gait, GaitPhase, QuadrupedFeet
+from lgmpc.locomotion.sequence import GaitPhase, QuadrupedFeet
+from lgmpc.locomotion.sequence import GaitSequence as Gait
 from lgmpc.robot import Robot
 
 __all__ = ["GaitSettings", "JumpSettings", "LeggedSettings", "LeggedWeights"]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from lgmpc.errors import InputError
 from lgmpc.lie import se3
+from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps, SwingCurve
-from lgmpc.problems.gait import Gait, GaitPhase, QuadrupedFeet
 
 FEET = ("FL", "FR", "HL", "HR")
 LEGS = QuadrupedFeet(*FEET)
@@ -74,8 +74,12 @@ def test_a_swing_is_smooth_and_has_its_apex_at_half_time(height: float, span: fl
         assert np.abs(rate[end]).max() < 1e-3 * size and np.abs(bend[end]).max() < 0.4 * size
 
 
-def gait(cycles: int = 3) -> Gait:
-    return Gait.stand(FEET, 0.2) + cycles * Gait.trot(FEET, LEGS, 0.2, 0.05, 0.05) + Gait.stand(FEET, 0.3)
+def gait(cycles: int = 3) -> GaitSequence:
+    return (
+        GaitSequence.stand(FEET, 0.2)
+        + cycles * GaitSequence.trot(FEET, LEGS, 0.2, 0.05, 0.05)
+        + GaitSequence.stand(FEET, 0.3)
+    )
 
 
 def test_footholds_of_a_straight_path() -> None:
@@ -115,6 +119,6 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="displacement"):
         BaseLeap(np.zeros(2), 0.0, 0.0, 1.0, 9.81)
     with pytest.raises(InputError, match="in the air at an end"):
-        Footsteps.plan(Gait(FEET, (GaitPhase(0.1, "FL"), GaitPhase(1.5))), PATH, START, ORIGIN)
+        Footsteps.plan(GaitSequence(FEET, (GaitPhase(0.1, "FL"), GaitPhase(1.5))), PATH, START, ORIGIN)
     with pytest.raises(InputError, match="start"):
         Footsteps.plan(gait(), PATH, START[:3], ORIGIN)

@@ -18,10 +18,10 @@ from lgmpc.config.loading import load_solve_config
 from lgmpc.config.schema.problem import GaitProblem, JumpProblem
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError
+from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
 from lgmpc.ocp import Trajectory
 from lgmpc.problems import Scenario
 from lgmpc.problems.footsteps import BasePath
-from lgmpc.problems.gait import Gait, GaitPhase, QuadrupedFeet
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
@@ -69,7 +69,7 @@ def jump(step: float = 0.01) -> tuple[Scenario, Solution]:
 def standing() -> tuple[Scenario, Trajectory]:
     """Half a second on four feet, and the motion that does nothing."""
     robot = solo12()
-    gait = Gait.stand(FEET, 0.5)
+    gait = GaitSequence.stand(FEET, 0.5)
     scenario = build_legged("stand", robot, gait, BasePath.walking((0.0, 0.0), 0.0, 0.1, 0.4, 0.0), LeggedSettings())
     return scenario, scenario.guess
 
@@ -106,7 +106,7 @@ def test_at_a_touchdown_the_reference_is_the_foothold_and_feet_stay_there() -> N
 @pytest.mark.parametrize("flags", [[True] * 4, [True, True, True, False], [True, False, False, True]])
 def test_carrying_efforts_balance_gravity_with_forces_at_the_feet(flags: list[bool]) -> None:
     """Whatever forces of the feet one takes, J^T f + [0; u] = g has no better solution in the joints' rows."""
-    robot, grid = solo12(), Gait.stand(FEET, 0.1).grid(0.1)
+    robot, grid = solo12(), GaitSequence.stand(FEET, 0.1).grid(0.1)
     effort = carrying_efforts(robot, replace(grid, flags=np.array([flags])))[0]
     model, data = robot.model, robot.create_data()
     gravity = pin.rnea(model, data, robot.q_reference, np.zeros(robot.nv), np.zeros(robot.nv))
@@ -186,7 +186,9 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="ramp"):
         build_gait(solo12(), GaitSettings(ramp=5.0))
     with pytest.raises(InputError, match=r"gait\.feet"):
-        build_legged("x", solo12(), Gait.stand(FEET[:3], 1.0), BasePath(np.zeros(6), 0.0, 1.0), LeggedSettings())
+        build_legged(
+            "x", solo12(), GaitSequence.stand(FEET[:3], 1.0), BasePath(np.zeros(6), 0.0, 1.0), LeggedSettings()
+        )
     with pytest.raises(InputError, match="FL_FOOT"):
         build_gait(solo12(), GaitSettings((GaitPhase(0.2, "FL_FOT", 0.05), GaitPhase(0.1))))
     for settings, name in (

@@ -1,9 +1,10 @@
-"""Gaits: phases with feet in the air, one after the other, and the node grid that lands on their switches.
+"""Gaits as sequences: phases with feet in the air, one after the other, and the node grid that ends on their switches.
 
-A gait is a sequence of phases. The usual ones of quadrupeds have names (:meth:`Gait.walk`, :meth:`Gait.trot`, ...),
-any other is a list of :class:`GaitPhase`; gaits are joined by ``+`` and repeated by ``*``:
+The usual gaits of quadrupeds have names (:meth:`GaitSequence.walk`, :meth:`GaitSequence.trot`, ...), any other is a
+list of :class:`GaitPhase`; sequences are joined by ``+`` and repeated by ``*``:
 
-    Gait.stand(feet, 0.2) + 2 * Gait.trot(feet, swing=0.25, stance=0.05, height=0.06) + Gait.stand(feet, 0.3)
+    still = GaitSequence.stand(feet, 0.2)
+    still + 2 * GaitSequence.trot(feet, legs, swing=0.25, stance=0.05, height=0.06) + still
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot import ContactPhase, ContactSchedule, Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["FootSwing", "Gait", "GaitGrid", "GaitPhase", "QuadrupedFeet"]
+__all__ = ["FootSwing", "GaitSequence", "GaitGrid", "GaitPhase", "QuadrupedFeet"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class QuadrupedFeet:
 
     @classmethod
     def of(cls, robot: Robot) -> QuadrupedFeet:
-        """Tell a robot's feet apart by where they are about their middle in the reference posture (x ahead, y left).
+        """Assign a robot's feet by where they are about their middle in the reference posture (x ahead, y left).
 
         Raises:
             InputError: not four contact frames, or not one in each quadrant.
@@ -103,8 +104,8 @@ class FootSwing:
 
 
 @dataclass(frozen=True)
-class Gait:
-    """Phases one after the other, from time 0.
+class GaitSequence:
+    """Phases one after the other, from time 0: a motion planned as a whole.
 
     Attributes:
         feet: (nc,) all contact frames, in the order of the flags' columns.
@@ -125,14 +126,14 @@ class Gait:
                 raise InputError(f"phases[{i}].air", name, "one of the contact frames", self.feet)
 
     @classmethod
-    def stand(cls, feet: Sequence[str], duration: float) -> Gait:
+    def stand(cls, feet: Sequence[str], duration: float) -> GaitSequence:
         """All feet on the ground for ``duration``, s."""
         return cls(tuple(feet), (GaitPhase(duration),))
 
     @classmethod
     def alternate(
         cls, feet: Sequence[str], groups: Iterable[Iterable[str]], swing: float, stance: float, height: float
-    ) -> Gait:
+    ) -> GaitSequence:
         """One cycle in which groups of feet swing in turn.
 
         Args:
@@ -147,7 +148,7 @@ class Gait:
         return cls(tuple(feet), tuple(phases))
 
     @classmethod
-    def walk(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+    def walk(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
         """One cycle of the walk in lateral sequence: hind left, front left, hind right, front right, one at a time.
 
         The order of tortoises, dogs and horses at a walk (Hildebrand, "Symmetrical gaits of horses", Science 150,
@@ -157,29 +158,31 @@ class Gait:
         return cls.alternate(feet, ([foot] for foot in order), swing, stance, height)
 
     @classmethod
-    def trot(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+    def trot(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
         """One cycle of the trot: the diagonal pairs in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.hind_right), (legs.front_right, legs.hind_left)
         return cls.alternate(feet, pairs, swing, stance, height)
 
     @classmethod
-    def pace(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+    def pace(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
         """One cycle of the pace: left and right pair in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.hind_left), (legs.front_right, legs.hind_right)
         return cls.alternate(feet, pairs, swing, stance, height)
 
     @classmethod
-    def bound(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> Gait:
+    def bound(
+        cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float
+    ) -> GaitSequence:
         """One cycle of the bound: front and hind pair in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.front_right), (legs.hind_left, legs.hind_right)
         return cls.alternate(feet, pairs, swing, stance, height)
 
     @classmethod
-    def jump(cls, feet: Sequence[str], takeoff: float, flight: float, landing: float, height: float) -> Gait:
+    def jump(cls, feet: Sequence[str], takeoff: float, flight: float, landing: float, height: float) -> GaitSequence:
         """All feet stand for ``takeoff``, fly for ``flight`` (rising by ``height``, m), stand for ``landing``, s."""
         return cls(tuple(feet), (GaitPhase(takeoff), GaitPhase(flight, feet, height), GaitPhase(landing)))
 
-    def __add__(self, other: Gait) -> Gait:
+    def __add__(self, other: GaitSequence) -> GaitSequence:
         """This gait, then the other one.
 
         Raises:
@@ -187,9 +190,9 @@ class Gait:
         """
         if other.feet != self.feet:
             raise InputError("feet", ", ".join(other.feet), f"the same feet ({', '.join(self.feet)})")
-        return Gait(self.feet, self.phases + other.phases)
+        return GaitSequence(self.feet, self.phases + other.phases)
 
-    def __mul__(self, cycles: int) -> Gait:
+    def __mul__(self, cycles: int) -> GaitSequence:
         """This gait, so many times in a row.
 
         Raises:
@@ -197,7 +200,7 @@ class Gait:
         """
         if cycles < 1:
             raise InputError("cycles", cycles, "at least 1")
-        return Gait(self.feet, self.phases * cycles)
+        return GaitSequence(self.feet, self.phases * cycles)
 
     __rmul__ = __mul__
 

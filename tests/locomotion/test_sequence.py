@@ -1,4 +1,4 @@
-"""Gaits: durations, orders of feet, swings that span phases, grids that end on switches."""
+"""Sequences of gait phases: durations, orders of feet, swings that span phases, grids that end on switches."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lgmpc.errors import InputError
-from lgmpc.problems.gait import FootSwing, Gait, GaitPhase, QuadrupedFeet
+from lgmpc.locomotion.sequence import FootSwing, GaitPhase, GaitSequence, QuadrupedFeet
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL", "FR", "HL", "HR")
 LEGS = QuadrupedFeet(*FEET)
-CYCLES = {"walk": Gait.walk, "trot": Gait.trot, "pace": Gait.pace, "bound": Gait.bound}
+CYCLES = {"walk": GaitSequence.walk, "trot": GaitSequence.trot, "pace": GaitSequence.pace, "bound": GaitSequence.bound}
 
 
 def solo12() -> Robot:
@@ -32,11 +32,11 @@ def solo12() -> Robot:
 
 
 @st.composite
-def gaits(draw: st.DrawFn) -> Gait:
+def gaits(draw: st.DrawFn) -> GaitSequence:
     """Gaits that begin and end with all feet on the ground."""
     phase = st.builds(GaitPhase, st.floats(0.01, 0.5), st.sets(st.sampled_from(FEET)), st.floats(0.0, 0.2))
     ends = [GaitPhase(draw(st.floats(0.01, 0.5))) for _ in range(2)]
-    return Gait(FEET, (ends[0], *draw(st.lists(phase, min_size=1, max_size=8)), ends[1]))
+    return GaitSequence(FEET, (ends[0], *draw(st.lists(phase, min_size=1, max_size=8)), ends[1]))
 
 
 @pytest.mark.parametrize("name", CYCLES)
@@ -50,18 +50,18 @@ def test_every_foot_swings_once_a_cycle(name: str) -> None:
 
 
 def test_which_feet_move_together() -> None:
-    def order(cycle: Gait) -> list[set[str]]:
+    def order(cycle: GaitSequence) -> list[set[str]]:
         return [set(phase.air) for phase in cycle.phases]
 
     given = (FEET, LEGS, 0.2, 0.0, 0.05)  # no pause between
-    assert order(Gait.walk(*given)) == [{"HL"}, {"FL"}, {"HR"}, {"FR"}]
-    assert order(Gait.trot(*given)) == [{"FL", "HR"}, {"FR", "HL"}]
-    assert order(Gait.pace(*given)) == [{"FL", "HL"}, {"FR", "HR"}]
-    assert order(Gait.bound(*given)) == [{"FL", "FR"}, {"HL", "HR"}]
-    assert order(Gait.jump(FEET, 0.3, 0.2, 0.4, 0.1)) == [set(), set(FEET), set()]
+    assert order(GaitSequence.walk(*given)) == [{"HL"}, {"FL"}, {"HR"}, {"FR"}]
+    assert order(GaitSequence.trot(*given)) == [{"FL", "HR"}, {"FR", "HL"}]
+    assert order(GaitSequence.pace(*given)) == [{"FL", "HL"}, {"FR", "HR"}]
+    assert order(GaitSequence.bound(*given)) == [{"FL", "FR"}, {"HL", "HR"}]
+    assert order(GaitSequence.jump(FEET, 0.3, 0.2, 0.4, 0.1)) == [set(), set(FEET), set()]
 
 
-def test_a_quadruped_s_feet_are_told_apart_by_their_places() -> None:
+def test_a_quadrupeds_feet_are_assigned_by_their_places() -> None:
     assert QuadrupedFeet.of(solo12()) == QuadrupedFeet("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
     talos = load_robot(RobotSpec("talos", contact_frames=("left_sole_link", "right_sole_link")))
     with pytest.raises(InputError, match="four feet"):
@@ -69,7 +69,7 @@ def test_a_quadruped_s_feet_are_told_apart_by_their_places() -> None:
 
 
 def test_a_swing_that_spans_phases() -> None:
-    gait = Gait(
+    gait = GaitSequence(
         FEET, (GaitPhase(0.1), GaitPhase(0.2, ["FL"], 0.03), GaitPhase(0.3, ["FL", "HR"], 0.05), GaitPhase(0.1))
     )
     (swing,) = gait.swings("FL")
@@ -79,14 +79,14 @@ def test_a_swing_that_spans_phases() -> None:
 
 
 def test_swings_without_beginning_or_end() -> None:
-    (first,) = Gait(FEET, (GaitPhase(0.2, "FL"), GaitPhase(0.1))).swings("FL")
-    (last,) = Gait(FEET, (GaitPhase(0.1), GaitPhase(0.2, "FL"))).swings("FL")
+    (first,) = GaitSequence(FEET, (GaitPhase(0.2, "FL"), GaitPhase(0.1))).swings("FL")
+    (last,) = GaitSequence(FEET, (GaitPhase(0.1), GaitPhase(0.2, "FL"))).swings("FL")
     assert (first.liftoff, first.touchdown) == (-math.inf, pytest.approx(0.2))
     assert (last.liftoff, last.touchdown) == (pytest.approx(0.1), math.inf)
 
 
 @given(gaits(), st.floats(0.004, 0.06))
-def test_the_grid_ends_on_every_switch_and_agrees_with_the_schedule(gait: Gait, step: float) -> None:
+def test_the_grid_ends_on_every_switch_and_agrees_with_the_schedule(gait: GaitSequence, step: float) -> None:
     grid, schedule = gait.grid(step), gait.schedule()
     assert grid.durations.sum() == pytest.approx(gait.duration, abs=1e-12)
     for switch in gait.switches:
@@ -99,7 +99,7 @@ def test_the_grid_ends_on_every_switch_and_agrees_with_the_schedule(gait: Gait, 
 
 
 @given(gaits())
-def test_an_impact_for_every_touchdown(gait: Gait) -> None:
+def test_an_impact_for_every_touchdown(gait: GaitSequence) -> None:
     grid = gait.grid(0.02)
     for i, foot in enumerate(FEET):
         hits = grid.times[:-1][grid.touchdowns[:, i]]
@@ -110,7 +110,7 @@ def test_an_impact_for_every_touchdown(gait: Gait) -> None:
 
 
 @given(gaits())
-def test_swings_are_those_of_the_schedule(gait: Gait) -> None:
+def test_swings_are_those_of_the_schedule(gait: GaitSequence) -> None:
     schedule = gait.schedule()
     for foot in FEET:
         for swing in gait.swings(foot):
@@ -126,13 +126,13 @@ def test_swings_are_those_of_the_schedule(gait: Gait) -> None:
         (lambda: GaitPhase(math.inf), "duration"),
         (lambda: GaitPhase(0.1, "FL", -0.1), "height"),
         (lambda: GaitPhase(0.1, "FL", math.nan), "height"),
-        (lambda: Gait(FEET, ()), "phases"),
-        (lambda: Gait(FEET, (GaitPhase(0.1, "FX"),)), "FL"),
-        (lambda: Gait.stand(FEET, 0.1) * 0, "cycles"),
-        (lambda: Gait.stand(FEET, 0.1) + Gait.stand(("A", "B"), 0.1), "feet"),
-        (lambda: Gait.stand(FEET, 0.1).swings("FX"), "foot"),
-        (lambda: Gait.stand(FEET, 0.1).grid(0.0), "step"),
-        (lambda: Gait.trot(FEET, LEGS, 0.2, -0.1, 0.05), "duration"),
+        (lambda: GaitSequence(FEET, ()), "phases"),
+        (lambda: GaitSequence(FEET, (GaitPhase(0.1, "FX"),)), "FL"),
+        (lambda: GaitSequence.stand(FEET, 0.1) * 0, "cycles"),
+        (lambda: GaitSequence.stand(FEET, 0.1) + GaitSequence.stand(("A", "B"), 0.1), "feet"),
+        (lambda: GaitSequence.stand(FEET, 0.1).swings("FX"), "foot"),
+        (lambda: GaitSequence.stand(FEET, 0.1).grid(0.0), "step"),
+        (lambda: GaitSequence.trot(FEET, LEGS, 0.2, -0.1, 0.05), "duration"),
     ],
 )
 def test_refusals(make, message: str) -> None:

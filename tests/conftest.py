@@ -1,4 +1,4 @@
-"""What all tests share: reproducible property tests, one thread for small matrices."""
+"""Settings of all tests: reproducible property tests, one thread a process, Ctrl-C that works."""
 
 import os
 import signal
@@ -10,6 +10,6 @@ from hypothesis import settings
 settings.register_profile("lgmpc", deadline=None, derandomize=True)
 settings.load_profile("lgmpc")
 
-# A shell script's `pytest &` is born deaf to Ctrl-C, and so are the programs it starts; some tests press it.
+# A shell script's `pytest &` ignores SIGINT, and so do the programs that it starts; some tests send it to them.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -15,8 +15,6 @@ from lgmpc.errors import InputError
 from lgmpc.viz import replay_page, write_page
 from lgmpc.viz.snapshot import headless_chromium, snapshots
 
-pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
-
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium"),

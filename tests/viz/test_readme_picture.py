@@ -36,7 +36,6 @@ def folder(pushed_run, tmp_path) -> RunFolder:
 @pytest.mark.browser
 @pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
 def test_the_picture_shows_the_push_and_the_calm_after_it(folder, tmp_path, monkeypatch, capsys) -> None:
-    pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
     picture = tmp_path / "assets" / "picture.png"
     assert run_script(monkeypatch, folder.path, picture) == 0
     assert str(picture) in capsys.readouterr().out

@@ -213,7 +213,6 @@ def test_the_figures_that_there_are_data_for_are_drawn(
 @pytest.mark.browser
 @pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
 def test_a_browser_shows_the_arm_moving_and_its_place(panda: Robot, reach: SolvedRun, tmp_path: Path) -> None:
-    pytest.importorskip("playwright", reason="playwright is not installed: pip install -e '.[test]'")
     page = tmp_path / "arm.html"
     page.write_text(trajectory_page(panda, reach), encoding="utf-8")
     with headless_chromium() as browser:

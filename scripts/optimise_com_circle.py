@@ -52,7 +52,13 @@ class ComSpeed(Residual):
 def solve() -> tuple[Solution, np.ndarray]:
     """Return the solution and the centre of mass's distance (N+1,) from the circle, m."""
     robot = load_robot(
-        RobotSpec("solo12", contact_frames=FEET, effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.2, 3.2))
+        RobotSpec(
+            model="solo12",
+            contact_frames=FEET,
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.2, 3.2),
+        )
     )
     model, data = robot.model, robot.create_data()
     pin.framesForwardKinematics(model, data, robot.q_reference)

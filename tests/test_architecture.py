@@ -49,9 +49,10 @@ ARROWS: dict[str, str] = {
     "demos": f"{_PARTS} mechanics control simulation",
     "runs": "",
     "viz": "lie state robot runs demos",
-    # The schema is what a user writes, in plain values; only a few modules know the objects that come of it.
     "config": "",
-    "config.schema": "runs mpc",
+    # A document composes the settings of the rooms.
+    "config.schema": f"{_PARTS} simulation control runs problems",
+    "config.notes": "simulation",
     "config.robots": "robot",
     "config.sensing": "robot estimation simulation",
     "config.build": f"{_PARTS} simulation control runs",
@@ -210,7 +211,7 @@ def test_no_packages_within_a_room_import_each_other_in_a_circle() -> None:
         ("control/balance.py", "from lgmpc.simulation import loop"),
         ("control/interface.py", "from lgmpc.wbc import controller"),
         ("mechanics/tops.py", "from lgmpc.state import base"),
-        ("config/schema/root.py", "from lgmpc.robot import Robot"),
+        ("config/source.py", "from lgmpc.robot import Robot"),
         ("compile/native.py", "from lgmpc.lie import so3"),
         ("errors.py", "from lgmpc.typing import Array"),
         ("typing.py", "import lgmpc.compile"),

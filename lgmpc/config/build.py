@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from lgmpc.config.closed_loop import ClosedLoopSession
-from lgmpc.config.robots import build_robot, build_robot_spec
+from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config
-from lgmpc.config.schema.reference import ComCircleReference
 from lgmpc.config.schema.wbc import WbcGain
 from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.config.session import Notify, Session
 from lgmpc.control.balance import BalanceController
 from lgmpc.control.planner import Planner
-from lgmpc.control.reference import CircleReference, ComReference, StandReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.runs import Recorder
-from lgmpc.simulation.disturbances import Push, PushSchedule
+from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates
 from lgmpc.simulation.parameters import PlantParameters
 from lgmpc.simulation.plant import Plant
@@ -26,9 +24,7 @@ from lgmpc.wbc import Gain, WholeBodyController, WholeBodyLimits, WholeBodySetti
 __all__ = [
     "build_controller",
     "build_plant",
-    "build_pushes",
     "build_robot",
-    "build_robot_spec",
     "prepare",
 ]
 
@@ -55,20 +51,6 @@ def build_plant(config: Config, robot: Robot) -> Plant:
     from lgmpc.simulation.mujoco import MujocoPlant
 
     return MujocoPlant(robot, parameters)
-
-
-def build_pushes(config: Config, plant: Plant) -> PushSchedule:
-    """Return the pushes of section ``pushes`` on the bodies of ``plant``."""
-    pushes = [Push(push.body, push.time_s, push.duration_s, push.impulse_ns) for push in config.pushes]
-    return PushSchedule(pushes, plant.dt, plant.bodies)
-
-
-def build_reference(config: Config) -> ComReference:
-    """Return what section ``reference`` asks of the centre of mass."""
-    section = config.reference
-    if isinstance(section, ComCircleReference):
-        return CircleReference(section.radius_m, section.frequency_hz, section.start_s, section.ramp_s)
-    return StandReference()
 
 
 def build_whole_body_controller(config: Config, robot: Robot) -> WholeBodyController:
@@ -114,10 +96,11 @@ def _gain(gain: WbcGain) -> Gain:
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:
     """Return the controller of sections ``mpc``, ``wbc`` and ``reference``."""
-    reference, period = build_reference(config), 1.0 / config.wbc.rate_hz
-    planner = Planner(robot, make_mpc(robot, config.mpc, notify), reference, period) if config.mpc.enabled else None
+    period = 1.0 / config.wbc.rate_hz
+    mpc = make_mpc(robot, config.mpc, notify) if config.mpc.enabled else None
+    planner = Planner(robot, mpc, config.reference, period) if mpc is not None else None
     floor = FrictionMonitor(config.wbc.friction, period)
-    return BalanceController(robot, build_whole_body_controller(config, robot), reference, floor, planner)
+    return BalanceController(robot, build_whole_body_controller(config, robot), config.reference, floor, planner)
 
 
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:
@@ -125,7 +108,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
 
     Args:
         config: what to run.
-        notify: told what is being prepared.
+        notify: called with a description of what is being prepared.
 
     Raises:
         LgmpcError: what cannot be built, naming the key.
@@ -156,7 +139,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         robot=robot,
         plant=plant,
         controller=controller,
-        pushes=build_pushes(config, plant),
+        pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
         rates=rates,
         recorder=recorder,
         log_every=round(config.wbc.rate_hz / config.log.rate_hz),

@@ -11,8 +11,7 @@ from pydantic import ValidationError
 
 from lgmpc import __version__
 from lgmpc.config.overrides import apply_overrides
-from lgmpc.config.schema import Config, SolveConfig
-from lgmpc.config.schema.document import Document
+from lgmpc.config.schema import Config, Document, SolveConfig
 from lgmpc.config.source import COMMAND_LINE, ConfigSource
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import ConfigError, ConfigErrors

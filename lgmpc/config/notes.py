@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lgmpc.config.schema import Config, GroundTruth, SensorsSection
+from lgmpc.config.schema import Config, GroundTruth
+from lgmpc.simulation.sensors import SensorNoise
 
 __all__ = ["notes_on"]
 
@@ -17,8 +18,8 @@ def notes_on(config: Config) -> tuple[str, ...]:
             notes.append(f"pushes.{i} is cut short by the end of the run ({config.duration_s:g} s)")
     if config.gate.steady_from_s >= config.duration_s:
         notes.append("gate.steady_from_s is after the end of the run: errors that count from then on are not measured")
-    if isinstance(config.estimator, GroundTruth) and config.sensors != SensorsSection():
-        notes.append("sensors: nobody listens to them while estimator.kind is ground_truth")
+    if isinstance(config.estimator, GroundTruth) and config.sensors != SensorNoise():
+        notes.append("sensors: nothing reads them while estimator.kind is ground_truth")
     for section, friction in (("wbc", config.wbc.friction), ("mpc", config.mpc.friction)):
         if friction > config.plant.friction and (section == "wbc" or config.mpc.enabled):
             notes.append(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
+from pydantic import Field
 
-from lgmpc.errors import InputError
+from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
 __all__ = ["CircleReference", "ComReference", "StandReference"]
@@ -20,9 +20,10 @@ class ComReference(Protocol):
         """Return offset (n, 3) m, velocity (n, 3) m/s and acceleration (n, 3) m/s^2 at ``times`` (n,) s."""
 
 
-@dataclass(frozen=True)
-class StandReference:
-    """The centre of mass stays where it was."""
+class StandReference(Settings):
+    """Stand still: the centre of mass stays where it was."""
+
+    kind: Literal["stand"] = Field(default="stand", description="Stand still.")
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return zeros."""
@@ -30,39 +31,32 @@ class StandReference:
         return zero, zero, zero
 
 
-@dataclass(frozen=True)
-class CircleReference:
-    """A horizontal circle about the start, entered along a spiral whose radius grows smoothly.
+class CircleReference(Settings):
+    """Move the centre of mass along a horizontal circle about the start while all feet stay.
 
-    Attributes:
-        radius: m.
-        frequency: turns per second, Hz.
-        start: when the motion begins, s.
-        ramp: how long the radius takes to grow from zero, s.
+    It is entered along a spiral whose radius grows smoothly.
     """
 
-    radius: float
-    frequency: float
-    start: float = 0.5
-    ramp: float = 2.0
-
-    def __post_init__(self) -> None:
-        """Refuse a circle that is none."""
-        for name in ("radius", "frequency", "ramp"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(name, value, "a positive number")
-        if not np.isfinite(self.start):
-            raise InputError("start", self.start, "a finite number of seconds")
+    kind: Literal["com_circle"] = Field(default="com_circle", description="Move the centre of mass along a circle.")
+    radius_m: Annotated[Positive, Field(le=10.0)] = Field(
+        default=0.03, description="Radius of the circle, m, at most 10: the feet stay."
+    )
+    frequency_hz: Annotated[Positive, Field(le=100.0)] = Field(
+        default=0.5, description="Turns per second, Hz, at most 100."
+    )
+    start_s: NonNegative = Field(default=1.0, description="When the movement begins, s.")
+    ramp_s: Annotated[Positive, Field(ge=1e-3)] = Field(
+        default=1.0, description="Time over which the radius grows from 0, s, at least 0.001."
+    )
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return offset, velocity and acceleration; all three are continuous (the radius is a quintic in time)."""
-        omega = 2.0 * np.pi * self.frequency
-        elapsed = np.maximum(np.asarray(times) - self.start, 0.0)
-        s = np.minimum(elapsed / self.ramp, 1.0)
-        r = self.radius * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        dr = self.radius * 30.0 * s**2 * (1.0 - s) ** 2 / self.ramp
-        ddr = self.radius * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.ramp**2
+        omega = 2.0 * np.pi * self.frequency_hz
+        elapsed = np.maximum(np.asarray(times) - self.start_s, 0.0)
+        s = np.minimum(elapsed / self.ramp_s, 1.0)
+        r = self.radius_m * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        dr = self.radius_m * 30.0 * s**2 * (1.0 - s) ** 2 / self.ramp_s
+        ddr = self.radius_m * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.ramp_s**2
         phase = omega * elapsed
         radial = np.column_stack([np.cos(phase), np.sin(phase), np.zeros_like(phase)])
         tangential = np.column_stack([-np.sin(phase), np.cos(phase), np.zeros_like(phase)])

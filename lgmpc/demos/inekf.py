@@ -21,7 +21,12 @@ from lgmpc.typing import Array
 __all__ = ["run"]
 
 RUNS, DURATION, EVERY = 16, 1.0, 20
-NOISE = ImuNoise(gyro=2e-3, accelerometer=2e-2, gyro_bias_walk=1e-3, accelerometer_bias_walk=1e-2)
+NOISE = ImuNoise(
+    gyro_noise_rad_s_rt_hz=2e-3,
+    accelerometer_noise_m_s2_rt_hz=2e-2,
+    gyro_bias_walk_rad_s2_rt_hz=1e-3,
+    accelerometer_bias_walk_m_s3_rt_hz=1e-2,
+)
 SLIP = 0.005
 TILT, SPEED = np.radians(45.0), 1.0
 DEVIATIONS = np.repeat([TILT, SPEED, 0.1, 0.005, 0.05], 3)

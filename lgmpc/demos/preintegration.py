@@ -25,7 +25,7 @@ from lgmpc.typing import Array
 __all__ = ["run"]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-NOISE = ImuNoise(gyro=2e-2, accelerometer=1e-1)
+NOISE = ImuNoise(gyro_noise_rad_s_rt_hz=2e-2, accelerometer_noise_m_s2_rt_hz=1e-1)
 DURATION, PERIOD, RUNS = 0.5, 0.01, 300
 PERIODS = np.array([0.02, 0.01, 0.005, 0.0025])
 CHANGES = np.array([0.04, 0.02, 0.01, 0.005])
@@ -206,7 +206,7 @@ def _correction_error(motion: Preintegration, size: float) -> float:
 def _monte_carlo(motion: Preintegration) -> tuple[Array, Array]:
     """Return (n, 9) standard deviations of the noisy increments after each sample, and (RUNS,) squared errors."""
     rng, rows = np.random.default_rng(1), _samples(PERIOD)
-    sigma = np.repeat([NOISE.gyro, NOISE.accelerometer], 3) / np.sqrt(PERIOD)
+    sigma = np.repeat(NOISE.densities[:2], 3) / np.sqrt(PERIOD)
     clean = Preintegration(NOISE, np.zeros(3), np.zeros(3))
     noisy = np.tile(np.eye(5), (RUNS, 1, 1))
     spreads, errors = [], np.zeros((RUNS, 9))

@@ -46,11 +46,11 @@ def run() -> Outcome:
     """Compute it, in a few seconds."""
     robot = load_robot(
         RobotSpec(
-            "solo12",
+            model="solo12",
             contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
-            effort_limit=1.8,
-            velocity_limit=30.0,
-            position_limit=(-3.2, 3.2),
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.2, 3.2),
         )
     )
     flight = _fly(robot)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from time import perf_counter
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
@@ -18,6 +19,8 @@ from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
 from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.lie import quaternion, so3
 from lgmpc.robot import Robot
+from lgmpc.robot.scaling import normal_force_range
+from lgmpc.settings import Noise, Positive, RangeFromZero
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
@@ -25,54 +28,53 @@ __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class LeggedEstimatorSettings:
-    """What the filter believes of its sensors, feet and start.
+_CONTACT_FORCE = (0.12, 0.4)
+"""N per kg of the robot: below, a foot has lifted off, and above, touched down. A quarter of the weight is 2.5."""
 
-    Attributes:
-        form: name of the error's form, see :data:`lgmpc.estimation.invariant_ekf.FORMS`.
-        imu: densities of the IMU's noise.
-        encoder_noise: standard deviation of a joint angle, rad.
-        foot_noise: standard deviation of the kinematic model's error of a foot position in each axis, m.
-        slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
-        touch_force: a foot whose estimated normal force exceeds this has touched down, N.
-        release_force: one below this has lifted off, N.
-        start_tilt: standard deviation of the first roll and pitch, which the accelerometer gives, rad.
-        start_velocity: standard deviation of the first velocity, about zero, m/s.
-        start_gyro_bias: standard deviation of the gyro bias, about zero, rad/s.
-        start_accelerometer_bias: standard deviation of the accelerometer bias, about zero, m/s2.
 
-    Raises:
-        InputError: an unknown form, or a number that is negative or not finite.
+class LeggedEstimatorSettings(ImuNoise):
+    """Contact-aided invariant extended Kalman filter on IMU, encoders and motor currents: what a real robot has.
+
+    The noise is what the filter assumes; section ``sensors`` of a config has what the simulated sensors have.
     """
 
-    form: str = "right"
-    imu: ImuNoise = ImuNoise()
-    encoder_noise: float = 1e-4
-    foot_noise: float = 1e-3
-    slip: float = 2e-3
-    touch_force: float = 1.0
-    release_force: float = 0.3
-    start_tilt: float = 0.01
-    start_velocity: float = 0.01
-    start_gyro_bias: float = 2e-3
-    start_accelerometer_bias: float = 0.05
-
-    def __post_init__(self) -> None:
-        if self.form not in FORMS:
-            raise InputError("form", self.form, "a form of the error", tuple(FORMS))
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not (math.isfinite(value) and value >= 0.0):
-                raise InputError(field.name, value, "a number that is not negative")
+    kind: Literal["inekf"] = Field(default="inekf", description="Contact-aided invariant extended Kalman filter.")
+    form: Literal["right", "left", "multiplicative"] = Field(
+        default="right", description="Error of the filter: right- or left-invariant, or that of a quaternion filter."
+    )
+    gyro_bias_rad_s: Noise = Field(
+        default=2e-3, description="Standard deviation of the gyro's bias at the start in each axis, rad/s."
+    )
+    accelerometer_bias_m_s2: Noise = Field(
+        default=0.05, description="Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+    )
+    encoder_noise_rad: Noise = Field(default=1e-4, description="Standard deviation of a joint angle, rad.")
+    foot_noise_m: Annotated[Positive, Field(le=1.0)] = Field(
+        default=1e-3, description="Standard deviation of the leg kinematics' error in each axis, m."
+    )
+    slip_m_s_rt_hz: Noise = Field(
+        default=2e-3, description="Density of the velocity noise of feet in contact, m/s/sqrt(Hz)."
+    )
+    contact_force_n: RangeFromZero | None = Field(
+        default=None,
+        description="Normal force of a foot, from the joint torques, [below which it lifted off, above which it touched"
+        " down], N. null: 0.12 and 0.4 a kg of robot.",
+    )
+    start_tilt_rad: Noise = Field(
+        default=0.01,
+        description="Standard deviation of the first roll and pitch, which are the accelerometer's, rad.",
+    )
+    start_velocity_m_s: Noise = Field(
+        default=0.01, description="Standard deviation of the first velocity, about zero, m/s."
+    )
 
 
 class LeggedEstimator:
     """Contact-aided invariant filter of a robot with an IMU at its base (Hartley et al. 2020; chapter 4.11.4).
 
-    Which feet stand is told from their forces, which the joint torques give: nothing that a Solo12 does not have. The
-    first reading must be taken at rest; it levels the estimate. World axes and origin are those of ``start``: position
-    and yaw are not observable, so they drift, slowly while feet stand.
+    Which feet are in contact follows from their forces, and these from the joint torques: nothing that a Solo12
+    lacks. The first reading must be taken at rest; it levels the estimate. World axes and origin are those of
+    ``start``: position and yaw are not observable, so they drift, slowly while feet stand.
 
     A reading that is not finite is left out: the estimate stays as it was, and the failure is counted and logged.
 
@@ -82,7 +84,7 @@ class LeggedEstimator:
         settings: see :class:`LeggedEstimatorSettings`.
         start: (7,) base pose where the robot begins [position, quaternion x y z w]; its roll and pitch are not used.
             The reference posture's if not given.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
@@ -107,11 +109,11 @@ class LeggedEstimator:
         start = np.asarray(robot.q_reference[:7] if start is None else start, dtype=np.float64)
         if start.shape != (7,) or not np.isfinite(start).all():
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
-        self.legs = LegSensing(robot, settings.encoder_noise, settings.foot_noise, progress)
+        self.legs = LegSensing(robot, settings.encoder_noise_rad, settings.foot_noise_m, progress)
         self.ekf = InvariantEkf(
             robot.nc,
-            settings.imu,
-            slip=settings.slip,
+            settings,
+            slip=settings.slip_m_s_rt_hz,
             gravity=robot.gravity,
             contact_offset=np.array([0.0, 0.0, robot.contact_radius]),
             form=FORMS[settings.form],
@@ -119,7 +121,8 @@ class LeggedEstimator:
         )
         self.failures = 0
         self.spent = 0.0
-        self._detector = ContactDetector(robot.nc, settings.touch_force, settings.release_force)
+        release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
+        self._detector = ContactDetector(robot.nc, touch, release)
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
         self._start = np.eye(5)
@@ -185,7 +188,7 @@ class LeggedEstimator:
         if sine > 0.0:
             pose[:3, :3] = so3.exp(across / sine * math.atan2(float(sine), float(felt @ self._up))) @ pose[:3, :3]
         # Neither the yaw nor the position is a matter of measurement: they say which world is meant.
-        tilt = settings.start_tilt * np.sqrt(np.maximum(1.0 - self._up**2, 0.0))
-        others = (settings.start_velocity, 0.0, settings.start_gyro_bias, settings.start_accelerometer_bias)
+        tilt = settings.start_tilt_rad * np.sqrt(np.maximum(1.0 - self._up**2, 0.0))
+        others = (settings.start_velocity_m_s, 0.0, settings.gyro_bias_rad_s, settings.accelerometer_bias_m_s2)
         self.ekf.reset(pose, np.concatenate([tilt, np.repeat(others, 3)]))
         self._running = True

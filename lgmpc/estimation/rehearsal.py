@@ -110,11 +110,11 @@ def rehearse(
         raise InputError("period", period, f"a positive time, at most the duration ({duration:g} s)")
     n = round(duration / period)
     rates, poses = _motion(period, n)
-    walk = np.repeat([noise.gyro_bias_walk, noise.accelerometer_bias_walk], 3) * np.sqrt(period)
+    walk = np.repeat(noise.densities[2:], 3) * np.sqrt(period)
     steps = walk * rng.normal(size=(n, 6))
     first = np.repeat([gyro_bias, accelerometer_bias], 3) * rng.normal(size=6)
     biases = first + np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
-    white = np.repeat([noise.gyro, noise.accelerometer], 3) / np.sqrt(period) * rng.normal(size=(n, 6))
+    white = np.repeat(noise.densities[:2], 3) / np.sqrt(period) * rng.normal(size=(n, 6))
     samples = rates + biases[:-1] + white
     touching = _standing(period, n)
     points = _contact_points(poses, touching, slip * np.sqrt(period) * rng.normal(size=(n + 1, 4, 3)))

@@ -12,7 +12,6 @@ import pinocchio as pin
 
 from lgmpc.errors import nearest
 from lgmpc.robot.names import is_floating
-from lgmpc.robot.spec import PerJoint, PerJointRange
 from lgmpc.typing import Array
 
 __all__ = ["ActuatedJoint", "actuated_joints", "joint_ranges", "joint_values", "match_joints"]
@@ -90,7 +89,7 @@ def match_joints(
 
 
 def joint_values(
-    values: PerJoint | None, joints: Iterable[ActuatedJoint], own: Array, argument: str
+    values: float | Mapping[str, float] | None, joints: Iterable[ActuatedJoint], own: Array, argument: str
 ) -> tuple[Array, list[str]]:
     """Return (nv,) ``own`` with what ``values`` gives to some or all joints, and the problems of its keys."""
     joints = tuple(joints)
@@ -108,7 +107,9 @@ def joint_values(
 
 
 def joint_ranges(
-    ranges: PerJointRange | None, joints: Iterable[ActuatedJoint], own: Callable[[ActuatedJoint], tuple[float, float]]
+    ranges: tuple[float, float] | Mapping[str, tuple[float, float]] | None,
+    joints: Iterable[ActuatedJoint],
+    own: Callable[[ActuatedJoint], tuple[float, float]],
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
     """Return (lowest, highest) of each joint with scalar position, and the problems of the keys of ``ranges``."""
     joints = tuple(joint for joint in joints if joint.scalar)
@@ -116,7 +117,7 @@ def joint_ranges(
     given: dict[str, tuple[float, float]] = {}
     problems: list[str] = []
     if isinstance(ranges, Mapping):
-        given, problems = match_joints(ranges, names, "position_limit", "joint that can have position limits")
+        given, problems = match_joints(ranges, names, "position_limit_rad", "joint that can have position limits")
     elif ranges is not None:
         given = dict.fromkeys(names, (ranges[0], ranges[1]))
     return {j.name: given.get(j.name) or own(j) for j in joints}, problems

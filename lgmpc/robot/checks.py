@@ -167,8 +167,11 @@ def check_limits(
     strongest = {False: _LIFTS * weight * reach, True: _LIFTS * weight}
     efforts = np.array([strongest[joint.prismatic] for joint in joints])
     speeds = np.full(len(joints), _FASTEST)
-    kinds = (("effort", effort, efforts, "N.m"), ("velocity", velocity, speeds, "rad/s"))
-    for kind, values, bounds, unit in kinds:
+    kinds = (
+        ("effort", "effort_limit_nm", effort, efforts, "N.m"),
+        ("velocity", "velocity_limit_rad_s", velocity, speeds, "rad/s"),
+    )
+    for kind, key, values, bounds, unit in kinds:
         endless = [j for j, bound in zip(joints, bounds, strict=True) if bool((values[j.v] > bound).any())]
         zero = [j for j in joints if bool((values[j.v] <= 0).any())]
         for group, verdict in ((endless, "never binds"), (zero, "forbids all motion")):
@@ -176,11 +179,11 @@ def check_limits(
                 found = sorted({float(values[j.v].max()) for j in group})
                 shown = " to ".join(_number(x, unit) for x in dict.fromkeys((found[0], found[-1])))
                 names = some([j.name for j in group])
-                problems.append(f"the URDF's {kind} limit of {names} {verdict} ({shown}): give {kind}_limit")
+                problems.append(f"the URDF's {kind} limit of {names} {verdict} ({shown}): give {key}")
     scalar = [j for j in joints if j.scalar]
     endless = [j for j in scalar if not _bounded(lower[j.q], upper[j.q]).all()]
     if endless:
-        problems.append(f"no finite position limits: {some([j.name for j in endless])}: give position_limit")
+        problems.append(f"no finite position limits: {some([j.name for j in endless])}: give position_limit_rad")
     wide = [
         j
         for j in scalar

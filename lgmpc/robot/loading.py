@@ -71,8 +71,8 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
     ids = () if frame_problems else tuple(frame_index(model, frame) for frame in spec.contact_frames)
-    q = put_on_ground(model, q, ids, spec.contact_radius)
-    heights = contact_heights(model, q, ids, spec.contact_radius) if ids else np.zeros(1)
+    q = put_on_ground(model, q, ids, spec.contact_radius_m)
+    heights = contact_heights(model, q, ids, spec.contact_radius_m) if ids else np.zeros(1)
     uneven = (
         [f"in the reference posture the contact points differ by {1e3 * np.ptp(heights):.1f} mm in height"]
         if np.ptp(heights) > LEVEL_TOLERANCE
@@ -87,7 +87,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
         model=model,
         contact_frames=tuple(spec.contact_frames),
         contact_ids=ids,
-        contact_radius=float(spec.contact_radius),
+        contact_radius=float(spec.contact_radius_m),
         q_reference=q,
         effort_limit=actuators.effort[start:],
         velocity_limit=actuators.velocity[start:],
@@ -117,14 +117,16 @@ def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
 def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:
     """Write limits and armature into the model, and collect what is wrong with those of the files."""
     unknown = np.full(model.nv, np.nan)
-    given_effort, effort_problems = joint_values(spec.effort_limit, joints, unknown, "effort_limit")
-    given_velocity, velocity_problems = joint_values(spec.velocity_limit, joints, unknown, "velocity_limit")
-    armature, armature_problems = joint_values(spec.armature, joints, np.asarray(model.armature), "armature")
+    given_effort, effort_problems = joint_values(spec.effort_limit_nm, joints, unknown, "effort_limit_nm")
+    given_velocity, velocity_problems = joint_values(spec.velocity_limit_rad_s, joints, unknown, "velocity_limit_rad_s")
+    armature, armature_problems = joint_values(
+        spec.armature_kg_m2, joints, np.asarray(model.armature), "armature_kg_m2"
+    )
 
     def own_range(joint: ActuatedJoint) -> tuple[float, float]:
         return float(model.lowerPositionLimit[joint.q][0]), float(model.upperPositionLimit[joint.q][0])
 
-    ranges, range_problems = joint_ranges(spec.position_limit, joints, own_range)
+    ranges, range_problems = joint_ranges(spec.position_limit_rad, joints, own_range)
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     for joint in joints:
         if joint.name in ranges:

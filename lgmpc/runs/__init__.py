@@ -5,11 +5,11 @@ from lgmpc.runs.compare import Change, compare
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
-from lgmpc.runs.gate import Gate
+from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import PushInterval, RunLog, push_intervals
 from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
-from lgmpc.runs.recorder import Recorder
+from lgmpc.runs.recorder import LogSettings, Recorder
 from lgmpc.runs.result import RunResult, SolveResult
 from lgmpc.runs.trajectory import TrajectoryLog
 from lgmpc.runs.verdict import Outcome, Verdict, judge, measured
@@ -19,6 +19,7 @@ __all__ = [
     "EstimatorErrors",
     "Gate",
     "HostInfo",
+    "LogSettings",
     "Metrics",
     "Outcome",
     "PushInterval",
@@ -27,6 +28,7 @@ __all__ = [
     "RunFolder",
     "RunLog",
     "RunResult",
+    "SolveGate",
     "SolveResult",
     "SolvedRun",
     "Timing",

@@ -7,12 +7,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, Channel, RunLog
+from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["Recorder"]
+__all__ = ["LogSettings", "Recorder"]
+
+
+class LogSettings(Settings):
+    """What is recorded of a run."""
+
+    rate_hz: Positive = Field(default=500.0, description="Recorded ticks per second, Hz; divides wbc.rate_hz.")
 
 
 class Recorder:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Union, cast
+from typing import Annotated, Any, TypeVar, Union, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 from pydantic._internal._model_construction import ModelMetaclass
@@ -23,9 +23,10 @@ __all__ = [
     "Count",
     "Finite",
     "Fraction",
+    "Friction",
+    "Noise",
     "NonNegative",
     "PerJoint",
-    "PerJointPositive",
     "PerJointRange",
     "Positive",
     "Problem",
@@ -149,6 +150,10 @@ Positive = Annotated[float, Field(strict=True, gt=0.0, le=LARGEST, allow_inf_nan
 """A finite number above zero."""
 NonNegative = Annotated[float, Field(strict=True, ge=0.0, le=LARGEST, allow_inf_nan=False)]
 """A finite number, zero or above."""
+Noise = Annotated[float, Field(strict=True, ge=0.0, le=10.0, allow_inf_nan=False)]
+"""A standard deviation or density of a sensor's noise, from 0 to 10: what errs by more is no sensor."""
+Friction = Annotated[float, Field(strict=True, gt=0.0, le=10.0, allow_inf_nan=False)]
+"""A coefficient of Coulomb friction, above 0, at most 10: rubber on dry rubber has 2."""
 Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0, allow_inf_nan=False)]
 """A number from 0 to 1."""
 Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
@@ -190,16 +195,13 @@ def _range_or_table(value: Any) -> str:
     return "table" if isinstance(value, Mapping) else "range"
 
 
+T = TypeVar("T")
+
 PerJoint = Annotated[
-    Union[Annotated[NonNegative, Tag("number")], Annotated[dict[str, NonNegative], Tag("table")]],  # noqa: UP007
+    Union[Annotated[T, Tag("number")], Annotated[dict[str, T], Tag("table")]],  # noqa: UP007
     Discriminator(_number_or_table),
 ]
-"""One number, zero or above, for all joints, or ``{joint name or pattern: number}``."""
-PerJointPositive = Annotated[
-    Union[Annotated[Positive, Tag("number")], Annotated[dict[str, Positive], Tag("table")]],  # noqa: UP007
-    Discriminator(_number_or_table),
-]
-"""One number above zero for all joints, or ``{joint name or pattern: number}``."""
+"""``PerJoint[Positive]``: one number for all joints, or ``{joint name or pattern: number}``."""
 PerJointRange = Annotated[
     Union[Annotated[Range, Tag("range")], Annotated[dict[str, Range], Tag("table")]],  # noqa: UP007
     Discriminator(_range_or_table),

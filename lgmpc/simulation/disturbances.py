@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.errors import InputError
+from lgmpc.settings import NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
 __all__ = ["Push", "PushSchedule"]
@@ -17,43 +19,24 @@ __all__ = ["Push", "PushSchedule"]
 _SNAP = 1e-6  # steps; a boundary this close to a step's is meant to be on it
 
 
-@dataclass(frozen=True)
-class Push:
-    """A constant force at a body's centre of mass, for a while.
+class Push(Settings):
+    """A constant force at a body's centre of mass, for a while."""
 
-    Attributes:
-        body: name of the pushed body.
-        time: when it begins, s since reset.
-        duration: how long it lasts, s.
-        impulse: (3,) force times duration, world axes, N.s.
-
-    Raises:
-        InputError: if the time is negative, the duration not above zero, or anything not finite.
-    """
-
-    body: str
-    time: float
-    duration: float
-    impulse: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.time) and self.time >= 0):
-            raise InputError("time", self.time, "a finite number of seconds, not negative")
-        if not (math.isfinite(self.duration) and self.duration > 0):
-            raise InputError("duration", self.duration, "a finite number of seconds above zero")
-        impulse = tuple(float(component) for component in self.impulse)
-        if len(impulse) != 3 or not all(math.isfinite(component) for component in impulse):
-            raise InputError("impulse", self.impulse, "three finite numbers (N.s)")
-        object.__setattr__(self, "impulse", impulse)
+    body: str = Field(min_length=1, description="Name of the pushed body (link).")
+    time_s: NonNegative = Field(description="When the push begins, s.")
+    duration_s: Annotated[Positive, Field(le=3600.0)] = Field(
+        default=0.2, description="How long it lasts, s, at most an hour."
+    )
+    impulse_ns: Vector3 = Field(description="[x, y, z] force times duration, world axes, N.s.")
 
     @property
     def force(self) -> Array:
         """The (3,) force while it lasts, world axes, N."""
-        return np.array(self.impulse) / self.duration
+        return np.array(self.impulse_ns) / self.duration_s
 
 
 class PushSchedule:
-    """The pushes of one run, sampled at a plant's steps so that each gives exactly the impulse that was asked for.
+    """The pushes of one run, sampled at a plant's steps so that each gives exactly its impulse.
 
     A step that a push covers in part gets that part of its force, so the applied forces times ``dt`` add up to the
     impulse (to rounding) however the push lies between the steps.
@@ -99,7 +82,7 @@ class PushSchedule:
         for i in active:
             begin, end = self._spans[i]
             share = (min(step + 1.0, end) - max(float(step), begin)) / (end - begin)
-            wrenches[self.pushes[i].body][:3] += np.array(self.pushes[i].impulse) * (share / self._dt)
+            wrenches[self.pushes[i].body][:3] += np.array(self.pushes[i].impulse_ns) * (share / self._dt)
         return self._freeze(wrenches)
 
     def is_active(self, time: float) -> bool:
@@ -115,7 +98,7 @@ class PushSchedule:
 
 def _span(push: Push, dt: float) -> tuple[float, float]:
     """Return begin and end of a push in steps, on a step's boundary where that is meant."""
-    begin, end = push.time / dt, (push.time + push.duration) / dt
+    begin, end = push.time_s / dt, (push.time_s + push.duration_s) / dt
     begin, end = (float(round(edge)) if abs(edge - round(edge)) < _SNAP else edge for edge in (begin, end))
     # A push that vanishes in snapping is given within one step, where it still has its whole impulse.
     return (begin, end) if end > begin else (begin, begin + _SNAP)

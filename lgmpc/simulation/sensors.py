@@ -1,16 +1,17 @@
-"""What a simulated robot's sensors tell: an IMU at the base, joint encoders, and torques from motor currents."""
+"""What a simulated robot's sensors measure: an IMU at the base, joint encoders, and torques from motor currents."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
+from lgmpc.settings import Noise, NonNegative, Settings
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -20,49 +21,47 @@ if TYPE_CHECKING:
 __all__ = ["SensorNoise", "Sensors"]
 
 
-@dataclass(frozen=True)
-class SensorNoise:
-    """How the sensors err. The defaults are those of Solo12's parts: a 3DM-CX5-25, and encoders of 9 x 20000 counts.
+class SensorNoise(Settings):
+    """IMU at the base frame, joint encoders and motor currents; the defaults are those of Solo12's parts.
 
-    Attributes:
-        gyro: density, rad/s/sqrt(Hz).
-        accelerometer: density, m/s2/sqrt(Hz).
-        gyro_bias: standard deviation of the bias at the start in each axis, rad/s.
-        accelerometer_bias: the same, m/s2.
-        gyro_bias_walk: density of the bias's rate, rad/s2/sqrt(Hz).
-        accelerometer_bias_walk: the same, m/s3/sqrt(Hz).
-        encoder: standard deviation of a joint angle, rad.
-        encoder_step: angle between two counts, to which joint angles are rounded, rad; 0 for none.
-        joint_velocity: standard deviation of a joint rate as the drives deliver it, rad/s.
-        torque: standard deviation of a joint torque, N.m.
-
-    Raises:
-        InputError: a number that is negative or not finite.
+    These are a 3DM-CX5-25, and encoders of 9 x 20000 counts.
     """
 
-    gyro: float = 8.7e-5
-    accelerometer: float = 2.5e-4
-    gyro_bias: float = 7e-4
-    accelerometer_bias: float = 0.02
-    gyro_bias_walk: float = 1e-5
-    accelerometer_bias_walk: float = 1e-4
-    encoder: float = 5e-5
-    encoder_step: float = 3.5e-5
-    joint_velocity: float = 0.02
-    torque: float = 0.01
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(field.name, value, "a number that is not negative")
+    gyro_noise_rad_s_rt_hz: Noise = Field(
+        default=8.7e-5, description="Density of the gyro's white noise, rad/s/sqrt(Hz)."
+    )
+    gyro_bias_rad_s: Noise = Field(
+        default=7e-4, description="Standard deviation of the gyro's bias at the start in each axis, rad/s."
+    )
+    gyro_bias_walk_rad_s2_rt_hz: Noise = Field(
+        default=1e-5, description="Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+    )
+    accelerometer_noise_m_s2_rt_hz: Noise = Field(
+        default=2.5e-4, description="Density of the accelerometer's white noise, m/s2/sqrt(Hz)."
+    )
+    accelerometer_bias_m_s2: Noise = Field(
+        default=0.02, description="Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+    )
+    accelerometer_bias_walk_m_s3_rt_hz: Noise = Field(
+        default=1e-4, description="Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
+    )
+    encoder_noise_rad: Noise = Field(default=5e-5, description="Standard deviation of a joint angle, rad.")
+    encoder_step_rad: Noise = Field(
+        default=3.5e-5, description="Angle between two counts of a joint's encoder, rad; 0: no rounding."
+    )
+    joint_velocity_noise_rad_s: Noise = Field(
+        default=0.02, description="Standard deviation of a joint's speed as its drive measures it, rad/s."
+    )
+    torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
+        default=0.01, description="Standard deviation of a joint torque as its motor current measures it, N.m."
+    )
 
 
 class Sensors:
     r"""The sensors of a robot in a plant, whichever engine moves it.
 
-    The IMU integrates, as real ones do inside: it tells the constant body rates that would have led from the state of
-    the last reading to the present one,
+    The IMU integrates, as real ones do inside: it measures the constant body rates that would have led from the state
+    of the last reading to the present one,
     ``w = log(R^T R+) / dt`` and ``a = Gamma_1(w dt)^{-1} R^T (v+ - v - g dt) / dt`` (coning and sculling included;
     Savage, J. Guidance and Control 1998), so the contact impulses of a time-stepping engine are in it, whole.
 
@@ -87,9 +86,12 @@ class Sensors:
         self.noise, self._period, self._rng = noise, period, rng
         self._gravity = np.array(robot.gravity)
         self._count = 12 + 3 * robot.nu
-        self._white = np.repeat([noise.gyro, noise.accelerometer], 3) / math.sqrt(period)
-        self._walk = np.repeat([noise.gyro_bias_walk, noise.accelerometer_bias_walk], 3) * math.sqrt(period)
-        self._bias = np.repeat([noise.gyro_bias, noise.accelerometer_bias], 3) * rng.normal(size=6)
+        self._white = np.repeat([noise.gyro_noise_rad_s_rt_hz, noise.accelerometer_noise_m_s2_rt_hz], 3) / math.sqrt(
+            period
+        )
+        walk = [noise.gyro_bias_walk_rad_s2_rt_hz, noise.accelerometer_bias_walk_m_s3_rt_hz]
+        self._walk = np.repeat(walk, 3) * math.sqrt(period)
+        self._bias = np.repeat([noise.gyro_bias_rad_s, noise.accelerometer_bias_m_s2], 3) * rng.normal(size=6)
         self._last: tuple[Array, Array] | None = None
 
     @property
@@ -120,14 +122,14 @@ class Sensors:
         self._bias = self._bias + self._walk * draws[:6]
         rates += self._bias + self._white * draws[6:12]
         encoders, speeds, torques = draws[12:].reshape(3, -1)
-        joints = sample.q[7:] + noise.encoder * encoders
-        if noise.encoder_step > 0.0:
-            joints = noise.encoder_step * np.round(joints / noise.encoder_step)
+        joints = sample.q[7:] + noise.encoder_noise_rad * encoders
+        if noise.encoder_step_rad > 0.0:
+            joints = noise.encoder_step_rad * np.round(joints / noise.encoder_step_rad)
         return Measurement(
             sample.time,
             rates[:3],
             rates[3:],
             joints,
-            sample.v[6:] + noise.joint_velocity * speeds,
-            sample.tau + noise.torque * torques,
+            sample.v[6:] + noise.joint_velocity_noise_rad_s * speeds,
+            sample.tau + noise.torque_noise_nm * torques,
         )

@@ -40,10 +40,14 @@ FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 def solo() -> Robot:
     return load_robot(
         RobotSpec(
-            model="solo12", contact_frames=FEET, effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0),
-            armature=3.6e-4,
+            model="solo12",
+            contact_frames=FEET,
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.0, 3.0),
+            armature_kg_m2=3.6e-4,
         )
-    )  # fmt: skip
+    )
 
 
 @lru_cache

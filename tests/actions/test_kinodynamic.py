@@ -28,7 +28,13 @@ CONTACTS = (Contact(FEET[0], 6), *FEET[1:])
 
 @lru_cache
 def solo() -> Robot:
-    spec = RobotSpec(model="solo12", effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0), armature=3.6e-4)
+    spec = RobotSpec(
+        model="solo12",
+        effort_limit_nm=1.8,
+        velocity_limit_rad_s=30.0,
+        position_limit_rad=(-3.0, 3.0),
+        armature_kg_m2=3.6e-4,
+    )
     return load_robot(spec)
 
 

@@ -17,7 +17,7 @@ def test_nothing_to_say_about_a_plain_config(small: str) -> None:
         ("duration_s=2.1", "pushes.0 is cut short"),
         ("gate.steady_from_s=20", "gate.steady_from_s is after the end"),
         ("wbc.friction=0.7", "wbc.friction (0.7) is above the floor's (0.6)"),
-        ("sensors.gyro_bias_rad_s=0.1", "sensors: nobody listens to them"),
+        ("sensors.gyro_bias_rad_s=0.1", "sensors: nothing reads them"),
         ("mpc.friction=0.7", "mpc.friction (0.7) is above the floor's (0.6)"),
     ],
 )

@@ -1,15 +1,13 @@
 """From section ``robot`` to a robot that the rest of the config fits."""
 
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lgmpc.config import load_config, parse_config
-from lgmpc.config.robots import build_robot, build_robot_spec
+from lgmpc.config.robots import build_robot
 from lgmpc.errors import ConfigError, ConfigErrors, ModelError
-from lgmpc.robot import RobotSpec
 
 SOLO12 = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
@@ -26,45 +24,17 @@ def test_the_shipped_configs_fit_their_robot(shipped_run: Path) -> None:
     assert robot.joint_upper[robot.joint_names.index("FL_HFE")] == 1.45
 
 
-def test_every_argument_of_a_robot_comes_from_the_config() -> None:
-    config = load_config(
-        SOLO12,
-        [
-            "robot={urdf: /a.urdf, srdf: /a.srdf, package_dirs: [/p], floating_base: true, contact_frames: [f],"
-            " contact_radius_m: 0.1, posture: p, effort_limit_nm: 1, velocity_limit_rad_s: {j: 2}, armature_kg_m2: 3,"
-            " position_limit_rad: [-1, 1]}"
-        ],
-    )
-    spec = build_robot_spec(config)
-    given = RobotSpec(
-        urdf=Path("/a.urdf"),
-        srdf=Path("/a.srdf"),
-        package_dirs=(Path("/p"),),
-        floating_base=True,
-        contact_frames=("f",),
-        contact_radius=0.1,
-        posture="p",
-        effort_limit=1.0,
-        velocity_limit={"j": 2.0},
-        armature=3.0,
-        position_limit=(-1.0, 1.0),
-    )
-    assert spec == given
-    unset = [field.name for field in fields(RobotSpec) if getattr(spec, field.name) == field.default]
-    assert unset == ["model"]
-
-
 def test_errors_have_the_place_in_the_file() -> None:
     config = parse_config("name: x\nrobot:\n  model: solo13\n", name="f.yaml")
     with pytest.raises(ConfigError, match=r"^f\.yaml:3: robot\.model: got solo13; .*Did you mean solo12"):
         build_robot(config)
 
 
-def test_model_errors_speak_of_config_keys() -> None:
+def test_model_errors_name_the_keys() -> None:
     with pytest.raises(ModelError) as caught:
         build_robot(load_config(SOLO12, ["robot.effort_limit_nm=null", "robot.posture=lying"]))
     text = str(caught.value)
-    assert "give robot.effort_limit_nm" in text and "robot.posture: no reference configuration" in text
+    assert "give effort_limit_nm" in text and "posture: no reference configuration" in text
 
 
 def test_all_misfits_are_found_at_once() -> None:

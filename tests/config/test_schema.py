@@ -10,11 +10,11 @@ from lgmpc.config.json_schema import json_schema_text
 from lgmpc.config.schema import (
     Config,
     PlantSection,
-    RobotSection,
     SolveConfig,
     WbcSection,
 )
 from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
+from lgmpc.robot import RobotSpec
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
 
@@ -76,4 +76,4 @@ def test_sections_have_defaults_that_can_run() -> None:
     models = (CentroidalMpcSettings, KinodynamicMpcSettings, FullBodyMpcSettings, LqrSettings)
     for section in (PlantSection, *models, WbcSection):
         assert section() == section.model_validate({})
-    assert RobotSection(model="solo12").contact_radius_m == 0.0
+    assert RobotSpec(model="solo12").contact_radius_m == 0.0

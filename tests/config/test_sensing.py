@@ -1,4 +1,4 @@
-"""Sections ``sensors`` and ``estimator``: what they build, and that their defaults are the library's."""
+"""Sections ``sensors`` and ``estimator``: what they build, and what they refuse."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ import pytest
 
 from lgmpc.config.loading import load_config
 from lgmpc.config.robots import build_robot
-from lgmpc.config.schema import GroundTruth, InvariantEkfSection
+from lgmpc.config.schema import GroundTruth
 from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.errors import ConfigError
-from lgmpc.estimation import LeggedEstimatorSettings
 from lgmpc.simulation.plant import PlantSample
-from lgmpc.simulation.sensors import SensorNoise
 
 from .conftest import ROOT
 
@@ -20,35 +18,19 @@ PLAIN = ROOT / "configs" / "solo12_balance.yaml"
 CONFIG = ROOT / "configs" / "solo12_balance_inekf.yaml"
 
 
-def test_by_default_the_simulator_tells() -> None:
+def test_by_default_the_state_is_the_simulators() -> None:
     config = load_config(PLAIN)
     assert config.estimator == GroundTruth()
     assert build_estimator(config, build_robot(config)) is None
 
 
-def test_the_defaults_are_those_of_the_library() -> None:
+def test_the_contact_forces_grow_with_the_robot() -> None:
     config = load_config(PLAIN, ["estimator.kind=inekf"])
     robot = build_robot(config)
-    sensors, estimator = build_sensors(config, robot), build_estimator(config, robot)
-    assert sensors.noise == SensorNoise()
+    estimator = build_estimator(config, robot)
     assert estimator is not None
-    built, usual = vars(estimator.settings), vars(LeggedEstimatorSettings())
-    forces = ("touch_force", "release_force")
-    assert {k: v for k, v in built.items() if k not in forces} == {k: v for k, v in usual.items() if k not in forces}
-    assert (built["release_force"], built["touch_force"]) == pytest.approx((0.12 * robot.mass, 0.4 * robot.mass))
-
-
-def test_every_key_arrives() -> None:
-    keys = [key for key in InvariantEkfSection.model_fields if key not in ("kind", "form", "contact_force_n")]
-    numbers = {key: 0.001 * (i + 1) for i, key in enumerate(keys)}
-    changes = ["estimator.kind=inekf", "estimator.form=left", "estimator.contact_force_n=[0.5, 2.5]"]
-    config = load_config(PLAIN, [*changes, *(f"estimator.{k}={v}" for k, v in numbers.items())])
-    estimator = build_estimator(config, build_robot(config))
-    assert estimator is not None
-    settings = estimator.settings
-    assert (settings.form, settings.release_force, settings.touch_force) == ("left", 0.5, 2.5)
-    told = {*vars(settings.imu).values(), *(v for v in vars(settings).values() if isinstance(v, float))}
-    assert set(numbers.values()) <= told
+    thresholds = (estimator._detector._release, estimator._detector._touch)
+    assert thresholds == pytest.approx((0.12 * robot.mass, 0.4 * robot.mass))
 
 
 def test_the_seed_is_that_of_the_sensors() -> None:

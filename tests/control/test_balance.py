@@ -154,7 +154,7 @@ def test_the_mpc_receives_position_and_momentum_of_the_reference(robot: Robot) -
     assert planner is not None
     seen = planner.mpc.problem.view("x_reference")  # type: ignore[attr-defined]
     times = 0.02 * np.arange(21)
-    offset, velocity, _ = CircleReference(0.02, 0.5, 0.0, 0.5).sample(times)
+    offset, velocity, _ = CircleReference(radius_m=0.02, frequency_hz=0.5, start_s=0.0, ramp_s=0.5).sample(times)
     np.testing.assert_allclose(seen[:, :3], controller.wbc.terms.com + offset, atol=1e-9)
     np.testing.assert_allclose(seen[:, 3:6], robot.mass * velocity, atol=1e-12)
     assert np.abs(velocity).max() > 0.01

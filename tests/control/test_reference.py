@@ -4,7 +4,7 @@ import pytest
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import InputError
 
-CIRCLE = CircleReference(radius=0.03, frequency=0.5, start=0.5, ramp=2.0)
+CIRCLE = CircleReference(radius_m=0.03, frequency_hz=0.5, start_s=0.5, ramp_s=2.0)
 
 
 def test_standing_stays():
@@ -48,8 +48,8 @@ def test_the_radius_grows_without_overshoot():
 
 @pytest.mark.parametrize(
     ("argument", "value"),
-    [("radius", 0.0), ("frequency", -0.5), ("ramp", 0.0), ("radius", np.nan), ("start", np.nan), ("start", np.inf)],
+    [("radius_m", 0.0), ("frequency_hz", -0.5), ("ramp_s", 0.0), ("radius_m", np.nan), ("start_s", np.inf)],
 )
 def test_circles_that_are_none_are_refused(argument, value):
     with pytest.raises(InputError, match=f"^{argument}: got"):
-        CircleReference(**({"radius": 0.03, "frequency": 0.5} | {argument: value}))
+        CircleReference(**({"radius_m": 0.03, "frequency_hz": 0.5} | {argument: value}))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ def test_noise_that_the_filter_was_not_told_of_is_noticed(monkeypatch: pytest.Mo
     honest = inekf.rehearse
 
     def noisy(rng: np.random.Generator, noise, **keywords):
-        return honest(rng, replace(noise, gyro=10.0 * noise.gyro), **keywords)
+        return honest(rng, noise.replace({"gyro_noise_rad_s_rt_hz": 10.0 * noise.gyro_noise_rad_s_rt_hz}), **keywords)
 
     monkeypatch.setattr(inekf, "rehearse", noisy)
     wrong = {row.quantity for row in inekf.run().rows if not row.agrees}

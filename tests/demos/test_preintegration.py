@@ -29,7 +29,13 @@ def test_a_held_increment_is_not_taken_for_the_exact_one(monkeypatch: pytest.Mon
 def test_noise_that_was_not_told_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     class Overconfident(preintegration.Preintegration):
         def __init__(self, noise, *arguments) -> None:
-            super().__init__(ImuNoise(0.5 * noise.gyro, 0.5 * noise.accelerometer), *arguments)
+            super().__init__(
+                ImuNoise(
+                    gyro_noise_rad_s_rt_hz=0.5 * noise.gyro_noise_rad_s_rt_hz,
+                    accelerometer_noise_m_s2_rt_hz=0.5 * noise.accelerometer_noise_m_s2_rt_hz,
+                ),
+                *arguments,
+            )
 
     monkeypatch.setattr(preintegration, "Preintegration", Overconfident)
     wrong = {row.quantity for row in preintegration.run().rows if not row.agrees}

@@ -18,7 +18,12 @@ from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
 from lgmpc.estimation.rehearsal import rehearse
 from lgmpc.lie import so3
 
-NOISE = ImuNoise(gyro=2e-3, accelerometer=2e-2, gyro_bias_walk=1e-3, accelerometer_bias_walk=1e-2)
+NOISE = ImuNoise(
+    gyro_noise_rad_s_rt_hz=2e-3,
+    accelerometer_noise_m_s2_rt_hz=2e-2,
+    gyro_bias_walk_rad_s2_rt_hz=1e-3,
+    accelerometer_bias_walk_m_s3_rt_hz=1e-2,
+)
 SLIP, RUNS = 0.005, 30
 DEVIATIONS = np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3)
 

@@ -169,5 +169,5 @@ def test_other_bad_input_is_refused() -> None:
         propagate(np.eye(6), np.eye(7), GRAVITY, 0.1)
     with pytest.raises(InputError, match="^columns: got 1"):
         error_dynamics(GRAVITY, 1)
-    with pytest.raises(InputError, match="^gyro: got -1"):
-        ImuNoise(gyro=-1.0)
+    with pytest.raises(InputError, match="^gyro_noise_rad_s_rt_hz: got -1"):
+        ImuNoise(gyro_noise_rad_s_rt_hz=-1.0)

@@ -17,8 +17,18 @@ from lgmpc.lie import sek3, so3
 
 GRAVITY = np.array([0.4, -0.3, -9.7])
 OFFSET = np.array([0.1, -0.05, 0.2])
-NOISE = ImuNoise(gyro=2e-3, accelerometer=3e-2, gyro_bias_walk=1e-3, accelerometer_bias_walk=2e-2)
-SILENT = ImuNoise(0.0, 0.0, 0.0, 0.0)
+NOISE = ImuNoise(
+    gyro_noise_rad_s_rt_hz=2e-3,
+    accelerometer_noise_m_s2_rt_hz=3e-2,
+    gyro_bias_walk_rad_s2_rt_hz=1e-3,
+    accelerometer_bias_walk_m_s3_rt_hz=2e-2,
+)
+SILENT = ImuNoise(
+    gyro_noise_rad_s_rt_hz=0.0,
+    accelerometer_noise_m_s2_rt_hz=0.0,
+    gyro_bias_walk_rad_s2_rt_hz=0.0,
+    accelerometer_bias_walk_m_s3_rt_hz=0.0,
+)
 K = 3
 SIZE = 15 + 3 * K
 FEET = np.array([[0.2, 0.1, -0.3], [-0.2, 0.15, -0.25], [0.1, -0.2, -0.35]])
@@ -123,7 +133,12 @@ def test_a_ball_foot_carries_its_robot_along_as_it_rolls(believed: float) -> Non
     poses[:, 2, 4] = radius + height * np.cos(turns)
     poses[:, :3, 3] = np.gradient(poses[:, :3, 4], dt, axis=0)
     gravity, foot = np.array([0.0, 0.0, -9.81]), np.array([0.0, 0.0, -height])
-    ekf = InvariantEkf(K, ImuNoise(1e-3, 1e-1), slip=1e-3, contact_offset=(0.0, 0.0, believed))
+    ekf = InvariantEkf(
+        K,
+        ImuNoise(gyro_noise_rad_s_rt_hz=1e-3, accelerometer_noise_m_s2_rt_hz=1e-1),
+        slip=1e-3,
+        contact_offset=(0.0, 0.0, believed),
+    )
     ekf.reset(poses[0], np.concatenate([np.full(9, 1e-3), np.zeros(6)]))
     spread = np.tile(1e-8 * np.eye(3), (K, 1, 1))
     ekf.begin_contact(0, foot, spread[0])
@@ -156,8 +171,8 @@ def test_the_covariance_is_predicted_with_the_jacobians_of_finite_differences(fo
 
     transition = jacobian(lambda e: later(e, np.zeros(6)), SIZE)
     entering = jacobian(lambda n: later(np.zeros(SIZE), n), 6)
-    white = np.repeat([NOISE.gyro**2, NOISE.accelerometer**2], 3) / dt
-    walks = dt * np.repeat([NOISE.gyro_bias_walk**2, NOISE.accelerometer_bias_walk**2], 3)
+    white = np.repeat(np.square(NOISE.densities[:2]), 3) / dt
+    walks = dt * np.repeat(np.square(NOISE.densities[2:]), 3)
     added = np.concatenate([np.zeros(9), np.full(3 * K, 0.05**2 * dt), walks])
     expected = transition @ before @ transition.T + (entering * white) @ entering.T + np.diag(added)
     ekf.predict(sample[:3], sample[3:], dt)

@@ -93,7 +93,7 @@ def test_the_start_is_where_the_user_says(solo12: Robot) -> None:
     ("argument", "make"),
     [
         ("form", lambda robot: LeggedEstimatorSettings(form="rigth")),
-        ("slip", lambda robot: LeggedEstimatorSettings(slip=-1.0)),
+        ("slip_m_s_rt_hz", lambda robot: LeggedEstimatorSettings(slip_m_s_rt_hz=-1.0)),
         ("period", lambda robot: LeggedEstimator(robot, 0.0)),
         ("start", lambda robot: LeggedEstimator(robot, PERIOD, start=np.zeros(6))),
     ],

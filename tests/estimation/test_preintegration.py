@@ -20,7 +20,7 @@ from lgmpc.estimation.inertial import (
 from lgmpc.lie import sek3, so3
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-NOISE = ImuNoise(gyro=2e-3, accelerometer=2e-2)
+NOISE = ImuNoise(gyro_noise_rad_s_rt_hz=2e-3, accelerometer_noise_m_s2_rt_hz=2e-2)
 RULES = [exponential_increment, zero_order_hold_increment]
 NONE = np.zeros(3)
 
@@ -110,7 +110,7 @@ def test_the_covariance_is_that_of_a_monte_carlo(rule: IncrementRule) -> None:
     """Mahalanobis lengths are chi-square distributed with 9 degrees of freedom: their mean within four sigma."""
     rng, rows, dt, runs = np.random.default_rng(2), samples(0.02), 0.02, 600
     motion = integrated(rows, dt, rule)
-    sigma = np.repeat([NOISE.gyro, NOISE.accelerometer], 3) / np.sqrt(dt)
+    sigma = np.repeat(NOISE.densities[:2], 3) / np.sqrt(dt)
     back = sek3.inverse(motion.pose)
     errors = np.array(
         [sek3.log(back @ integrated(rows + sigma * rng.normal(size=rows.shape), dt, rule).pose) for _ in range(runs)]

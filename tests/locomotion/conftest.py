@@ -15,11 +15,11 @@ def solo12() -> Robot:
         RobotSpec(
             model="solo12",
             contact_frames=feet,
-            contact_radius=0.016,
+            contact_radius_m=0.016,
             posture="standing",
-            effort_limit=1.8,
-            velocity_limit=30.0,
-            position_limit={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
         )
     )
 

@@ -22,11 +22,11 @@ CYCLES = {"walk": GaitSequence.walk, "trot": GaitSequence.trot, "pace": GaitSequ
 def solo12() -> Robot:
     return load_robot(
         RobotSpec(
-            "solo12",
+            model="solo12",
             contact_frames=("HR_FOOT", "FL_FOOT", "HL_FOOT", "FR_FOOT"),
-            effort_limit=1.8,
-            velocity_limit=30.0,
-            position_limit=(-3.0, 3.0),
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.0, 3.0),
         )
     )
 
@@ -63,7 +63,7 @@ def test_which_feet_move_together() -> None:
 
 def test_a_quadrupeds_feet_are_assigned_by_their_places() -> None:
     assert QuadrupedFeet.of(solo12()) == QuadrupedFeet("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-    talos = load_robot(RobotSpec("talos", contact_frames=("left_sole_link", "right_sole_link")))
+    talos = load_robot(RobotSpec(model="talos", contact_frames=("left_sole_link", "right_sole_link")))
     with pytest.raises(InputError, match="four feet"):
         QuadrupedFeet.of(talos)
 

@@ -34,8 +34,8 @@ STANCE = np.ones(4, dtype=bool)
 @lru_cache
 def solo() -> Robot:
     spec = RobotSpec(
-        model="solo12", contact_frames=FEET, contact_radius=0.016, effort_limit=1.8, velocity_limit=30.0,
-        position_limit=(-2.8, 2.8), armature=3.6e-4, posture="standing",
+        model="solo12", contact_frames=FEET, contact_radius_m=0.016, effort_limit_nm=1.8, velocity_limit_rad_s=30.0,
+        position_limit_rad=(-2.8, 2.8), armature_kg_m2=3.6e-4, posture="standing",
     )  # fmt: skip
     return load_robot(spec)
 

@@ -33,8 +33,10 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @lru_cache
 def solo() -> Robot:
-    spec = RobotSpec(model="solo12", contact_frames=FEET, effort_limit=1.8, velocity_limit=30.0, armature=3.6e-4)
-    return load_robot(RobotSpec(**{**vars(spec), "position_limit": (-3.0, 3.0)}))
+    spec = RobotSpec(
+        model="solo12", contact_frames=FEET, effort_limit_nm=1.8, velocity_limit_rad_s=30.0, armature_kg_m2=3.6e-4
+    )
+    return load_robot(spec.replace({"position_limit_rad": (-3.0, 3.0)}))
 
 
 @lru_cache

@@ -16,7 +16,9 @@ from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.solvers import Fddp, Solution, Status
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-SPEC = RobotSpec("solo12", contact_frames=FEET, effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.2, 3.2))
+SPEC = RobotSpec(
+    model="solo12", contact_frames=FEET, effort_limit_nm=1.8, velocity_limit_rad_s=30.0, position_limit_rad=(-3.2, 3.2)
+)
 
 
 @lru_cache
@@ -78,7 +80,7 @@ def test_the_circle_is_drawn_within_friction_and_with_feet_that_stay() -> None:
 
 def test_a_robot_without_feet_is_refused() -> None:
     with pytest.raises(InputError, match="contact_frames"):
-        build_com_circle(load_robot(RobotSpec("panda")))
+        build_com_circle(load_robot(RobotSpec(model="panda")))
 
 
 def test_what_does_not_fit_the_problem_is_refused() -> None:

@@ -197,6 +197,8 @@ def test_what_cannot_be_flown_is_refused(change: dict[str, object], message: str
 
 
 def test_a_robot_with_joints_is_no_multirotor() -> None:
-    solo = load_robot(RobotSpec(model="solo12", effort_limit=1.8, velocity_limit=30.0, position_limit=(-3.0, 3.0)))
+    solo = load_robot(
+        RobotSpec(model="solo12", effort_limit_nm=1.8, velocity_limit_rad_s=30.0, position_limit_rad=(-3.0, 3.0))
+    )
     with pytest.raises(InputError, match="robot: got solo12, 18 degrees of freedom; expected a single free body"):
         build_recovery(solo, TUMBLE)

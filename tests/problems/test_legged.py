@@ -38,13 +38,13 @@ STEP = GaitSettings(cycles=1, settle=0.1, ramp=0.1, common=LeggedSettings(step=0
 def solo12() -> Robot:
     ranges = {"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)}
     spec = RobotSpec(
-        "solo12",
+        model="solo12",
         contact_frames=FEET,
-        effort_limit=1.8,
-        velocity_limit=30.0,
-        position_limit=ranges,
+        effort_limit_nm=1.8,
+        velocity_limit_rad_s=30.0,
+        position_limit_rad=ranges,
         posture="standing",
-        armature=3.6e-4,
+        armature_kg_m2=3.6e-4,
     )
     return load_robot(spec)
 
@@ -179,7 +179,7 @@ def test_defaults_of_configs_are_those_of_the_library() -> None:
 
 
 def test_refusals() -> None:
-    panda = load_robot(RobotSpec("panda"))
+    panda = load_robot(RobotSpec(model="panda"))
     for build in (build_gait, build_jump):
         with pytest.raises(InputError, match="a free base"):
             build(panda)

@@ -22,7 +22,9 @@ TARGET = ReachSettings("link2", (0.0290872, 0.06, 0.115), nodes=20, node_duratio
 @lru_cache
 def pendulum(effort: float = 2.0) -> Robot:
     return load_robot(
-        RobotSpec("double_pendulum", effort_limit=effort, velocity_limit=20.0, position_limit=(-3.0, 3.0))
+        RobotSpec(
+            model="double_pendulum", effort_limit_nm=effort, velocity_limit_rad_s=20.0, position_limit_rad=(-3.0, 3.0)
+        )
     )
 
 
@@ -72,7 +74,7 @@ def test_another_solver_finds_the_same() -> None:
 
 
 def test_the_asked_rotation_is_the_figures_and_the_waypoints() -> None:
-    robot = load_robot(RobotSpec("panda"))
+    robot = load_robot(RobotSpec(model="panda"))
     scenario = build_reach(robot, ReachSettings("panda_hand_tcp", (0.4, 0.0, 0.4), rpy_deg=(180.0, 0.0, 30.0)))
     (place,) = scenario.waypoints
     turn = pin.rpy.rpyToMatrix(np.pi, 0.0, np.pi / 6.0)
@@ -95,6 +97,6 @@ def test_weights_are_parameters_that_recompile_nothing() -> None:
 def test_unfit_robots_and_frames_are_refused() -> None:
     with pytest.raises(InputError, match="link2"):
         build_reach(pendulum(), replace(TARGET, frame="link3"))
-    iris = load_robot(RobotSpec("iris"))
+    iris = load_robot(RobotSpec(model="iris"))
     with pytest.raises(InputError, match="fixed base"):
         build_reach(iris, replace(TARGET, frame="iris__base"))

@@ -38,12 +38,12 @@ def solo12(effort: float = 1.8) -> Robot:
         RobotSpec(
             model="solo12",
             contact_frames=FEET,
-            contact_radius=0.016,
+            contact_radius_m=0.016,
             posture="standing",
-            effort_limit=effort,
-            velocity_limit=30.0,
-            position_limit=ranges,
-            armature=3.6e-4,
+            effort_limit_nm=effort,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=ranges,
+            armature_kg_m2=3.6e-4,
         )
     )
 

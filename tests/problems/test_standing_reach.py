@@ -25,7 +25,7 @@ REACH = StandingReachSettings("gripper_left_base_link", (0.7, 0.25, 1.05), (0.0,
 
 @lru_cache
 def talos() -> Robot:
-    return load_robot(RobotSpec(model="talos", contact_frames=SOLES, armature={"gripper_*": 0.1}))
+    return load_robot(RobotSpec(model="talos", contact_frames=SOLES, armature_kg_m2={"gripper_*": 0.1}))
 
 
 @lru_cache
@@ -173,4 +173,4 @@ def test_what_cannot_be_reached_is_refused(change: dict[str, object], message: s
 
 def test_a_robot_without_soles_is_refused() -> None:
     with pytest.raises(InputError, match="robot: got talos without soles"):
-        build_standing_reach(load_robot(RobotSpec(model="talos", armature={"gripper_*": 0.1})), REACH)
+        build_standing_reach(load_robot(RobotSpec(model="talos", armature_kg_m2={"gripper_*": 0.1})), REACH)

@@ -15,14 +15,14 @@ from lgmpc.robot.symbolic import SymbolicModel
 
 DATA = Path(__file__).parent / "data"
 SOLO_FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-SOLO = {"effort_limit": 1.8, "velocity_limit": 30.0, "armature": 3.6e-4}
+SOLO = {"effort_limit_nm": 1.8, "velocity_limit_rad_s": 30.0, "armature_kg_m2": 3.6e-4}
 SPECS = {
     "solo12": RobotSpec(model="solo12", **SOLO),
-    "anymal_c": RobotSpec(model="anymal_c", armature=0.1),
+    "anymal_c": RobotSpec(model="anymal_c", armature_kg_m2=0.1),
     "talos": RobotSpec(model="talos"),
-    "panda": RobotSpec(model="panda", armature={"panda_joint?": 0.2}),
+    "panda": RobotSpec(model="panda", armature_kg_m2={"panda_joint?": 0.2}),
     "iris": RobotSpec(model="iris"),
-    "joints": RobotSpec(urdf=DATA / "joints.urdf", armature=0.01),
+    "joints": RobotSpec(urdf=DATA / "joints.urdf", armature_kg_m2=0.01),
 }
 FRAMES = {
     "solo12": "HR_FOOT",
@@ -165,4 +165,4 @@ def data_dir() -> Path:
 @pytest.fixture
 def solo_spec() -> RobotSpec:
     """Solo12 as built."""
-    return RobotSpec(model="solo12", contact_frames=SOLO_FEET, contact_radius=0.016, **SOLO)
+    return RobotSpec(model="solo12", contact_frames=SOLO_FEET, contact_radius_m=0.016, **SOLO)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from lgmpc.errors import ModelError
@@ -29,20 +27,20 @@ def test_a_good_robot_has_no_problems(solo_spec) -> None:
 def test_limits_that_never_bind() -> None:
     assert problems(RobotSpec(model="solo12")) == (
         "the URDF's effort limit of FL_HAA, FL_HFE, FL_KFE, FR_HAA and 8 more never binds (1000 N.m): give"
-        " effort_limit",
+        " effort_limit_nm",
         "the URDF's velocity limit of FL_HAA, FL_HFE, FL_KFE, FR_HAA and 8 more never binds (1000 rad/s): give"
-        " velocity_limit",
+        " velocity_limit_rad_s",
     )
 
 
 def test_only_the_joints_that_were_not_given_are_blamed(solo_spec) -> None:
-    (problem,) = problems(replace(solo_spec, effort_limit={"?L_*": 1.8, "FR_*": 1.8, "HR_H??": 1.8}))
-    assert problem == "the URDF's effort limit of HR_KFE never binds (1000 N.m): give effort_limit"
+    (problem,) = problems(solo_spec.replace({"effort_limit_nm": {"?L_*": 1.8, "FR_*": 1.8, "HR_H??": 1.8}}))
+    assert problem == "the URDF's effort limit of HR_KFE never binds (1000 N.m): give effort_limit_nm"
 
 
 def test_zero_limits_forbid_motion() -> None:
     first, second = problems(RobotSpec(model="double_pendulum"))
-    assert first == "the URDF's effort limit of joint1, joint2 forbids all motion (0 N.m): give effort_limit"
+    assert first == "the URDF's effort limit of joint1, joint2 forbids all motion (0 N.m): give effort_limit_nm"
     assert second.startswith("the URDF's velocity limit of joint1, joint2 forbids all motion")
 
 
@@ -52,22 +50,24 @@ def test_infinite_limits(tmp_path, data_dir) -> None:
     text = text.replace('<limit effort="2" velocity="50"/>', "").replace('upper="0.4"', 'upper="1e308"')
     path.write_text(text)
     effort, velocity, position = problems(RobotSpec(urdf=path))
-    assert effort == "the URDF's effort limit of spin never binds (infinite): give effort_limit"
-    assert velocity == "the URDF's velocity limit of spin never binds (infinite): give velocity_limit"
-    assert position == "no finite position limits: slide_a, slide_b, slide_c: give position_limit"
-    given = RobotSpec(urdf=path, effort_limit={"spin": 2.0}, velocity_limit={"spin": 50.0}, position_limit=(0.1, 0.4))
+    assert effort == "the URDF's effort limit of spin never binds (infinite): give effort_limit_nm"
+    assert velocity == "the URDF's velocity limit of spin never binds (infinite): give velocity_limit_rad_s"
+    assert position == "no finite position limits: slide_a, slide_b, slide_c: give position_limit_rad"
+    given = RobotSpec(
+        urdf=path, effort_limit_nm={"spin": 2.0}, velocity_limit_rad_s={"spin": 50.0}, position_limit_rad=(0.1, 0.4)
+    )
     assert load_robot(given).joint_upper[:3].tolist() == [0.4, 0.4, 0.4]
 
 
 def test_missing_contact_frames_name_the_nearest(solo_spec) -> None:
-    (problem,) = problems(replace(solo_spec, contact_frames=("FL_FOOT", "FR_FOT")))
+    (problem,) = problems(solo_spec.replace({"contact_frames": ("FL_FOOT", "FR_FOT")}))
     assert problem.startswith("contact frame 'FR_FOT' is not in the model; did you mean FR_FOOT or")
-    (problem,) = problems(replace(solo_spec, contact_frames=("qqq",)))
+    (problem,) = problems(solo_spec.replace({"contact_frames": ("qqq",)}))
     assert "there are root_joint, base_link, FL_HAA" in problem
 
 
 def test_feet_need_a_free_flyer(solo_spec) -> None:
-    (problem,) = problems(replace(solo_spec, floating_base=False))
+    (problem,) = problems(solo_spec.replace({"floating_base": False}))
     assert problem == (
         "contact_frames are given (FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT) but the base is fixed: a robot on feet needs a"
         " free-flyer (floating_base: true)"
@@ -89,7 +89,7 @@ def test_missing_inertia(data_dir) -> None:
         "link 'base': the floating base has no mass (missing <inertial>?)",
         "joints that move no inertia: wave; give the links after them an <inertial>, or the joints an armature",
     )
-    fixed = load_robot(replace(spec, floating_base=False, armature={"wave": 1e-3}))
+    fixed = load_robot(spec.replace({"floating_base": False, "armature_kg_m2": {"wave": 1e-3}}))
     assert fixed.notes == ("no mass: link 'bracket', link 'flag'",)
 
 
@@ -101,7 +101,7 @@ def test_singular_for_another_reason() -> None:
 def test_a_second_free_flyer(data_dir) -> None:
     spec = RobotSpec(urdf=data_dir / "floating_root.urdf")
     assert any("the URDF's root has a floating joint of its own, 'drift'" in problem for problem in problems(spec))
-    robot = load_robot(replace(spec, floating_base=False))
+    robot = load_robot(spec.replace({"floating_base": False}))
     assert robot.floating_base and robot.nu == 2
 
 
@@ -132,15 +132,15 @@ def test_what_is_unusual_is_noted(data_dir) -> None:
 
 
 def test_keys_that_match_nothing(solo_spec) -> None:
-    spec = replace(solo_spec, effort_limit={"*": 1.8, "FL_KFX": 1.0}, posture={"*_KNEE": 1.0})
+    spec = solo_spec.replace({"effort_limit_nm": {"*": 1.8, "FL_KFX": 1.0}, "posture": {"*_KNEE": 1.0}})
     first, second = problems(spec)
-    assert first.startswith("effort_limit: 'FL_KFX' matches no joint; there are FL_KFE")
+    assert first.startswith("effort_limit_nm: 'FL_KFX' matches no joint; there are FL_KFE")
     assert second.startswith("posture: '*_KNEE' matches no joint; there are")
 
 
 def test_position_limits_only_where_there_are_positions(data_dir) -> None:
-    (problem,) = problems(RobotSpec(urdf=data_dir / "tripod.urdf", position_limit={"spin": (0.0, 1.0)}))
-    assert problem.startswith("position_limit: 'spin' matches no joint that can have position limits; there are")
+    (problem,) = problems(RobotSpec(urdf=data_dir / "tripod.urdf", position_limit_rad={"spin": (0.0, 1.0)}))
+    assert problem.startswith("position_limit_rad: 'spin' matches no joint that can have position limits; there are")
 
 
 def write_urdf(path, data_dir, old: str, new: str):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from pathlib import Path
 
 import example_robot_data
 import numpy as np
@@ -29,7 +29,7 @@ def test_solo12_as_built(solo_spec) -> None:
 
 
 def test_model_is_that_of_the_official_loader(solo_spec, close) -> None:
-    robot, official = load_robot(replace(solo_spec, armature=0.0)), example_robot_data.load("solo12")
+    robot, official = load_robot(solo_spec.replace({"armature_kg_m2": 0.0})), example_robot_data.load("solo12")
     rng = np.random.default_rng(0)
     q = pin.integrate(robot.model, official.q0, rng.normal(size=18))
     v, a = rng.normal(size=(2, 18))
@@ -78,10 +78,10 @@ def test_frames_that_share_their_name_with_a_joint() -> None:
 def test_values_by_name_pattern_and_default() -> None:
     spec = RobotSpec(
         model="anymal_c",
-        effort_limit={"LF_KFE": 7.0, "*": 50.0, "*_KFE": 60.0},
-        velocity_limit={"?H_*": 5.0},
-        armature={"*_HAA": 0.2},
-        position_limit={"*_HFE": (-1.0, 2.0)},
+        effort_limit_nm={"LF_KFE": 7.0, "*": 50.0, "*_KFE": 60.0},
+        velocity_limit_rad_s={"?H_*": 5.0},
+        armature_kg_m2={"*_HAA": 0.2},
+        position_limit_rad={"*_HFE": (-1.0, 2.0)},
         posture={"*_HFE": 0.5, "LH_HFE": -0.5},
     )
     robot = load_robot(spec)
@@ -103,7 +103,7 @@ def test_rotor_parameters_of_the_srdf_are_the_armature_unless_given() -> None:
     talos = load_robot(RobotSpec(model="talos"))
     expected = talos.model.rotorInertia * talos.model.rotorGearRatio**2
     assert (talos.armature == expected[6:]).all() and talos.armature.max() > 0.05
-    assert (load_robot(RobotSpec(model="talos", armature=0.0)).armature == 0).all()
+    assert (load_robot(RobotSpec(model="talos", armature_kg_m2=0.0)).armature == 0).all()
 
 
 def test_base_as_the_named_model_has_it_unless_given() -> None:
@@ -163,18 +163,20 @@ def test_an_srdf_that_cannot_be_read(tmp_path, data_dir) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"model": None}, "model, urdf: got neither; expected exactly one"),
-        ({"urdf": "a.urdf"}, "model, urdf: got model='solo12' and urdf='a.urdf'"),
-        ({"contact_radius": -0.01}, "contact_radius: got -0.01; expected a length >= 0"),
-        ({"contact_radius": float("nan")}, "contact_radius: got nan"),
-        ({"contact_frames": ("a", "b", "a")}, "contact_frames: got a; expected each frame once"),
-        ({"effort_limit": 0.0}, "effort_limit: got 0.0; expected a torque > 0"),
-        ({"effort_limit": {"*_KFE": float("inf")}}, r"effort_limit\['\*_KFE'\]: got inf"),
-        ({"velocity_limit": True}, "velocity_limit: got True"),
-        ({"armature": -1.0}, "armature: got -1.0"),
-        ({"posture": {"FL_HAA": float("nan")}}, r"posture\['FL_HAA'\]: got nan"),
-        ({"position_limit": (1.0, -1.0)}, r"position_limit: got \(1.0, -1.0\); expected two finite numbers"),
-        ({"position_limit": {"a": (0.0, float("inf"))}}, r"position_limit\['a'\]"),
+        ({"model": None}, r"model: got nothing \(null\); expected a robot's name here, or a file"),
+        ({"urdf": Path("a.urdf")}, "urdf: got the text 'a.urdf'; expected no file here, because model is given"),
+        ({"contact_radius_m": -0.01}, "contact_radius_m: got -0.01; expected a number not below 0"),
+        ({"contact_radius_m": float("nan")}, "contact_radius_m: got NaN"),
+        ({"contact_radius_m": 16e3}, "contact_radius_m: got 16000; expected a number not above 0.5"),
+        ({"contact_frames": ("a", "b", "a")}, "contact_frames.2: got the text 'a'; expected each frame once"),
+        ({"effort_limit_nm": 0.0}, "effort_limit_nm: got 0; expected a number not below 1e-06"),
+        ({"effort_limit_nm": {"*_KFE": float("inf")}}, r"effort_limit_nm.\*_KFE: got inf"),
+        ({"velocity_limit_rad_s": True}, "velocity_limit_rad_s: got true"),
+        ({"velocity_limit_rad_s": 1e-308}, "velocity_limit_rad_s: got 1e-308; expected a number not below 0.001"),
+        ({"armature_kg_m2": -1.0}, "armature_kg_m2: got -1"),
+        ({"posture": {"FL_HAA": float("nan")}}, "posture.FL_HAA: got NaN"),
+        ({"position_limit_rad": (1.0, -1.0)}, r"position_limit_rad: got the list \[1.0, -1.0\]; expected \[lowest"),
+        ({"position_limit_rad": {"a": (0.0, float("inf"))}}, "position_limit_rad.a.1: got inf"),
     ],
 )
 def test_values_that_no_robot_could_have(changes: dict[str, object], message: str) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -29,7 +27,7 @@ def test_solo_stands_on_four_feet(solo_spec) -> None:
 
 @pytest.mark.parametrize("radius", [0.0, 0.016])
 def test_the_contact_points_touch_the_ground(solo_spec, radius: float) -> None:
-    robot = load_robot(replace(solo_spec, contact_radius=radius, posture="straight_standing"))
+    robot = load_robot(solo_spec.replace({"contact_radius_m": radius, "posture": "straight_standing"}))
     assert contact_points(robot)[:, 2].min() == pytest.approx(0, abs=1e-15)
 
 
@@ -37,7 +35,7 @@ def test_uneven_legs_tilt_the_base_until_all_feet_touch(data_dir) -> None:
     spec = RobotSpec(
         urdf=data_dir / "tripod.urdf",
         contact_frames=FEET,
-        contact_radius=0.02,
+        contact_radius_m=0.02,
         posture={"slide_a": 0.3, "slide_b": 0.2},
     )
     robot = load_robot(spec)
@@ -80,9 +78,9 @@ def test_named_postures(data_dir, solo_spec) -> None:
     assert robot.q_reference[7:10].tolist() == [0.35] * 3
     assert robot.armature.tolist() == [0, 0, 0, 2e-5 * 100]
     with pytest.raises(ModelError, match="posture: no reference configuration is named 'tal'; there are tall"):
-        load_robot(replace(spec, posture="tal"))
+        load_robot(spec.replace({"posture": "tal"}))
     with pytest.raises(ModelError, match="named 'tall'; the model has none"):
-        load_robot(replace(spec, srdf=None))
+        load_robot(spec.replace({"srdf": None}))
     assert load_robot(solo_spec).q_reference[8] == 0.8  # the named model's own
 
 

@@ -21,11 +21,11 @@ def solo12() -> Robot:
     spec = RobotSpec(
         model="solo12",
         contact_frames=FEET,
-        contact_radius=0.016,
-        effort_limit=1.8,
-        velocity_limit=30.0,
-        position_limit=(-3.0, 3.0),
-        armature=3.6e-4,
+        contact_radius_m=0.016,
+        effort_limit_nm=1.8,
+        velocity_limit_rad_s=30.0,
+        position_limit_rad=(-3.0, 3.0),
+        armature_kg_m2=3.6e-4,
         posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6},
     )
     return load_robot(spec)

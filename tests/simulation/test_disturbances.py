@@ -28,14 +28,14 @@ def applied(schedule: PushSchedule, dt: float, steps: int) -> dict[str, np.ndarr
     impulse=st.tuples(*[st.floats(-10, 10)] * 3),
 )
 def test_applied_impulse_is_the_demanded_one(dt, time, duration, impulse):
-    schedule = PushSchedule([Push("base_link", time, duration, impulse)], dt, BODIES)
+    schedule = PushSchedule([Push(body="base_link", time_s=time, duration_s=duration, impulse_ns=impulse)], dt, BODIES)
     total = applied(schedule, dt, math.ceil((time + duration) / dt) + 2)["base_link"]
     np.testing.assert_allclose(total[:3], impulse, rtol=1e-12, atol=1e-13)
     assert not total[3:].any()
 
 
 def test_a_push_on_whole_steps_is_constant_and_ends_sharply():
-    push = Push("base_link", 0.5, 0.2, (0.0, 2.0, 0.0))
+    push = Push(body="base_link", time_s=0.5, duration_s=0.2, impulse_ns=(0.0, 2.0, 0.0))
     schedule = PushSchedule([push], 1e-3, BODIES)
     forces = np.array([schedule.wrenches(k * 1e-3)["base_link"][1] for k in range(1000)])
     on = np.flatnonzero(forces)
@@ -46,15 +46,17 @@ def test_a_push_on_whole_steps_is_constant_and_ends_sharply():
 
 
 def test_a_push_shorter_than_the_snapping_keeps_its_impulse():
-    schedule = PushSchedule([Push("base_link", 0.01, 1e-12, (1.0, 0.0, 0.0))], 1e-3, BODIES)
+    schedule = PushSchedule(
+        [Push(body="base_link", time_s=0.01, duration_s=1e-12, impulse_ns=(1.0, 0.0, 0.0))], 1e-3, BODIES
+    )
     np.testing.assert_allclose(applied(schedule, 1e-3, 20)["base_link"][:3], (1.0, 0.0, 0.0), rtol=1e-9)
 
 
 def test_pushes_overlap_and_act_on_their_own_bodies():
     pushes = [
-        Push("base_link", 0.0, 0.01, (1.0, 0.0, 0.0)),
-        Push("base_link", 0.005, 0.01, (0.0, 1.0, 0.0)),
-        Push("FL_SHOULDER", 0.0, 0.02, (0.0, 0.0, 1.0)),
+        Push(body="base_link", time_s=0.0, duration_s=0.01, impulse_ns=(1.0, 0.0, 0.0)),
+        Push(body="base_link", time_s=0.005, duration_s=0.01, impulse_ns=(0.0, 1.0, 0.0)),
+        Push(body="FL_SHOULDER", time_s=0.0, duration_s=0.02, impulse_ns=(0.0, 0.0, 1.0)),
     ]
     schedule = PushSchedule(pushes, 1e-3, BODIES)
     assert schedule.bodies == ("base_link", "FL_SHOULDER")
@@ -66,7 +68,9 @@ def test_pushes_overlap_and_act_on_their_own_bodies():
 
 
 def test_wrenches_cannot_be_changed_by_a_reader():
-    schedule = PushSchedule([Push("base_link", 0.0, 0.01, (1.0, 0.0, 0.0))], 1e-3, BODIES)
+    schedule = PushSchedule(
+        [Push(body="base_link", time_s=0.0, duration_s=0.01, impulse_ns=(1.0, 0.0, 0.0))], 1e-3, BODIES
+    )
     for time in (0.0, 0.5):
         with pytest.raises(ValueError, match="read-only"):
             schedule.wrenches(time)["base_link"][0] = 1.0
@@ -80,23 +84,26 @@ def test_no_pushes():
 @pytest.mark.parametrize(
     ("arguments", "name"),
     [
-        (("base_link", -0.1, 0.2, (0, 1, 0)), "time"),
-        (("base_link", math.nan, 0.2, (0, 1, 0)), "time"),
-        (("base_link", 0.1, 0.0, (0, 1, 0)), "duration"),
-        (("base_link", 0.1, -0.2, (0, 1, 0)), "duration"),
-        (("base_link", 0.1, math.inf, (0, 1, 0)), "duration"),
-        (("base_link", 0.1, 0.2, (0, math.nan, 0)), "impulse"),
-        (("base_link", 0.1, 0.2, (0, 1)), "impulse"),
+        (("base_link", -0.1, 0.2, (0, 1, 0)), "time_s"),
+        (("base_link", math.nan, 0.2, (0, 1, 0)), "time_s"),
+        (("base_link", 0.1, 0.0, (0, 1, 0)), "duration_s"),
+        (("base_link", 0.1, -0.2, (0, 1, 0)), "duration_s"),
+        (("base_link", 0.1, math.inf, (0, 1, 0)), "duration_s"),
+        (("base_link", 0.1, 0.2, (0, math.nan, 0)), "impulse_ns.1"),
+        (("base_link", 0.1, 0.2, (0, 1)), "impulse_ns"),
     ],
 )
 def test_bad_push_is_refused_by_name(arguments, name):
     with pytest.raises(InputError) as caught:
-        Push(*arguments)
+        Push(**dict(zip(Push.model_fields, arguments, strict=True)))
     assert caught.value.argument == name
 
 
 def test_unknown_body_names_the_nearest():
-    pushes = [Push("base_link", 0.0, 0.1, (0, 1, 0)), Push("base_lnk", 0.0, 0.1, (0, 1, 0))]
+    pushes = [
+        Push(body="base_link", time_s=0.0, duration_s=0.1, impulse_ns=(0, 1, 0)),
+        Push(body="base_lnk", time_s=0.0, duration_s=0.1, impulse_ns=(0, 1, 0)),
+    ]
     with pytest.raises(InputError) as caught:
         PushSchedule(pushes, 1e-3, BODIES)
     assert caught.value.argument == "pushes.1.body"

@@ -270,7 +270,9 @@ def test_samples_do_not_change_afterwards(plant_type, solo12, hold):
 def test_a_scheduled_push_gives_its_impulse(plant_type, solo12):
     """In flight: the linear momentum gained is the impulse, also of a push that begins and ends within steps."""
     plant = plant_type(solo12)
-    schedule = PushSchedule([Push("base_link", 0.01234, 0.05, (0.2, -0.3, 0.1))], plant.dt, plant.bodies)
+    schedule = PushSchedule(
+        [Push(body="base_link", time_s=0.01234, duration_s=0.05, impulse_ns=(0.2, -0.3, 0.1))], plant.dt, plant.bodies
+    )
     x = solo12.x_reference.copy()
     x[2] = 3.0
     plant.reset(x)

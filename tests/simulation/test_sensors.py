@@ -17,7 +17,7 @@ from lgmpc.simulation.parameters import PlantParameters
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.simulation.sensors import SensorNoise, Sensors
 
-SILENT = SensorNoise(**dict.fromkeys(SensorNoise.__dataclass_fields__, 0.0))
+SILENT = SensorNoise(**dict.fromkeys(SensorNoise.model_fields, 0.0))
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -80,8 +80,16 @@ def test_at_rest_the_accelerometer_feels_the_floor_not_gravity(solo12) -> None:
 
 
 def test_noise_has_the_densities_that_were_asked_for(solo12) -> None:
-    noise = SensorNoise(gyro=1e-3, accelerometer=2e-2, gyro_bias=0.0, accelerometer_bias=0.0, encoder_step=0.0)
-    noise = SensorNoise(**{**vars(noise), "gyro_bias_walk": 0.0, "accelerometer_bias_walk": 0.0})
+    noise = SensorNoise(
+        gyro_noise_rad_s_rt_hz=1e-3,
+        accelerometer_noise_m_s2_rt_hz=2e-2,
+        gyro_bias_rad_s=0.0,
+        accelerometer_bias_m_s2=0.0,
+        encoder_step_rad=0.0,
+    )
+    noise = SensorNoise(
+        **{**vars(noise), "gyro_bias_walk_rad_s2_rt_hz": 0.0, "accelerometer_bias_walk_m_s3_rt_hz": 0.0}
+    )
     sensors, sample, n = Sensors(solo12, noise, 0.01, np.random.default_rng(0)), at_rest(solo12), 4000
     readings = [sensors.read(sample) for _ in range(n)]
 
@@ -90,13 +98,18 @@ def test_noise_has_the_densities_that_were_asked_for(solo12) -> None:
 
     assert spread("gyro", np.zeros(3)) == pytest.approx(1e-3 / np.sqrt(0.01), rel=0.03)
     assert spread("accelerometer", -GRAVITY) == pytest.approx(2e-2 / np.sqrt(0.01), rel=0.03)
-    assert spread("joints", sample.q[7:]) == pytest.approx(noise.encoder, rel=0.02)
-    assert spread("speeds", sample.v[6:]) == pytest.approx(noise.joint_velocity, rel=0.02)
-    assert spread("torques", sample.tau) == pytest.approx(noise.torque, rel=0.02)
+    assert spread("joints", sample.q[7:]) == pytest.approx(noise.encoder_noise_rad, rel=0.02)
+    assert spread("speeds", sample.v[6:]) == pytest.approx(noise.joint_velocity_noise_rad_s, rel=0.02)
+    assert spread("torques", sample.tau) == pytest.approx(noise.torque_noise_nm, rel=0.02)
 
 
 def test_biases_begin_and_walk_as_they_were_asked_to(solo12) -> None:
-    noise = SensorNoise(gyro_bias=0.01, accelerometer_bias=0.5, gyro_bias_walk=0.02, accelerometer_bias_walk=0.3)
+    noise = SensorNoise(
+        gyro_bias_rad_s=0.01,
+        accelerometer_bias_m_s2=0.5,
+        gyro_bias_walk_rad_s2_rt_hz=0.02,
+        accelerometer_bias_walk_m_s3_rt_hz=0.3,
+    )
     starts, walked = [], []
     for seed in range(300):
         sensors = Sensors(solo12, noise, 0.5, np.random.default_rng(seed))
@@ -111,7 +124,7 @@ def test_biases_begin_and_walk_as_they_were_asked_to(solo12) -> None:
 
 
 def test_encoders_count_steps(solo12) -> None:
-    noise = SensorNoise(encoder=0.0, encoder_step=0.03)
+    noise = SensorNoise(encoder_noise_rad=0.0, encoder_step_rad=0.03)
     joints = Sensors(solo12, noise, 1e-3, np.random.default_rng(0)).read(at_rest(solo12)).joints
     np.testing.assert_allclose(joints / 0.03, np.round(joints / 0.03), atol=1e-9)
     assert 0.0 < np.abs(joints - solo12.q_reference[7:]).max() <= 0.015
@@ -158,8 +171,8 @@ def test_the_controller_receives_the_estimate_and_not_the_true_state(plant_type,
 
 
 def test_impossible_sensors_are_refused(solo12, zoo) -> None:
-    with pytest.raises(InputError, match="^gyro: got -1"):
-        SensorNoise(gyro=-1.0)
+    with pytest.raises(InputError, match="^gyro_noise_rad_s_rt_hz: got -1"):
+        SensorNoise(gyro_noise_rad_s_rt_hz=-1.0)
     with pytest.raises(InputError, match="^period: got 0"):
         Sensors(solo12, SILENT, 0.0, np.random.default_rng(0))
     with pytest.raises(InputError, match="^robot: got zoo"):

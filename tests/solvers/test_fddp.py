@@ -238,7 +238,9 @@ def test_where_what_is_held_does_not_settle_regularisation_helps(linear: Callabl
 def test_stiff_bounded_problems_take_as_few_iterations_as_the_sqp(effort: float, rolled_out: bool) -> None:
     """Boxes on each node's step alone stall here, or take hundreds of iterations."""
     robot = load_robot(
-        RobotSpec("double_pendulum", effort_limit=effort, velocity_limit=20.0, position_limit=(-3.0, 3.0))
+        RobotSpec(
+            model="double_pendulum", effort_limit_nm=effort, velocity_limit_rad_s=20.0, position_limit_rad=(-3.0, 3.0)
+        )
     )
     settings = ReachSettings("link2", (0.0290872, 0.06, 0.115), nodes=20, node_duration=0.02)
     problem = build_reach(robot, settings).problem

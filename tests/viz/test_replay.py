@@ -86,7 +86,7 @@ def test_a_run_of_one_tick_is_a_picture(solo12, pushed_run) -> None:
 
 def test_a_run_of_another_robot_or_of_nothing_is_refused(solo12, pushed_run) -> None:
     with pytest.raises(InputError, match=r"nq = 19.*a run of panda"):
-        replay_page(load_robot(RobotSpec(model="panda", effort_limit=80.0, velocity_limit=2.0)), pushed_run)
+        replay_page(load_robot(RobotSpec(model="panda", effort_limit_nm=80.0, velocity_limit_rad_s=2.0)), pushed_run)
     log = replace(pushed_run.log, q=np.full_like(pushed_run.log.q, np.nan))
     with pytest.raises(InputError, match="none finite"):
         replay_page(solo12, replace(pushed_run, log=log))

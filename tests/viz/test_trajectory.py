@@ -73,7 +73,7 @@ def content_of(page: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return load_robot(RobotSpec("panda"))
+    return load_robot(RobotSpec(model="panda"))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def hop(solo12: Robot) -> SolvedRun:
 
 @pytest.fixture(scope="module")
 def iris() -> Robot:
-    return load_robot(RobotSpec("iris"))
+    return load_robot(RobotSpec(model="iris"))
 
 
 @pytest.fixture(scope="module")

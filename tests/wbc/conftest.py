@@ -20,12 +20,12 @@ def solo12() -> Robot:
         RobotSpec(
             model="solo12",
             contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
-            contact_radius=0.016,
+            contact_radius_m=0.016,
             posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6},
-            effort_limit=1.8,
-            velocity_limit=30.0,
-            position_limit={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
-            armature=3.6e-4,
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
+            armature_kg_m2=3.6e-4,
         )
     )
 

@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from pydantic import Field
 
-from lgmpc.errors import InputError
+from lgmpc.settings import Noise, Settings
 
 __all__ = ["ImuNoise"]
 
 
-@dataclass(frozen=True)
-class ImuNoise:
+class ImuNoise(Settings):
     """Densities of white noise, as data sheets have them; a sample over ``dt`` has variance ``density^2 / dt``.
 
-    Attributes:
-        gyro: rad/s/sqrt(Hz).
-        accelerometer: m/s2/sqrt(Hz).
-        gyro_bias_walk: of the bias's rate, rad/s2/sqrt(Hz); it adds ``density^2 dt`` to the bias's variance.
-        accelerometer_bias_walk: m/s3/sqrt(Hz).
-
-    Raises:
-        InputError: a density that is negative or not finite.
+    The walk of a bias integrates white noise: it adds ``density^2 dt`` to the bias's variance.
     """
 
-    gyro: float = 1e-4
-    accelerometer: float = 3e-4
-    gyro_bias_walk: float = 1e-5
-    accelerometer_bias_walk: float = 1e-4
+    gyro_noise_rad_s_rt_hz: Noise = Field(
+        default=1e-4, description="Density of the gyro's white noise, rad/s/sqrt(Hz)."
+    )
+    gyro_bias_walk_rad_s2_rt_hz: Noise = Field(
+        default=1e-5, description="Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+    )
+    accelerometer_noise_m_s2_rt_hz: Noise = Field(
+        default=3e-4, description="Density of the accelerometer's white noise, m/s2/sqrt(Hz)."
+    )
+    accelerometer_bias_walk_m_s3_rt_hz: Noise = Field(
+        default=1e-4, description="Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
+    )
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(field.name, value, "a density that is not negative")
+    @property
+    def densities(self) -> tuple[float, float, float, float]:
+        """Gyro, accelerometer, walk of the gyro's bias, walk of the accelerometer's bias."""
+        return (
+            self.gyro_noise_rad_s_rt_hz,
+            self.accelerometer_noise_m_s2_rt_hz,
+            self.gyro_bias_walk_rad_s2_rt_hz,
+            self.accelerometer_bias_walk_m_s3_rt_hz,
+        )

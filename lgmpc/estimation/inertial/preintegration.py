@@ -56,7 +56,7 @@ class Preintegration:
         self.bias_jacobian = np.zeros((9, 6))
         self.covariance = np.zeros((9, 9))
         self._bias = _biases(gyro_bias, accelerometer_bias)
-        self._densities = np.repeat([noise.gyro**2, noise.accelerometer**2], 3)
+        self._densities = np.repeat(np.square(noise.densities[:2]), 3)
         self._rule = rule
 
     def integrate(self, gyro: Array, accelerometer: Array, duration: float) -> None:

@@ -85,7 +85,7 @@ class InvariantEkf:
         self._touching = np.zeros(contacts, dtype=np.bool_)
         self._new_point, self._new_noise = np.zeros(3), np.zeros((3, 3))
         offset = three("contact_offset", contact_offset)
-        densities = (noise.gyro, noise.accelerometer, noise.gyro_bias_walk, noise.accelerometer_bias_walk, slip)
+        densities = (*noise.densities, slip)
         self._parameters = np.concatenate([[0.0], three("gravity", gravity), offset, np.square(densities)])
 
         # A symmetric matrix is the same column by column and row by row; the pose is the one that is not.

@@ -1,0 +1,129 @@
+"""The two kinds of documents: the config of a closed loop, and that of a trajectory to optimise.
+
+A document composes the rooms' own settings and checks what holds between them; it defines no setting of a room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, TypeVar, Union
+
+from pydantic import Field, PrivateAttr, model_validator
+
+from lgmpc.config.schema.plant import PlantSection
+from lgmpc.config.schema.problem import ProblemSection
+from lgmpc.config.schema.solver import SolverSection
+from lgmpc.config.schema.wbc import WbcSection
+from lgmpc.config.source import ConfigSource
+from lgmpc.control.reference import CircleReference, StandReference
+from lgmpc.errors import ConfigError
+from lgmpc.estimation import LeggedEstimatorSettings
+from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
+from lgmpc.robot import RobotSpec
+from lgmpc.runs import Gate, LogSettings, SolveGate
+from lgmpc.settings import Positive, Problem, Settings, problem, problems
+from lgmpc.simulation.disturbances import Push
+from lgmpc.simulation.sensors import SensorNoise
+
+__all__ = ["MOST_TICKS", "Config", "Document", "GroundTruth", "SolveConfig"]
+
+MOST_TICKS = 3_600_000
+"""Ticks of the longest run: an hour at 1 kHz, which takes 4 GB."""
+
+D = TypeVar("D", bound="Document")
+
+
+class Document(Settings):
+    """A whole config file."""
+
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+        max_length=80,
+        description="Name of the run; part of its folder's name, so letters, digits, '.', '_' and '-' only.",
+    )
+    robot: RobotSpec = Field(description="The robot.")
+
+    _source: ConfigSource = PrivateAttr(default_factory=lambda: ConfigSource("config"))
+
+    @property
+    def source(self) -> ConfigSource:
+        """Where each key's value came from."""
+        return self._source
+
+    def with_source(self: D, source: ConfigSource) -> D:
+        """Return a copy that records where its values came from; equal to this one."""
+        copy = self.model_copy()
+        copy._source = source
+        return copy
+
+    def error(
+        self, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
+    ) -> ConfigError:
+        """Make the error for a key whose value turned out unusable later, naming the file and line it came from.
+
+        Arguments as in :class:`lgmpc.errors.ConfigError`.
+        """
+        return ConfigError(self.source.where(key), key, got, expected, choices, word=word)
+
+
+class GroundTruth(Settings):
+    """No estimator: the controllers receive the simulator's state."""
+
+    kind: Literal["ground_truth"] = Field(default="ground_truth", description="The simulator's exact state.")
+
+
+class Config(Document):
+    """A closed loop: a robot, its world, its controllers, what it should do, and what counts as success."""
+
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
+        default=0, description="Seed of all random numbers."
+    )
+    duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
+    plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
+    sensors: SensorNoise = Field(default=SensorNoise(), description="How the simulated robot's sensors err.")
+    estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007
+        default=GroundTruth(), description="How the controllers learn the state."
+    )
+    mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
+    wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
+    reference: Annotated[Union[StandReference, CircleReference], Field(discriminator="kind")] = Field(  # noqa: UP007
+        default=StandReference(), description="What the robot should do."
+    )
+    pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
+    gate: Gate = Field(default=Gate(), description="What counts as success.")
+    log: LogSettings = Field(default=LogSettings(), description="What is recorded.")
+
+    @model_validator(mode="after")
+    def _rates_divide(self) -> Config:
+        """The loop counts plant steps, so every slower rate must come after a whole number of faster ticks."""
+        pairs = [
+            ("wbc.rate_hz", self.wbc.rate_hz, "plant.rate_hz", self.plant.rate_hz),
+            ("log.rate_hz", self.log.rate_hz, "wbc.rate_hz", self.wbc.rate_hz),
+        ]
+        if self.mpc.enabled:
+            pairs.append(("mpc.rate_hz", self.mpc.rate_hz, "wbc.rate_hz", self.wbc.rate_hz))
+        found = []
+        for key, slow, fast_key, fast in pairs:
+            ratio = fast / slow
+            if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+                found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
+        if found:
+            raise problems(found)
+        return self
+
+    @model_validator(mode="after")
+    def _has_ticks(self) -> Config:
+        """Every tick of the whole-body controller is recorded, in memory."""
+        ticks, rate = self.duration_s * self.wbc.rate_hz, self.wbc.rate_hz
+        if not 0.5 < ticks <= MOST_TICKS:
+            expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
+            raise problem(expected, key="duration_s", got=self.duration_s)
+        return self
+
+
+class SolveConfig(Document):
+    """A trajectory to optimise: a robot, a problem, a solver, and what counts as success."""
+
+    problem: ProblemSection = Field(description="What is optimised.")
+    solver: SolverSection = Field(default=SolverSection(), description="How it is solved.")
+    gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")

@@ -113,22 +113,22 @@ class _Observer:
             terms.update(sample.q, sample.v)
             self._record_estimate(tick.state.q, tick.state.v, estimator.contacts, 1e3 * estimator.spent)
         self._record(
-            sample.time,
-            sample.q,
-            sample.v,
-            sample.tau,
-            tick.torque,
-            sample.contact_forces,
-            wbc.forces,
-            terms.contact_points,
-            terms.com,
-            controller.target,
-            terms.momentum,
-            controller.base_target,
-            tick.disturbance.wrench,
-            tick.disturbance.point,
-            0 if wbc.status is QpStatus.SOLVED else 1,
-            controller.wbc_ms,
+            time=sample.time,
+            q=sample.q,
+            v=sample.v,
+            tau=sample.tau,
+            tau_command=tick.torque,
+            contact_forces=sample.contact_forces,
+            contact_forces_desired=wbc.forces,
+            contact_points=terms.contact_points,
+            com=terms.com,
+            com_reference=controller.target,
+            momentum=terms.momentum,
+            base_reference=controller.base_target,
+            push=tick.disturbance.wrench,
+            push_point=tick.disturbance.point,
+            wbc_status=0 if wbc.status is QpStatus.SOLVED else 1,
+            wbc_ms=controller.wbc_ms,
         )
         if planner is not None and planner.planned and planner.plan is not None:
             plan = planner.plan

@@ -1,9 +1,9 @@
-"""What a run leaves behind as arrays: the channels, their shapes, and their checks."""
+"""The arrays of a run's log: the channels, their shapes, and their checks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -30,45 +30,22 @@ class Channel:
     dtype: type[np.generic] = np.float64
 
 
-CHANNELS: Mapping[str, Channel] = {
-    "time": Channel(),
-    "q": Channel(("nq",)),
-    "v": Channel(("nv",)),
-    "tau": Channel(("nu",)),
-    "tau_command": Channel(("nu",)),
-    "contact_forces": Channel(("nc", 3)),
-    "contact_forces_desired": Channel(("nc", 3)),
-    "contact_points": Channel(("nc", 3)),
-    "com": Channel((3,)),
-    "com_reference": Channel((3,)),
-    "momentum": Channel((6,)),
-    "base_reference": Channel((7,)),
-    "push": Channel((6,)),
-    "push_point": Channel((3,)),
-    "wbc_status": Channel((), np.int8),
-    "wbc_ms": Channel(),
-}
-"""Channels with one entry per logged control tick."""
-
-ESTIMATE_CHANNELS: Mapping[str, Channel] = {
-    "estimate_q": Channel(("nq",)),
-    "estimate_v": Channel(("nv",)),
-    "estimate_contacts": Channel(("nc",), np.int8),
-    "estimate_ms": Channel(),
-}
-"""Channels with one entry per logged control tick of runs whose controller was told an estimate; absent otherwise."""
-
-MPC_CHANNELS: Mapping[str, Channel] = {
-    "mpc_time": Channel(),
-    "mpc_horizon_com": Channel(("nodes", 3)),
-    "mpc_forces": Channel(("nc", 3)),
-    "mpc_status": Channel((), np.int8),
-    "mpc_ms": Channel(),
-}
-"""Channels with one entry per MPC update; ``nodes`` counts the horizon's states, N + 1."""
+def _tick(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+    """Declare a channel with one entry per logged control tick."""
+    return field(metadata={"tick": Channel(axes, dtype)})
 
 
-@dataclass(frozen=True)
+def _update(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+    """Declare a channel with one entry per MPC update; the axis ``nodes`` counts the horizon's states, N + 1."""
+    return field(metadata={"update": Channel(axes, dtype)})
+
+
+def _estimate(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+    """Declare a channel with one entry per logged control tick of runs with an estimator; absent otherwise."""
+    return field(default=None, metadata={"estimate": Channel(axes, dtype)})
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunLog:
     """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
 
@@ -77,7 +54,7 @@ class RunLog:
         q: (n, nq) configuration.
         v: (n, nv) velocity.
         tau: (n, nu) torque applied by the plant, after clipping, N.m.
-        tau_command: (n, nu) torque that the controller asked for, N.m.
+        tau_command: (n, nu) torque that the controller commanded, N.m.
         contact_forces: (n, nc, 3) forces on the robot as the plant measured them, N.
         contact_forces_desired: (n, nc, 3) forces of the whole-body QP, N.
         contact_points: (n, nc, 3) where the contact points are, m.
@@ -102,34 +79,38 @@ class RunLog:
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
-        estimate_q: (n, nq) configuration that the controller was told; None, as all of the estimate, if it was the
+        estimate_q: (n, nq) configuration that the controller received; None, as all of the estimate, if it was the
             true one.
-        estimate_v: (n, nv) velocity that it was told.
-        estimate_contacts: (n, nc) 1 = the estimator believed that the foot stands.
+        estimate_v: (n, nv) velocity that it received.
+        estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing.
         estimate_ms: (n,) duration of the estimator's tick, ms.
     """
 
-    time: Array
-    q: Array
-    v: Array
-    tau: Array
-    tau_command: Array
-    contact_forces: Array
-    contact_forces_desired: Array
-    contact_points: Array
-    com: Array
-    com_reference: Array
-    momentum: Array
-    base_reference: Array
-    push: Array
-    push_point: Array
-    wbc_status: StatusArray
-    wbc_ms: Array
-    mpc_time: Array
-    mpc_horizon_com: Array
-    mpc_forces: Array
-    mpc_status: StatusArray
-    mpc_ms: Array
+    time: Array = _tick()
+    q: Array = _tick("nq")
+    v: Array = _tick("nv")
+    tau: Array = _tick("nu")
+    tau_command: Array = _tick("nu")
+    contact_forces: Array = _tick("nc", 3)
+    contact_forces_desired: Array = _tick("nc", 3)
+    contact_points: Array = _tick("nc", 3)
+    com: Array = _tick(3)
+    com_reference: Array = _tick(3)
+    momentum: Array = _tick(6)
+    base_reference: Array = _tick(7)
+    push: Array = _tick(6)
+    push_point: Array = _tick(3)
+    wbc_status: StatusArray = _tick(dtype=np.int8)
+    wbc_ms: Array = _tick()
+    mpc_time: Array = _update()
+    mpc_horizon_com: Array = _update("nodes", 3)
+    mpc_forces: Array = _update("nc", 3)
+    mpc_status: StatusArray = _update(dtype=np.int8)
+    mpc_ms: Array = _update()
+    estimate_q: Array | None = _estimate("nq")
+    estimate_v: Array | None = _estimate("nv")
+    estimate_contacts: StatusArray | None = _estimate("nc", dtype=np.int8)
+    estimate_ms: Array | None = _estimate()
     contact_frames: NDArray[np.str_]
     joint_names: NDArray[np.str_]
     effort_limit: Array
@@ -138,10 +119,6 @@ class RunLog:
     control_period_s: float
     mpc_period_s: float
     floating_base: bool = True
-    estimate_q: Array | None = None
-    estimate_v: Array | None = None
-    estimate_contacts: StatusArray | None = None
-    estimate_ms: Array | None = None
 
     def __post_init__(self) -> None:
         dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
@@ -184,7 +161,7 @@ class RunLog:
 
     @property
     def estimated(self) -> bool:
-        """Whether the controller was told an estimate."""
+        """Whether the controller received an estimate."""
         return any(getattr(self, name) is not None for name in ESTIMATE_CHANNELS)
 
     @property
@@ -216,7 +193,7 @@ class RunLog:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as named arrays, as ``log.npz`` holds it."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
         return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
     @classmethod
@@ -227,7 +204,7 @@ class RunLog:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
         absent = [name for name in ESTIMATE_CHANNELS if name not in arrays]
-        names = [field.name for field in fields(cls) if field.name not in absent]
+        names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
         if missing:
             raise RunFolderError(f"log lacks {', '.join(missing)}")
@@ -237,6 +214,14 @@ class RunLog:
                 raise RunFolderError(f"log entry '{name}' has shape {values[name].shape}, expected one number")
             values[name] = values[name].item()
         return cls(**values)
+
+
+def _table(name: str) -> Mapping[str, Channel]:
+    return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
+
+
+CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS = _table("tick"), _table("update"), _table("estimate")
+"""Channels by what has an entry in them: control ticks, MPC updates, and control ticks of runs with an estimator."""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class Recorder:
         mpc_updates: MPC updates foreseen.
         floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered if not given.
-        estimated: whether the controller is told an estimate, so that :meth:`record_estimate` will be called.
+        estimated: whether the controller receives an estimate, so that :meth:`record_estimate` will be called.
 
     Raises:
         InputError: if a size, a period or the friction cannot be.
@@ -106,49 +106,20 @@ class Recorder:
         """Number of MPC updates recorded so far."""
         return self._mpc_rows.count
 
-    def record(
-        self,
-        time: float,
-        q: Array,
-        v: Array,
-        tau: Array,
-        tau_command: Array,
-        contact_forces: Array,
-        contact_forces_desired: Array,
-        contact_points: Array,
-        com: Array,
-        com_reference: Array,
-        momentum: Array,
-        base_reference: Array,
-        push: Array,
-        push_point: Array,
-        wbc_status: int,
-        wbc_ms: float,
-    ) -> None:
-        """Copy one control tick. Shapes and units as in :class:`~lgmpc.runs.log.RunLog`, without the first axis."""
-        rows = self._rows
-        i = rows.count
-        if i == rows.capacity:
-            rows.grow()
-        b = rows.buffers
-        b["time"][i] = time
-        b["q"][i] = q
-        b["v"][i] = v
-        b["tau"][i] = tau
-        b["tau_command"][i] = tau_command
-        b["contact_forces"][i] = contact_forces
-        b["contact_forces_desired"][i] = contact_forces_desired
-        b["contact_points"][i] = contact_points
-        b["com"][i] = com
-        b["com_reference"][i] = com_reference
-        b["momentum"][i] = momentum
-        b["base_reference"][i] = base_reference
-        b["push"][i] = push
-        b["push_point"][i] = push_point
-        b["wbc_status"][i] = wbc_status
-        b["wbc_ms"][i] = wbc_ms
-        # Counted last: a tick that an interrupt cuts in half is not part of the log.
-        rows.count = i + 1
+    def record(self, **channels: ArrayLike) -> None:
+        """Copy one control tick.
+
+        Args:
+            channels: a value for each of :data:`~lgmpc.runs.log.CHANNELS`; shapes and units as in
+                :class:`~lgmpc.runs.log.RunLog`, without the first axis.
+
+        Raises:
+            InputError: a channel is missing or unknown.
+        """
+        if channels.keys() != self._rows.buffers.keys():
+            odd = sorted(channels.keys() ^ self._rows.buffers.keys())
+            raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
+        self._rows.append(channels)
 
     def record_mpc(self, time: float, horizon_com: Array, forces: Array, status: int, ms: float) -> None:
         """Copy one MPC update.
@@ -160,42 +131,23 @@ class Recorder:
             status: 0 = solved.
             ms: how long it took, ms.
         """
-        rows = self._mpc_rows
-        i = rows.count
-        if i == rows.capacity:
-            rows.grow()
-        b = rows.buffers
-        b["mpc_time"][i] = time
-        b["mpc_horizon_com"][i] = horizon_com
-        b["mpc_forces"][i] = forces
-        b["mpc_status"][i] = status
-        b["mpc_ms"][i] = ms
-        rows.count = i + 1
+        self._mpc_rows.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
     def record_estimate(self, q: Array, v: Array, contacts: ArrayLike, ms: float) -> None:
-        """Copy what the controller was told at a control tick, before that tick is recorded itself.
+        """Copy the estimate that the controller received at a control tick, before that tick is recorded itself.
 
         Args:
             q: (nq,) configuration.
             v: (nv,) velocity.
-            contacts: (nc,) which feet the estimator believes to stand.
+            contacts: (nc,) which feet the estimator classifies as standing.
             ms: how long the estimator took, ms.
 
         Raises:
             InputError: the recorder was not made for estimates.
         """
-        rows = self._estimate_rows
-        if rows is None:
+        if self._estimate_rows is None:
             raise InputError("estimated", False, "True, for a recorder that takes estimates")
-        i = rows.count
-        if i == rows.capacity:
-            rows.grow()
-        b = rows.buffers
-        b["estimate_q"][i] = q
-        b["estimate_v"][i] = v
-        b["estimate_contacts"][i] = contacts
-        b["estimate_ms"][i] = ms
-        rows.count = i + 1
+        self._estimate_rows.append(dict(zip(ESTIMATE_CHANNELS, (q, v, contacts, ms), strict=True)))
 
     def log_bytes(self, every: int = 1) -> int:
         """Return the size of the foreseen log's arrays, with one tick kept out of ``every``."""
@@ -231,11 +183,20 @@ class _Rows:
             tail = tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
             self.buffers[name] = np.zeros((self.capacity, *tail), dtype=channel.dtype)
 
+    def append(self, values: Mapping[str, ArrayLike]) -> None:
+        i = self.count
+        if i == self.capacity:
+            self._grow()
+        for name, buffer in self.buffers.items():
+            buffer[i] = values[name]
+        # Counted last: a row that an interrupt cuts in half is not part of the log.
+        self.count = i + 1
+
     @property
     def bytes(self) -> int:
         return sum(buffer.nbytes for buffer in self.buffers.values())
 
-    def grow(self) -> None:
+    def _grow(self) -> None:
         self.buffers = {name: np.concatenate([buffer, np.zeros_like(buffer)]) for name, buffer in self.buffers.items()}
         self.capacity *= 2
 

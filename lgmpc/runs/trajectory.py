@@ -1,9 +1,9 @@
-"""What solving a problem leaves behind as arrays: the trajectory, its forces and waypoints, the solver's iterations."""
+"""The arrays of a solved problem: the trajectory, its forces and waypoints, the solver's iterations."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -14,29 +14,10 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]
 
-_SHAPES: Mapping[str, tuple[str | int, ...]] = {
-    "times": ("nodes",),
-    "xs": ("nodes", "nx"),
-    "us": ("intervals", "nu"),
-    "com": ("nodes", 3),
-    "contact_points": ("nodes", "nc", 3),
-    "contact_flags": ("intervals", "nc"),
-    "contact_forces": ("intervals", "nc", 3),
-    "contact_frames": ("nc",),
-    "control_names": ("nu",),
-    "control_lower": ("nu",),
-    "control_upper": ("nu",),
-    "waypoint_names": ("waypoints",),
-    "waypoint_times": ("waypoints",),
-    "waypoint_positions": ("waypoints", 3),
-    "waypoint_rotations": ("waypoints", 3, 3),
-    "iteration_cost": ("iterations",),
-    "iteration_criterion": ("iterations",),
-    "iteration_gap": ("iterations",),
-    "iteration_step": ("iterations",),
-    "iteration_regularization": ("iterations",),
-    "iteration_elapsed": ("iterations",),
-}
+
+def _array(*axes: str | int) -> Any:
+    """Declare an array; equal names of axes have equal lengths."""
+    return field(metadata={"axes": axes})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,41 +41,41 @@ class TrajectoryLog:
         waypoint_positions: (w, 3) m.
         waypoint_rotations: (w, 3, 3) world from frame; NaN where only the place counts.
         iteration_cost: (i,) cost after each iteration.
-        iteration_criterion: (i,) what the solver compared with its tolerance; NaN where it does not tell.
+        iteration_criterion: (i,) what the solver compared with its tolerance; NaN where it does not report it.
         iteration_gap: (i,) largest gap of the dynamics at the start of each.
-        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where the solver does not tell.
+        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where the solver does not report it.
         iteration_regularization: (i,) of the sweep.
         iteration_elapsed: (i,) s since the solver began.
         control_unit: of all controls.
         nq: size of the configuration.
         floating_base: whether the configuration begins with a base pose.
-        friction: coefficient that the forces are meant to keep to; NaN where nothing says so.
+        friction: coefficient that the forces must keep to; NaN where there is none.
 
     Raises:
         RunFolderError: arrays that do not fit together.
     """
 
-    times: Array
-    xs: Array
-    us: Array
-    com: Array
-    contact_points: Array
-    contact_flags: BoolArray
-    contact_forces: Array
-    contact_frames: NDArray[np.str_]
-    control_names: NDArray[np.str_]
-    control_lower: Array
-    control_upper: Array
-    waypoint_names: NDArray[np.str_]
-    waypoint_times: Array
-    waypoint_positions: Array
-    waypoint_rotations: Array
-    iteration_cost: Array
-    iteration_criterion: Array
-    iteration_gap: Array
-    iteration_step: Array
-    iteration_regularization: Array
-    iteration_elapsed: Array
+    times: Array = _array("nodes")
+    xs: Array = _array("nodes", "nx")
+    us: Array = _array("intervals", "nu")
+    com: Array = _array("nodes", 3)
+    contact_points: Array = _array("nodes", "nc", 3)
+    contact_flags: BoolArray = _array("intervals", "nc")
+    contact_forces: Array = _array("intervals", "nc", 3)
+    contact_frames: NDArray[np.str_] = _array("nc")
+    control_names: NDArray[np.str_] = _array("nu")
+    control_lower: Array = _array("nu")
+    control_upper: Array = _array("nu")
+    waypoint_names: NDArray[np.str_] = _array("waypoints")
+    waypoint_times: Array = _array("waypoints")
+    waypoint_positions: Array = _array("waypoints", 3)
+    waypoint_rotations: Array = _array("waypoints", 3, 3)
+    iteration_cost: Array = _array("iterations")
+    iteration_criterion: Array = _array("iterations")
+    iteration_gap: Array = _array("iterations")
+    iteration_step: Array = _array("iterations")
+    iteration_regularization: Array = _array("iterations")
+    iteration_elapsed: Array = _array("iterations")
     control_unit: str
     nq: int
     floating_base: bool
@@ -102,7 +83,10 @@ class TrajectoryLog:
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
-        for name, axes in _SHAPES.items():
+        for each in fields(self):
+            if "axes" not in each.metadata:
+                continue
+            name, axes = each.name, each.metadata["axes"]
             array = getattr(self, name)
             if array.ndim != len(axes):
                 raise RunFolderError(f"'{name}' has {array.ndim} axes, expected {len(axes)}")
@@ -134,7 +118,7 @@ class TrajectoryLog:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as named arrays, as ``trajectory.npz`` holds it."""
-        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+        return {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> TrajectoryLog:
@@ -143,7 +127,7 @@ class TrajectoryLog:
         Raises:
             RunFolderError: if one is missing or does not fit.
         """
-        names = [field.name for field in fields(cls)]
+        names = [each.name for each in fields(cls)]
         missing = [name for name in names if name not in arrays]
         if missing:
             raise RunFolderError(f"{', '.join(missing)} missing")

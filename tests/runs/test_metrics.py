@@ -8,6 +8,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.runs import compare, compute_metrics
+from lgmpc.runs.log import CHANNELS
 from lgmpc.runs.metrics import rotate, rpy_deg, tilt_deg
 
 from .conftest import new_recorder
@@ -248,10 +249,11 @@ def test_without_mpc_there_is_no_mpc_timing() -> None:
     identity = [0.0, 0.0, 0.24, 0.0, 0.0, 0.0, 1.0]
     q = np.array(identity + 12 * [0.0])
     zeros = np.zeros
-    recorder.record(
+    row = (
         0.0, q, zeros(18), zeros(12), zeros(12), zeros((4, 3)), zeros((4, 3)), zeros((4, 3)), zeros(3), zeros(3),
         zeros(6), q[:7], zeros(6), zeros(3), 0, 0.1,
     )  # fmt: skip
+    recorder.record(**dict(zip(CHANNELS, row, strict=True)))
     metrics = compute_metrics(recorder.log())
     assert metrics.mpc_ms is None
     assert metrics.survived_s == pytest.approx(0.001)
@@ -264,10 +266,11 @@ def test_fixed_base_robots_have_no_base_to_move() -> None:
     )
     zeros = np.zeros
     for k in range(10):
-        recorder.record(
+        row = (
             0.001 * k, np.full(7, 0.1 * k), np.full(7, 2.0), zeros(7), zeros(7), zeros((0, 3)), zeros((0, 3)),
             zeros((0, 3)), zeros(3), zeros(3), zeros(6), np.array([0, 0, 0, 0, 0, 0, 1.0]), zeros(6), zeros(3), 0, 0.1,
         )  # fmt: skip
+        recorder.record(**dict(zip(CHANNELS, row, strict=True)))
     metrics = compute_metrics(recorder.log())
     assert not metrics.fell
     assert metrics.max_displacement_m == metrics.max_slip_m == 0.0

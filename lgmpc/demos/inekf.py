@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
 from lgmpc.estimation.invariant_ekf import LEFT, MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
-from lgmpc.estimation.rehearsal import GRAVITY, Rehearsal, rehearse
+from lgmpc.estimation.simulated_trot import GRAVITY, SimulatedTrot, simulate_trot
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
@@ -90,8 +90,8 @@ def run() -> Outcome:
     )
 
 
-def _walk(seed: int) -> Rehearsal:
-    return rehearse(np.random.default_rng(seed), NOISE, duration=DURATION, slip=SLIP)
+def _walk(seed: int) -> SimulatedTrot:
+    return simulate_trot(np.random.default_rng(seed), NOISE, duration=DURATION, slip=SLIP)
 
 
 def _live(form: ErrorForm) -> list[_Run]:
@@ -107,7 +107,7 @@ def _one(ekf: InvariantEkf, seed: int) -> _Run:
     start[:3, 3] += SPEED * direction / np.linalg.norm(direction)
     ekf.reset(start, DEVIATIONS)
     errors, squares, poses = [], [], []
-    for k in walk.follow(ekf):
+    for k in walk.run(ekf):
         true, rotation = walk.poses[k], ekf.rotation
         up, believed_up = true[2, :3], rotation[2]
         tilt = np.arctan2(np.linalg.norm(np.cross(up, believed_up)), up @ believed_up)
@@ -193,7 +193,7 @@ def _panels(right: list[_Run], quaternion: list[_Run]) -> tuple[Panel, ...]:
     )
 
 
-def _scene(walk: Rehearsal, right: _Run, quaternion: _Run) -> tuple[Body, ...]:
+def _scene(walk: SimulatedTrot, right: _Run, quaternion: _Run) -> tuple[Body, ...]:
     found = []
     for name, poses, color, opacity in (
         ("truth", walk.poses, 0x4C78A8, 1.0),

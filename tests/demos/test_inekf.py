@@ -24,11 +24,11 @@ def test_it_is_log_linear_consistent_and_converges() -> None:
 def test_noise_that_the_filter_was_not_told_of_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inekf, "RUNS", 4)
     monkeypatch.setattr(inekf, "DURATION", 0.6)
-    honest = inekf.rehearse
+    honest = inekf.simulate_trot
 
     def noisy(rng: np.random.Generator, noise, **keywords):
         return honest(rng, noise.replace({"gyro_noise_rad_s_rt_hz": 10.0 * noise.gyro_noise_rad_s_rt_hz}), **keywords)
 
-    monkeypatch.setattr(inekf, "rehearse", noisy)
+    monkeypatch.setattr(inekf, "simulate_trot", noisy)
     wrong = {row.quantity for row in inekf.run().rows if not row.agrees}
     assert "right form: NEES / freedom" in wrong

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
-from lgmpc.estimation.rehearsal import rehearse
+from lgmpc.estimation.simulated_trot import simulate_trot
 from lgmpc.lie import so3
 
 NOISE = ImuNoise(
@@ -42,7 +42,7 @@ def monte_carlo(form: str, far: bool) -> dict[str, np.ndarray]:
     errors, ratios, freedoms = [], [], []
     for seed in range(RUNS):
         rng = np.random.default_rng(seed)
-        walk = rehearse(rng, NOISE, duration=1.0, slip=SLIP)
+        walk = simulate_trot(rng, NOISE, duration=1.0, slip=SLIP)
         drawn = deviations[:9] * rng.normal(size=9)
         if far:
             drawn[2] = 0.0
@@ -53,7 +53,7 @@ def monte_carlo(form: str, far: bool) -> dict[str, np.ndarray]:
         start[:3, 3:] += drawn[3:].reshape(2, 3).T
         ekf.reset(start, deviations)
         history, squares = [], []
-        for k in walk.follow(ekf):
+        for k in walk.run(ekf):
             true = walk.poses[k]
             sine = np.linalg.norm(np.cross(true[2, :3], ekf.rotation[2]))
             tilt = np.degrees(np.arctan2(sine, true[2, :3] @ ekf.rotation[2]))
@@ -114,14 +114,14 @@ def test_the_left_invariant_filter_converges_too() -> None:
 def test_a_short_trot_is_followed() -> None:
     """In a second: from 0.1 rad and 0.2 m/s to a fraction of that, through changes of the feet."""
     rng = np.random.default_rng(3)
-    walk = rehearse(rng, NOISE, duration=0.6, slip=SLIP)
+    walk = simulate_trot(rng, NOISE, duration=0.6, slip=SLIP)
     assert 2 <= walk.touching.sum(axis=1).min() < walk.touching.sum(axis=1).max() == 4
     start = walk.poses[0].copy()
     start[:3, :3] = so3.exp(np.array([0.1, -0.1, 0.0])) @ start[:3, :3]
     start[:3, 3] += 0.2
     ekf = InvariantEkf(4, NOISE, slip=SLIP)
     ekf.reset(start, DEVIATIONS)
-    for _ in walk.follow(ekf):
+    for _ in walk.run(ekf):
         pass
     assert ekf.touching.tolist() == walk.touching[-1].tolist()
     assert np.linalg.norm(ekf.velocity - walk.poses[-1][:3, 3]) < 0.06
@@ -130,7 +130,7 @@ def test_a_short_trot_is_followed() -> None:
 
 def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="^period: got 2"):
-        rehearse(np.random.default_rng(0), NOISE, duration=1.0, period=2.0)
-    walk = rehearse(np.random.default_rng(0), NOISE, duration=0.01)
+        simulate_trot(np.random.default_rng(0), NOISE, duration=1.0, period=2.0)
+    walk = simulate_trot(np.random.default_rng(0), NOISE, duration=0.01)
     with pytest.raises(InputError, match="^ekf: got a filter for 3 feet"):
-        next(walk.follow(InvariantEkf(3)))
+        next(walk.run(InvariantEkf(3)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -13,7 +14,13 @@ from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, three
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
-from lgmpc.estimation.invariant_ekf.programme import augmentation, correction, prediction
+from lgmpc.estimation.invariant_ekf.programme import (
+    augmentation,
+    correction,
+    known_landmark_correction,
+    landmark_correction,
+    prediction,
+)
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
@@ -21,38 +28,49 @@ __all__ = ["InvariantEkf"]
 
 
 class InvariantEkf:
-    r"""Base motion, contact points and IMU biases from an IMU and leg kinematics (chapter 4.11.4).
+    r"""Base motion, contact points, landmarks and IMU biases from an IMU, leg kinematics and a camera (chapter 4.11.4).
 
-    The state is an extended pose in SE_{2+k}(3), columns velocity, position and k contact points (world axes), with a
-    gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020). Prediction is exact
-    for body rates that are constant over a sample, and so are its error dynamics. Feet in contact rest but for slip, a
-    white velocity noise, and the rolling of ball feet. Position and yaw are not observable: they drift.
+    The state is an extended pose in SE_{2+k+m}(3), columns velocity, position, k contact points and m landmarks (world
+    axes), with a gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
+    Prediction is exact for body rates that are constant over a sample, and so are its error dynamics. Feet in contact
+    rest but for slip, a white velocity noise, and the rolling of ball feet. Landmarks rest; a camera or another sensor
+    measures their positions relative to the base.
 
-    All memory is allocated once: feet that come and go set flags, and no array changes its size.
+    Position and yaw are not observable from feet and landmarks of unknown position, which are mapped as the base moves:
+    they drift, and the invariant forms gain no false information about them (Barrau and Bonnabel, "An EKF-SLAM
+    algorithm with consistency properties", 2015). Landmarks of known position make them observable.
+
+    All memory is allocated once: feet and landmarks that come and go set flags, and no array changes its size.
 
     Args:
         contacts: k, how many feet can be in contact.
         noise: densities of the IMU's noise.
+        landmarks: m, how many landmarks of unknown position the state has room for.
         slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
         gravity: (3,) world axes, m/s2.
         contact_offset: (3,) from a contact point to the frame that the kinematics measure, world axes, m: (0, 0, r) for
             ball feet of radius r.
         form: :data:`RIGHT`, :data:`LEFT`, or :data:`MULTIPLICATIVE` for the quaternion filter.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled. The corrections by landmarks are compiled at
+            their first use.
 
     Attributes:
         form: as given.
         contacts: as given.
+        landmarks: as given.
         touching: (k,) which feet are in contact; read-only.
-        pose: (5 + k, 5 + k) estimate, zero columns for open contacts; a live view, read-only as all that follow.
+        mapped: (m,) which landmarks are part of the state; read-only.
+        pose: (5 + k + m, 5 + k + m) estimate, zero columns for open contacts and landmarks that are not mapped; a live
+            view, read-only as all that follow.
         rotation: (3, 3) base to world.
         velocity: (3,) of the base's origin, world axes, m/s.
         position: (3,) m.
         points: (3, k) contact points, world axes, m.
+        landmark_positions: (3, m) world axes, m.
         gyro_bias: (3,) rad/s.
         accelerometer_bias: (3,) m/s2.
-        covariance: (15 + 3k, 15 + 3k) of the form's error: rotation, velocity, position, points, gyro bias,
-            accelerometer bias; zero rows for open contacts.
+        covariance: (15 + 3k + 3m, 15 + 3k + 3m) of the form's error: rotation, velocity, position, contact points,
+            landmarks, gyro bias, accelerometer bias; zero rows for points that are not in use.
 
     Raises:
         InputError: an argument that cannot be.
@@ -63,6 +81,7 @@ class InvariantEkf:
         contacts: int,
         noise: ImuNoise | None = None,
         *,
+        landmarks: int = 0,
         slip: float = 1e-2,
         gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81),
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -71,61 +90,65 @@ class InvariantEkf:
     ) -> None:
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one foot")
+        if landmarks < 0:
+            raise InputError("landmarks", landmarks, "a number that is not negative")
         if not (math.isfinite(slip) and slip >= 0.0):
             raise InputError("slip", slip, "a density that is not negative")
         noise = ImuNoise() if noise is None else noise
-        self.form, self.contacts = form, contacts
-        columns, size = 5 + contacts, 15 + 3 * contacts
+        self.form, self.contacts, self.landmarks, self._progress = form, contacts, landmarks, progress
+        used = contacts + landmarks
+        columns, size = 5 + used, 15 + 3 * used
         self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
         state, following = (_views(memory, columns, size) for memory in (self._state, self._scratch))
         self._pose, self._bias, self._covariance = state
         self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
         self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
-        self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
-        self._touching = np.zeros(contacts, dtype=np.bool_)
-        self._new_point, self._new_noise = np.zeros(3), np.zeros((3, 3))
+        self._flags, self._selected = np.zeros(contacts), np.zeros(used)
+        self._used = np.zeros(used, dtype=np.bool_)
+        self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
         offset = three("contact_offset", contact_offset)
         densities = (*noise.densities, slip)
         self._parameters = np.concatenate([[0.0], three("gravity", gravity), offset, np.square(densities)])
 
         # A symmetric matrix is the same column by column and row by row; the pose is the one that is not.
-        held = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
-        given = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
-        self._predict = StageKernel(prediction(form, contacts), progress).bind(
+        self._before = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
+        self._after = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
+        self._predict = StageKernel(prediction(form, contacts, landmarks), progress).bind(
             1,
-            **held,
-            **given,
+            **self._before,
+            **self._after,
             sample=self._sample,
             rolling=self._rolling.ravel(),
             contact=self._flags,
             parameters=self._parameters,
         )
-        self._correct = StageKernel(correction(form, contacts), progress).bind(
+        self._correct = StageKernel(correction(form, contacts, landmarks), progress).bind(
             1,
-            **held,
-            **given,
+            **self._before,
+            **self._after,
             bias_next=following[1],
             measured=self._measured.ravel(),
             noise=self._spread.ravel(),
             contact=self._flags,
             offset=self._parameters[4:7],
         )
-        del held["bias"]
-        self._augment = StageKernel(augmentation(form, contacts), progress).bind(
+        self._new_offset = np.zeros(3)
+        self._augment = StageKernel(augmentation(form, used), progress).bind(
             1,
-            **held,
-            **given,
-            measured=self._new_point,
-            noise=self._new_noise.ravel(),
+            pose=self._before["pose"],
+            covariance=self._before["covariance"],
+            **self._after,
+            measured=self._one_point,
+            noise=self._one_noise.ravel(),
             selected=self._selected,
-            offset=self._parameters[4:7],
+            offset=self._new_offset,
         )
         self._next_bias = following[1]
-        self.touching = self._touching.view()
-        self.touching.flags.writeable = False
+        self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
+        self.touching.flags.writeable = self.mapped.flags.writeable = False
         self.pose = _read_only(self._pose)
         self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
-        self.points = self.pose[:3, 5:]
+        self.points, self.landmark_positions = self.pose[:3, 5 : 5 + contacts], self.pose[:3, 5 + contacts :]
         self.gyro_bias, self.accelerometer_bias = (_read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
         self.covariance = _read_only(self._covariance)
         self.reset(np.eye(5), np.zeros(15))
@@ -137,7 +160,7 @@ class InvariantEkf:
         gyro_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         accelerometer_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Begin anew, no foot in contact.
+        """Begin anew, no foot in contact and no landmark mapped.
 
         Args:
             pose: (5, 5) rotation, velocity, position.
@@ -163,7 +186,7 @@ class InvariantEkf:
         self._covariance[:] = 0.0
         self._covariance[:9, :9] = (change * deviations[:9] ** 2) @ change.T
         self._covariance[-6:, -6:] = np.diag(deviations[9:] ** 2)
-        self._touching[:] = False
+        self._used[:] = False
         self._flags[:] = 0.0
 
     def predict(self, gyro: Array, accelerometer: Array, duration: float, foot_rates: Array | None = None) -> None:
@@ -189,7 +212,7 @@ class InvariantEkf:
         self._state[:] = self._scratch
 
     def begin_contact(self, foot: int, measured: Array, covariance: Array) -> None:
-        """Let ``foot`` rest where the kinematics say it is.
+        """Add the contact point of ``foot`` to the state, at the place that the kinematics measure.
 
         Args:
             foot: which one, 0 to k - 1.
@@ -199,30 +222,45 @@ class InvariantEkf:
         Raises:
             InputError: no such foot, or arrays that are not finite or of another shape.
         """
-        self._check_foot(foot)
-        _write("measured", measured, self._new_point)
-        _write("covariance", covariance, self._new_noise)
-        self._selected[:] = 0.0
-        self._selected[foot] = 1.0
-        self._next_bias[:] = self._bias
-        self._augment()
-        self._state[:] = self._scratch
-        self._touching[foot], self._flags[foot] = True, 1.0
+        _check_index("foot", foot, self.contacts)
+        self._add(foot, measured, covariance, self._parameters[4:7])
+        self._flags[foot] = 1.0
 
     def end_contact(self, foot: int) -> None:
-        """Forget the contact point of ``foot``: marginalise it.
+        """Marginalise the contact point of ``foot``.
 
         Raises:
             InputError: no such foot.
         """
-        self._check_foot(foot)
-        rows = slice(9 + 3 * foot, 12 + 3 * foot)
-        self._pose[:3, 5 + foot] = 0.0
-        self._covariance[rows], self._covariance[:, rows] = 0.0, 0.0
-        self._touching[foot], self._flags[foot] = False, 0.0
+        _check_index("foot", foot, self.contacts)
+        self._marginalise(foot)
+        self._flags[foot] = 0.0
+
+    def add_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
+        """Add a landmark of unknown position to the state, at the place that it is measured at.
+
+        Args:
+            landmark: which one, 0 to m - 1; one that is mapped already is replaced.
+            measured: (3,) from the base to the landmark, body axes, m.
+            covariance: (3, 3) of ``measured``, m2.
+
+        Raises:
+            InputError: no such landmark, or arrays that are not finite or of another shape.
+        """
+        _check_index("landmark", landmark, self.landmarks)
+        self._add(self.contacts + landmark, measured, covariance, np.zeros(3))
+
+    def remove_landmark(self, landmark: int) -> None:
+        """Marginalise a landmark: its place in the state is free for another.
+
+        Raises:
+            InputError: no such landmark.
+        """
+        _check_index("landmark", landmark, self.landmarks)
+        self._marginalise(self.contacts + landmark)
 
     def correct(self, measured: Array, covariances: Array) -> None:
-        """Take the positions of the feet in contact; those of the others are not looked at.
+        """Correct the estimate with the positions of the feet in contact; those of the others are not used.
 
         Args:
             measured: (k, 3) from the base to the contact frames, body axes, m.
@@ -236,11 +274,47 @@ class InvariantEkf:
         self._correct()
         self._state[:] = self._scratch
 
-    def error(self, pose: Array, biases: Array) -> Array:
-        """Return (15 + 3k,) the error of the estimate against a truth, that which :attr:`covariance` is of.
+    def correct_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
+        """Correct the estimate with the position of a mapped landmark.
 
         Args:
-            pose: (5 + k, 5 + k) true pose, with the true points of the feet in contact.
+            landmark: which one, 0 to m - 1.
+            measured: (3,) from the base to the landmark, body axes, m.
+            covariance: (3, 3) of ``measured``, m2; positive definite.
+
+        Raises:
+            InputError: no such landmark, one that is not mapped, or arrays that are not finite or of another shape.
+        """
+        _check_index("landmark", landmark, self.landmarks)
+        if not self.mapped[landmark]:
+            raise InputError("landmark", landmark, "one that is mapped (add_landmark first)")
+        self._write_one(measured, covariance)
+        self._selected[:] = 0.0
+        self._selected[self.contacts + landmark] = 1.0
+        self._landmark_correction()
+        self._state[:] = self._scratch
+
+    def correct_known_landmark(self, position: Array, measured: Array, covariance: Array) -> None:
+        """Correct the estimate with the position of a landmark whose place in the world is known.
+
+        Args:
+            position: (3,) of the landmark, world axes, m; exact.
+            measured: (3,) from the base to the landmark, body axes, m.
+            covariance: (3, 3) of ``measured``, m2; positive definite.
+
+        Raises:
+            InputError: arrays that are not finite or of another shape.
+        """
+        _write("position", position, self._known)
+        self._write_one(measured, covariance)
+        self._known_landmark_correction()
+        self._state[:] = self._scratch
+
+    def error(self, pose: Array, biases: Array) -> Array:
+        """Return (15 + 3k + 3m,) the error of the estimate against a truth, that which :attr:`covariance` is of.
+
+        Args:
+            pose: (5 + k + m, 5 + k + m) true pose, with the true points of the feet in contact and mapped landmarks.
             biases: (6,) true biases, gyro first.
 
         Raises:
@@ -252,13 +326,56 @@ class InvariantEkf:
         if biases.shape != (6,):
             raise InputError("biases", f"shape {biases.shape}", "shape (6,)")
         truth = pose.copy()
-        truth[:3, 5:] *= self._flags
+        truth[:3, 5:] *= self._used
         error = np.array(ca.DM(self.form.error(ca.DM(self.pose), ca.DM(truth)))).ravel()
         return np.concatenate([error, self._bias - biases])
 
-    def _check_foot(self, foot: int) -> None:
-        if not 0 <= foot < self.contacts:
-            raise InputError("foot", foot, f"a number from 0 to {self.contacts - 1}")
+    def _add(self, point: int, measured: Array, covariance: Array, offset: Array) -> None:
+        self._write_one(measured, covariance)
+        self._new_offset[:] = offset
+        self._selected[:] = 0.0
+        self._selected[point] = 1.0
+        self._next_bias[:] = self._bias
+        self._augment()
+        self._state[:] = self._scratch
+        self._used[point] = True
+
+    def _marginalise(self, point: int) -> None:
+        rows = slice(9 + 3 * point, 12 + 3 * point)
+        self._pose[:3, 5 + point] = 0.0
+        self._covariance[rows], self._covariance[:, rows] = 0.0, 0.0
+        self._used[point] = False
+
+    def _write_one(self, measured: Array, covariance: Array) -> None:
+        _write("measured", measured, self._one_point)
+        _write("covariance", covariance, self._one_noise)
+
+    @functools.cached_property
+    def _landmark_correction(self) -> Callable[[], int]:
+        function = landmark_correction(self.form, self.contacts, self.landmarks)
+        return self._bind_one(function, selected=self._selected[self.contacts :])
+
+    @functools.cached_property
+    def _known_landmark_correction(self) -> Callable[[], int]:
+        function = known_landmark_correction(self.form, self.contacts + self.landmarks)
+        return self._bind_one(function, landmark=self._known)
+
+    def _bind_one(self, function: ca.Function, **inputs: Array) -> Callable[[], int]:
+        """Compile a correction with one measured position, and connect it to the filter's memory."""
+        return StageKernel(function, self._progress).bind(
+            1,
+            **self._before,
+            **self._after,
+            bias_next=self._next_bias,
+            measured=self._one_point,
+            noise=self._one_noise.ravel(),
+            **inputs,
+        )
+
+
+def _check_index(name: str, index: int, count: int) -> None:
+    if not 0 <= index < count:
+        raise InputError(name, index, f"a number from 0 to {count - 1}" if count else "a filter with room for one")
 
 
 def _views(memory: Array, columns: int, size: int) -> tuple[Array, Array, Array]:

@@ -13,7 +13,8 @@ multiplicative ``R_est = R_true exp(xi)``, else difference  of both             
 
 Both invariant forms: Barrau and Bonnabel (IEEE TAC 2017), with contacts Hartley et al. (IJRR 2020), chapter 4.11.4. The
 multiplicative one is the standard "quaternion" error-state filter (Bloesch et al., RSS 2012), for comparison.
-Everything here is symbolic (CasADi); poses are in SE_{2+k}(3), columns velocity, position, k contact points.
+Everything here is symbolic (CasADi); poses are in SE_{2+k}(3), columns velocity, position and
+k points: contacts, then landmarks.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Motion:
     Attributes:
         before: (5 + k, 5 + k) pose.
         after: the pose after the step.
-        rolled: (3, k) how far the contact points rolled meanwhile, world axes, m: known, and part of ``after``.
+        rolled: (3, k) how far the points moved meanwhile as feet rolled, world axes, m: known, and part of ``after``.
         increment: (5 + k, 5 + k) what the IMU added, Upsilon.
         jacobian: (9, 6) of the increment, see :class:`lgmpc.estimation.inertial.Increment`.
         gravity: (3,) world axes, m/s2.
@@ -51,14 +52,14 @@ class Motion:
     duration: Any
 
     @property
-    def contacts(self) -> int:
-        """Number of contact columns."""
+    def points(self) -> int:
+        """Number of columns beside velocity and position."""
         return int(self.before.shape[1]) - 5
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One contact's measurement, linearised: ``innovation = matrix xi + noise``.
+    """One point's measurement, linearised: ``innovation = matrix xi + noise``.
 
     Attributes:
         innovation: (3,) m.
@@ -84,14 +85,14 @@ class ErrorForm(Protocol):
     def disturbance(self, motion: Motion) -> Any:
         """Return (9 + 3k, 6) how an error of the IMU sample enters the error."""
 
-    def observe(self, pose: Any, contact: int, measured: Any, offset: Any) -> Observation:
-        """Compare a contact with its measurement.
+    def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
+        """Compare a point with its measurement.
 
         Args:
             pose: the estimate.
-            contact: which column.
-            measured: (3,) from the base to the contact frame, body axes, m.
-            offset: (3,) from the contact point to the contact frame, world axes, m.
+            point: its index, 0 to k - 1.
+            measured: (3,) from the base to the measured frame, body axes, m.
+            offset: (3,) from the point to the measured frame, world axes, m.
         """
 
     def from_differences(self, pose: Any) -> Any:
@@ -121,11 +122,11 @@ class _RightInvariant:
     def disturbance(self, motion: Motion) -> Any:
         return sek3.adjoint(motion.after) @ _padded(motion.jacobian, motion)
 
-    def observe(self, pose: Any, contact: int, measured: Any, offset: Any) -> Observation:
+    def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
         rotation = pose[:3, :3]
-        innovation = rotation @ measured + pose[:3, 4] - pose[:3, 5 + contact] - offset
+        innovation = rotation @ measured + pose[:3, 4] - pose[:3, 5 + point] - offset
         eye = ca.SX.eye(3)
-        matrix = _rows(-so3.hat(offset), eye, -eye, contact, pose)
+        matrix = _rows(-so3.hat(offset), eye, -eye, point, pose)
         return Observation(innovation, matrix, rotation)
 
     def from_differences(self, pose: Any) -> Any:
@@ -151,9 +152,9 @@ class _LeftInvariant:
     def disturbance(self, motion: Motion) -> Any:
         return _padded(motion.jacobian, motion)
 
-    def observe(self, pose: Any, contact: int, measured: Any, offset: Any) -> Observation:
-        expected, eye = _expected(pose, contact, offset), ca.SX.eye(3)
-        return Observation(measured - expected, _rows(-so3.hat(expected), eye, -eye, contact, pose), eye)
+    def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
+        expected, eye = _expected(pose, point, offset), ca.SX.eye(3)
+        return Observation(measured - expected, _rows(-so3.hat(expected), eye, -eye, point, pose), eye)
 
     def from_differences(self, pose: Any) -> Any:
         back = pose[:3, :3].T
@@ -184,9 +185,9 @@ class _Multiplicative:
         world = ca.vertcat(jacobian[:3, :], rotation @ jacobian[3:6, :], rotation @ jacobian[6:, :])
         return _padded(world, motion)
 
-    def observe(self, pose: Any, contact: int, measured: Any, offset: Any) -> Observation:
-        expected, back = _expected(pose, contact, offset), pose[:3, :3].T
-        return Observation(measured - expected, _rows(-so3.hat(expected), back, -back, contact, pose), ca.SX.eye(3))
+    def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
+        expected, back = _expected(pose, point, offset), pose[:3, :3].T
+        return Observation(measured - expected, _rows(-so3.hat(expected), back, -back, point, pose), ca.SX.eye(3))
 
     def from_differences(self, pose: Any) -> Any:
         return _blocks(pose[:3, :3].T, ca.DM(3 * (pose.shape[1] - 3), 3), ca.DM.eye(3))
@@ -214,7 +215,7 @@ FORMS: dict[str, ErrorForm] = {form.name: form for form in (RIGHT, LEFT, MULTIPL
 
 def _flow(motion: Motion) -> Any:
     """Return the differential of the free flow: the position's error moves on with the velocity's."""
-    matrix = ca.SX.eye(9 + 3 * motion.contacts)
+    matrix = ca.SX.eye(9 + 3 * motion.points)
     matrix[6:9, 3:6] = motion.duration * ca.SX.eye(3)
     return matrix
 
@@ -226,8 +227,8 @@ def _shift(columns: Any) -> Any:
 
 
 def _padded(jacobian: Any, motion: Motion) -> Any:
-    """Return the (9, 6) Jacobian with rows of zeros for the contacts: an IMU does not move them."""
-    return ca.vertcat(jacobian, ca.SX(3 * motion.contacts, 6))
+    """Return the (9, 6) Jacobian with rows of zeros for the points: an IMU does not move them."""
+    return ca.vertcat(jacobian, ca.SX(3 * motion.points, 6))
 
 
 def _blocks(rotation: Any, arms: Any, columns: Any) -> Any:
@@ -236,13 +237,13 @@ def _blocks(rotation: Any, arms: Any, columns: Any) -> Any:
     return ca.horzcat(ca.vertcat(rotation, arms), rest)
 
 
-def _expected(pose: Any, contact: int, offset: Any) -> Any:
-    return pose[:3, :3].T @ (pose[:3, 5 + contact] - pose[:3, 4] + offset)
+def _expected(pose: Any, point: int, offset: Any) -> Any:
+    return pose[:3, :3].T @ (pose[:3, 5 + point] - pose[:3, 4] + offset)
 
 
-def _rows(rotation: Any, position: Any, point: Any, contact: int, pose: Any) -> Any:
-    """Return (3, 9 + 3k) with these blocks for the errors of rotation, position and one contact point."""
+def _rows(rotation: Any, position: Any, column: Any, point: int, pose: Any) -> Any:
+    """Return (3, 9 + 3k) with these blocks for the errors of rotation, position and one point."""
     matrix = ca.SX(3, 3 * (int(pose.shape[1]) - 2))
     matrix[:, :3], matrix[:, 6:9] = rotation, position
-    matrix[:, 9 + 3 * contact : 12 + 3 * contact] = point
+    matrix[:, 9 + 3 * point : 12 + 3 * point] = column
     return matrix

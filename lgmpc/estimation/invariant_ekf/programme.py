@@ -1,7 +1,8 @@
-"""The three steps of the filter as CasADi functions: prediction, a new contact, correction; for any form of error.
+"""The steps of the filter as CasADi functions: prediction, a new point, corrections; for any form of error.
 
-Fixed sizes: a contact that is open has a column of zeros, rows and columns of zeros in the covariance, and no gain.
-The covariance's order is rotation, velocity, position, contact points, gyro bias, accelerometer bias.
+Fixed sizes: a point that is not in use has a column of zeros, rows and columns of zeros in the covariance, and no gain.
+The covariance's order is rotation, velocity, position, contact points, landmarks, gyro bias, accelerometer bias; m
+landmarks follow the contacts, p points are both.
 """
 
 from __future__ import annotations
@@ -10,13 +11,15 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion
+from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion, Observation
 from lgmpc.lie.symbolic import coefficients, sek3, so3
 
-__all__ = ["augmentation", "correction", "prediction"]
+__all__ = ["augmentation", "correction", "known_landmark_correction", "landmark_correction", "prediction"]
+
+_CORRECTED = ["pose_next", "bias_next", "covariance_next"]
 
 
-def prediction(form: ErrorForm, contacts: int) -> ca.Function:
+def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Function:
     """Return one step under an IMU sample that is constant over it: exact for mean and covariance.
 
     Inputs: ``pose``, ``bias`` (6,) gyro first, ``covariance``, ``sample`` (6,) gyro and accelerometer, ``rolling``
@@ -27,9 +30,8 @@ def prediction(form: ErrorForm, contacts: int) -> ca.Function:
     A foot that is a ball rolls: its contact point moves with ``omega_foot x offset``. That motion counts as
     known; what it depends on attitude and bias, 16 mm of a small angle on Solo12, is left to the slip noise.
     """
-    size = 9 + 3 * contacts
-    pose, bias = ca.SX.sym("pose", 5 + contacts, 5 + contacts), ca.SX.sym("bias", 6)
-    covariance, sample = ca.SX.sym("covariance", size + 6, size + 6), ca.SX.sym("sample", 6)
+    pose, bias, covariance = _state(contacts + landmarks)
+    size, sample = 9 + 3 * (contacts + landmarks), ca.SX.sym("sample", 6)
     rolling, contact = ca.SX.sym("rolling", 3, contacts), ca.SX.sym("contact", contacts)
     parameters = ca.SX.sym("parameters", 12)
     duration, gravity, offset = parameters[0], parameters[1:4], parameters[4:7]
@@ -38,14 +40,15 @@ def prediction(form: ErrorForm, contacts: int) -> ca.Function:
     before = _assume_group(pose)
     rates = before[:3, :3] @ (ca.repmat(sample[:3] - bias[:3], 1, contacts) + rolling)
     rolled = [contact[i] * duration * ca.cross(rates[:, i], offset) for i in range(contacts)]
-    motion = _motion(before, sample - bias, gravity, duration, ca.horzcat(*rolled))
+    motion = _motion(before, sample - bias, gravity, duration, ca.horzcat(*rolled, ca.SX(3, landmarks)))
     transition, entering = form.transition(motion), form.disturbance(motion)
     pose_block, bias_block = covariance[:size, :size], covariance[size:, size:]
     cross = transition @ covariance[:size, size:]
     noise = ca.diag(ca.vertcat(*[density["gyro"]] * 3, *[density["force"]] * 3)) / duration
     half = 0.5 * entering @ (bias_block + noise) - cross
     mixed = half @ entering.T
-    slip = ca.vertcat(ca.SX(9, 1), ca.kron(contact, ca.SX.ones(3))) * density["slip"] * duration
+    moving = ca.vertcat(ca.SX(9, 1), ca.kron(contact, ca.SX.ones(3)), ca.SX(3 * landmarks, 1))
+    slip = moving * density["slip"] * duration
     walk = ca.vertcat(*[density["gyro_walk"]] * 3, *[density["force_walk"]] * 3) * duration
     corner = cross - entering @ bias_block
     moved = ca.vertcat(
@@ -54,7 +57,7 @@ def prediction(form: ErrorForm, contacts: int) -> ca.Function:
     )
     names = ["pose", "bias", "covariance", "sample", "rolling", "contact", "parameters"]
     return ca.Function(
-        f"inekf_predict_{form.name}_{contacts}",
+        f"inekf_predict_{form.name}_{contacts}_{landmarks}",
         [pose, bias, covariance, sample, rolling, contact, parameters],
         [motion.after, _symmetric(moved)],
         names,
@@ -62,36 +65,32 @@ def prediction(form: ErrorForm, contacts: int) -> ca.Function:
     )
 
 
-def augmentation(form: ErrorForm, contacts: int) -> ca.Function:
-    """Return the state with one more contact, where the kinematics say the foot is.
+def augmentation(form: ErrorForm, points: int) -> ca.Function:
+    """Return the state with one more point, a contact or a landmark, at the place that it is measured at.
 
-    Inputs: ``pose``, ``covariance``, ``measured`` (3,) base to contact frame, body axes, ``noise`` (3, 3) its
-    covariance, ``selected`` (contacts,) 1 for the new contact, ``offset`` (3,).
+    Inputs: ``pose``, ``covariance``, ``measured`` (3,) base to the measured frame, body axes, ``noise`` (3, 3) its
+    covariance, ``selected`` (p,) 1 for the new point, ``offset`` (3,) from the point to the measured frame, world axes.
     """
-    size = 9 + 3 * contacts
-    pose, covariance = ca.SX.sym("pose", 5 + contacts, 5 + contacts), ca.SX.sym("covariance", size + 6, size + 6)
+    pose, _, covariance = _state(points)
     measured, noise = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3)
-    selected, offset = ca.SX.sym("selected", contacts), ca.SX.sym("offset", 3)
+    selected, offset = ca.SX.sym("selected", points), ca.SX.sym("offset", 3)
     before = _assume_group(pose)
-    after, moved = ca.SX(before), covariance
     point = before[:3, :3] @ measured + before[:3, 4] - offset
-    for i in range(contacts):
-        rows, placed = slice(9 + 3 * i, 12 + 3 * i), ca.SX(before)
-        placed[:3, 5 + i] = point
-        observation = form.observe(placed, i, measured, offset)
-        # The new point is the one without innovation: 0 = matrix xi + noise, solved for its own error.
-        back = -observation.matrix[:, rows].T
-        matrix = back @ observation.matrix
-        matrix[:, rows] = 0.0
-        change = ca.SX.eye(size + 6)
-        change[rows, rows] = (1.0 - selected[i]) * ca.SX.eye(3)
-        change[rows, :size] += selected[i] * matrix
-        axes = back @ observation.axes
-        moved = change @ moved @ change.T
-        moved[rows, rows] += selected[i] * (axes @ noise @ axes.T)
+    observation = form.observe(_with_point(before, point), 0, measured, offset)
+    # The new point is the one without innovation: 0 = matrix xi + noise, solved for its own error.
+    back = -observation.matrix[:, 9:].T
+    axes = back @ observation.axes
+    cross = back @ observation.matrix[:, :9] @ covariance[:9, :]
+    own = cross[:, :9] @ (back @ observation.matrix[:, :9]).T + axes @ noise @ axes.T
+    after, moved = ca.SX(before), ca.SX(covariance)
+    for i in range(points):
+        rows = slice(9 + 3 * i, 12 + 3 * i)
+        moved[rows, :] = ca.if_else(selected[i], cross, moved[rows, :])
+        moved[:, rows] = ca.if_else(selected[i], cross.T, moved[:, rows])
+        moved[rows, rows] = ca.if_else(selected[i], own, covariance[rows, rows])
         after[:3, 5 + i] = ca.if_else(selected[i], point, before[:3, 5 + i])
     return ca.Function(
-        f"inekf_augment_{form.name}_{contacts}",
+        f"inekf_augment_{form.name}_{points}",
         [pose, covariance, measured, noise, selected, offset],
         [after, _symmetric(moved)],
         ["pose", "covariance", "measured", "noise", "selected", "offset"],
@@ -99,7 +98,7 @@ def augmentation(form: ErrorForm, contacts: int) -> ca.Function:
     )
 
 
-def correction(form: ErrorForm, contacts: int) -> ca.Function:
+def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Function:
     """Return the Kalman update with the positions of all feet in contact (Hartley et al. 2020).
 
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3, contacts) base to contact frames, body axes, ``noise``
@@ -108,9 +107,8 @@ def correction(form: ErrorForm, contacts: int) -> ca.Function:
     Feet are taken one after the other with one linearisation, which is the same as all at once because their noises are
     independent; ``V V^T`` with ``V = P H^T L^-T`` and ``L L^T = H P H^T + N`` keeps the covariance symmetric.
     """
-    size = 9 + 3 * contacts
-    pose, bias = ca.SX.sym("pose", 5 + contacts, 5 + contacts), ca.SX.sym("bias", 6)
-    covariance = ca.SX.sym("covariance", size + 6, size + 6)
+    pose, bias, covariance = _state(contacts + landmarks)
+    size = 9 + 3 * (contacts + landmarks)
     measured, noise = ca.SX.sym("measured", 3, contacts), ca.SX.sym("noise", 3, 3 * contacts)
     contact, offset = ca.SX.sym("contact", contacts), ca.SX.sym("offset", 3)
     before, error, moved = _assume_group(pose), ca.SX.zeros(size + 6), covariance
@@ -125,19 +123,98 @@ def correction(form: ErrorForm, contacts: int) -> ca.Function:
         surprise = _solve_lower(factor, ca.if_else(contact[i], observation.innovation - matrix @ error, 0.0))
         error += scaled @ surprise
         moved = _symmetric(moved - scaled @ scaled.T)
-    after = form.retract(before, error[:size])
-    after[:3, :3] = _orthonormal(after[:3, :3])
     return ca.Function(
-        f"inekf_correct_{form.name}_{contacts}",
+        f"inekf_correct_{form.name}_{contacts}_{landmarks}",
         [pose, bias, covariance, measured, noise, contact, offset],
-        [after, bias - error[size:], moved],
+        [*_corrected(form, before, bias, error), moved],
         ["pose", "bias", "covariance", "measured", "noise", "contact", "offset"],
-        ["pose_next", "bias_next", "covariance_next"],
+        _CORRECTED,
     )
 
 
+def landmark_correction(form: ErrorForm, contacts: int, landmarks: int) -> ca.Function:
+    """Return the Kalman update with the measured position of a landmark that is part of the state.
+
+    Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
+    covariance, ``selected`` (landmarks,) 1 for the landmark.
+    """
+    pose, bias, covariance = _state(contacts + landmarks)
+    measured, noise = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3)
+    selected = ca.SX.sym("selected", landmarks)
+    before = _assume_group(pose)
+    observation = form.observe(_with_point(before, before[:3, 5 + contacts :] @ selected), 0, measured, ca.SX(3, 1))
+    rows = [slice(9 + 3 * i, 12 + 3 * i) for i in range(contacts, contacts + landmarks)]
+    cross = sum((selected[i] * covariance[:, part] for i, part in enumerate(rows)), ca.SX(*covariance[:, :3].shape))
+    own = sum((selected[i] * cross[part, :] for i, part in enumerate(rows)), ca.SX(3, 3))
+    base, point = observation.matrix[:, :9], observation.matrix[:, 9:]
+    gain = covariance[:, :9] @ base.T + cross @ point.T
+    spread = base @ gain[:9, :] + point @ (cross[:9, :].T @ base.T + own @ point.T)
+    return ca.Function(
+        f"inekf_correct_landmark_{form.name}_{contacts}_{landmarks}",
+        [pose, bias, covariance, measured, noise, selected],
+        _update(form, (before, bias, covariance), observation, noise, gain, spread),
+        ["pose", "bias", "covariance", "measured", "noise", "selected"],
+        _CORRECTED,
+    )
+
+
+def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
+    """Return the Kalman update with the measured position of a landmark whose place in the world is known.
+
+    Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
+    covariance, ``landmark`` (3,) world axes.
+
+    The landmark is observed as a point of the state would be. Its plain difference from the truth is zero, but not its
+    error in every form: the right-invariant one is that of the estimate's attitude, turned about the world's origin.
+    """
+    pose, bias, covariance = _state(points)
+    measured, noise, landmark = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3), ca.SX.sym("landmark", 3)
+    before = _assume_group(pose)
+    placed = _with_point(before, landmark)
+    observation, change = form.observe(placed, 0, measured, ca.SX(3, 1)), form.from_differences(placed)
+    matrix = observation.matrix[:, :9]
+    matrix[:, :3] += observation.matrix[:, 9:] @ change[9:, :3] @ change[:3, :3].T
+    gain = covariance[:, :9] @ matrix.T
+    return ca.Function(
+        f"inekf_correct_known_landmark_{form.name}_{points}",
+        [pose, bias, covariance, measured, noise, landmark],
+        _update(form, (before, bias, covariance), observation, noise, gain, matrix @ gain[:9, :]),
+        ["pose", "bias", "covariance", "measured", "noise", "landmark"],
+        _CORRECTED,
+    )
+
+
+def _state(points: int) -> tuple[Any, Any, Any]:
+    """Return symbols of pose, bias and covariance."""
+    columns, size = 5 + points, 15 + 3 * points
+    return ca.SX.sym("pose", columns, columns), ca.SX.sym("bias", 6), ca.SX.sym("covariance", size, size)
+
+
+def _with_point(pose: Any, point: Any) -> Any:
+    """Return the (6, 6) pose of the base alone, with one point."""
+    return _pack(pose[:3, :3], ca.horzcat(pose[:3, 3:5], point))
+
+
+def _update(
+    form: ErrorForm, state: tuple[Any, Any, Any], observation: Observation, noise: Any, gain: Any, spread: Any
+) -> list[Any]:
+    """Return pose, bias and covariance after one observation, from ``P H^T`` and ``H P H^T``."""
+    before, bias, covariance = state
+    factor = _cholesky(spread + observation.axes @ noise @ observation.axes.T)
+    scaled = _solve_lower(factor, gain.T).T
+    error = scaled @ _solve_lower(factor, observation.innovation)
+    return [*_corrected(form, before, bias, error), _symmetric(covariance - scaled @ scaled.T)]
+
+
+def _corrected(form: ErrorForm, before: Any, bias: Any, error: Any) -> list[Any]:
+    """Return pose and bias without the estimated error."""
+    after = form.retract(before, error[:-6])
+    after[:3, :3] = _orthonormal(after[:3, :3])
+    return [after, bias - error[-6:]]
+
+
 def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) -> Motion:
-    """Return the step of a pose under body rates that are constant over it, and of its contact points."""
+    """Return the step of a pose under body rates that are constant over it, and of its points."""
     variables = ca.SX.sym("sample", 6)
     phi, force = duration * variables[:3], variables[3:]
     velocity, position = duration * so3.left_jacobian(phi) @ force, duration**2 * _second_integral(phi) @ force
@@ -148,8 +225,7 @@ def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) 
         turn.T @ ca.jacobian(position, variables),
     )
     turn, velocity, position, jacobian = ca.substitute([turn, velocity, position, jacobian], [variables], [sample])
-    contacts = int(before.shape[1]) - 5
-    increment = _pack(turn, ca.horzcat(velocity, position, ca.SX(3, contacts)))
+    increment = _pack(turn, ca.horzcat(velocity, position, ca.SX(3, int(before.shape[1]) - 5)))
     flown = ca.SX(before)
     flown[:3, 4] += duration * before[:3, 3]
     after = sek3.compose(flown, increment)

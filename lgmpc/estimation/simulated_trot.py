@@ -1,4 +1,4 @@
-"""A trot whose truth is known, to try filters on: IMU samples and leg kinematics with the noise that was asked for."""
+"""A simulated trot with known truth, IMU samples and leg kinematics of given noise: test data for filters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.lie import so3
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Rehearsal", "rehearse"]
+__all__ = ["GRAVITY", "SimulatedTrot", "simulate_trot"]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 _FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
@@ -23,8 +23,8 @@ _PHASES = np.array([0.0, 0.5, 0.5, 0.0])  # of the four feet: a trot
 
 
 @dataclass(frozen=True)
-class Rehearsal:
-    """What a trotting robot with four point feet does, and what its sensors say; n samples.
+class SimulatedTrot:
+    """The motion of a trotting robot with four point feet, and the readings of its sensors; n samples.
 
     Attributes:
         period: s between samples.
@@ -48,8 +48,8 @@ class Rehearsal:
     measured: Array
     foot_noise: float
 
-    def follow(self, ekf: InvariantEkf) -> Iterator[int]:
-        """Let a filter live through it; yields k when the filter knows everything up to instant k, from 0 on.
+    def run(self, ekf: InvariantEkf) -> Iterator[int]:
+        """Run a filter on the readings; yields k, from 0 on, once it has processed those up to instant k.
 
         Raises:
             InputError: a filter that is not for four feet.
@@ -62,25 +62,31 @@ class Rehearsal:
                 ekf.predict(self.gyro[k - 1], self.accelerometer[k - 1], self.period)
             for foot in np.flatnonzero(ekf.touching & ~self.touching[k]):
                 ekf.end_contact(int(foot))
-            known = ekf.touching.copy()
+            new = self.touching[k] & ~ekf.touching
             ekf.correct(self.measured[k], covariances)
-            for foot in np.flatnonzero(self.touching[k] & ~known):
+            for foot in np.flatnonzero(new):
                 ekf.begin_contact(int(foot), self.measured[k, foot], covariances[foot])
             yield k
 
-    def normalised_error(self, ekf: InvariantEkf, k: int) -> tuple[float, int]:
+    def normalised_error(self, ekf: InvariantEkf, k: int, landmarks: Array | None = None) -> tuple[float, int]:
         """Return the squared error of a filter at instant k over its covariance, and its degrees of freedom.
 
         Of a consistent filter, the first is chi-square distributed with the second (NEES; Bar-Shalom et al. 2001).
+
+        Args:
+            ekf: for four feet.
+            k: the instant, 0 to n.
+            landmarks: (m, 3) true positions of the filter's landmarks, world axes, m; none if not given.
         """
-        truth = np.eye(9)
-        truth[:5, :5], truth[:3, 5:] = self.poses[k], self.points[k].T
-        known = np.repeat([True, *ekf.touching, True], [9, 3, 3, 3, 3, 6])
-        error = ekf.error(truth, self.biases[k])[known]
-        return float(error @ np.linalg.solve(ekf.covariance[np.ix_(known, known)], error)), len(error)
+        points = self.points[k] if landmarks is None else np.concatenate([self.points[k], landmarks])
+        truth = np.eye(5 + len(points))
+        truth[:5, :5], truth[:3, 5:] = self.poses[k], points.T
+        used = np.repeat([True, *ekf.touching, *ekf.mapped, True], [9, *[3] * len(points), 6])
+        error = ekf.error(truth, self.biases[k])[used]
+        return float(error @ np.linalg.solve(ekf.covariance[np.ix_(used, used)], error)), len(error)
 
 
-def rehearse(
+def simulate_trot(
     rng: np.random.Generator,
     noise: ImuNoise,
     *,
@@ -90,8 +96,8 @@ def rehearse(
     slip: float = 0.005,
     gyro_bias: float = 0.005,
     accelerometer_bias: float = 0.05,
-) -> Rehearsal:
-    """Make a trot: 0.3 m/s forward, swaying, nodding and turning.
+) -> SimulatedTrot:
+    """Simulate a trot: 0.3 m/s forward, swaying, nodding and turning.
 
     Args:
         rng: random numbers.
@@ -120,12 +126,12 @@ def rehearse(
     points = _contact_points(poses, touching, slip * np.sqrt(period) * rng.normal(size=(n + 1, 4, 3)))
     relative = points - poses[:, None, :3, 4]
     measured = np.einsum("nji,nfj->nfi", poses[:, :3, :3], relative) + foot_noise * rng.normal(size=relative.shape)
-    return Rehearsal(period, poses, biases, points, touching, samples[:, :3], samples[:, 3:], measured, foot_noise)
+    return SimulatedTrot(period, poses, biases, points, touching, samples[:, :3], samples[:, 3:], measured, foot_noise)
 
 
 @functools.lru_cache(maxsize=4)
 def _motion(period: float, n: int) -> tuple[Array, Array]:
-    """Return (n, 6) constant body rates and the (n + 1, 5, 5) poses that they lead through."""
+    """Return (n, 6) constant body rates and the (n + 1, 5, 5) poses that follow from them."""
     rates = _body_rates(period, n)
     poses = np.empty((n + 1, 5, 5))
     poses[0] = _pose(0.0)
@@ -137,7 +143,7 @@ def _motion(period: float, n: int) -> tuple[Array, Array]:
 
 
 def _pose(t: float) -> Array:
-    """Return where the robot means to be at time t, s."""
+    """Return the planned pose at time t, s."""
     pose, h = np.eye(5), 1e-4
     swing = 2.0 * np.pi * t
     angles = [0.12 * np.sin(0.9 * swing + 0.5), 0.1 * np.sin(1.3 * swing), 0.4 * np.sin(0.8 * t)]
@@ -156,11 +162,11 @@ def _position(t: float) -> Array:
 
 
 def _body_rates(period: float, n: int) -> Array:
-    """Return (n, 6) the constant body rates that lead from each intended pose to the next."""
-    intended = np.array([_pose(period * k) for k in range(n + 1)])
-    turns = so3.log(np.swapaxes(intended[:-1, :3, :3], -1, -2) @ intended[1:, :3, :3])
-    gained = np.diff(intended[:, :3, 3], axis=0) - period * GRAVITY
-    in_body = np.einsum("nji,nj->ni", intended[:-1, :3, :3], gained)
+    """Return (n, 6) the constant body rates that lead from each planned pose to the next."""
+    planned = np.array([_pose(period * k) for k in range(n + 1)])
+    turns = so3.log(np.swapaxes(planned[:-1, :3, :3], -1, -2) @ planned[1:, :3, :3])
+    gained = np.diff(planned[:, :3, 3], axis=0) - period * GRAVITY
+    in_body = np.einsum("nji,nj->ni", planned[:-1, :3, :3], gained)
     force = np.einsum("nij,nj->ni", so3.left_jacobian_inverse(turns), in_body)
     rates: Array = np.concatenate([turns, force], axis=1) / period
     return rates

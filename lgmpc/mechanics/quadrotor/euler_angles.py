@@ -29,7 +29,7 @@ class EulerGains:
         integral: of its integral, 1/s3.
         angle: of the errors of roll, pitch and yaw.
         angle_rate: of their derivatives.
-        tilt: largest roll and pitch that are asked for, rad.
+        tilt: largest roll and pitch that are commanded, rad.
 
     Raises:
         InputError: one that is not positive.

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.lie import so3
-from lgmpc.mechanics.checks import check_positive
+from lgmpc.lie import checks, so3
 from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
 from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory
 from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
@@ -29,26 +29,30 @@ _VANISHING = 1e-9
 
 @dataclass(frozen=True)
 class GeometricGains:
-    """Gains of the four errors.
+    """Gains of the four errors: a number for all axes alike, or three, one an axis.
 
     Attributes:
-        position: k_x, N/m.
-        velocity: k_v, N.s/m.
-        rotation: k_R, N.m.
-        rate: k_Omega, N.m.s.
+        position: k_x, world axes, N/m.
+        velocity: k_v, world axes, N.s/m.
+        rotation: k_R, stiffness about each axis of the desired body for small errors, N.m.
+        rate: k_Omega, body axes, N.m.s.
 
     Raises:
-        InputError: a gain that is not positive.
+        InputError: a gain that is not positive, or neither a number nor three.
     """
 
-    position: float
-    velocity: float
-    rotation: float
-    rate: float
+    position: float | Array
+    velocity: float | Array
+    rotation: float | Array
+    rate: float | Array
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            check_positive(name, value, "a gain")
+        for name in ("position", "velocity", "rotation", "rate"):
+            gain = np.array(checks.finite(name, getattr(self, name)))
+            if gain.shape not in ((), (3,)) or not (gain > 0.0).all():
+                raise InputError(name, getattr(self, name), "a positive number, or three of them: a gain")
+            gain.setflags(write=False)
+            object.__setattr__(self, name, gain if gain.ndim else float(gain))
 
     @classmethod
     def of_the_paper(cls, mass: float = 4.34) -> GeometricGains:
@@ -71,31 +75,37 @@ class AttitudeCommand:
     acceleration: Array
 
 
-def attitude_error(rotation: Array, desired: Array) -> tuple[Array, Array]:
+def attitude_error(rotation: Array, desired: Array, stiffness: ArrayLike = 1.0) -> tuple[Array, Array]:
     """Return the error function and its derivative's vector.
 
-        Psi = 1/2 tr(I - R_d^T R),      e_R = 1/2 vee(R_d^T R - R^T R_d)
+        Psi = 1/2 tr(G (I - R_d^T R)),      e_R = 1/2 vee(G R_d^T R - R^T R_d G)
 
-    Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0.
+    With G = I, Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0. In
+    general ``G = tr(K) I - 2 K`` for a diagonal K > 0, the stiffness: e_R is K phi for small errors phi, and Psi grows
+    at the rate ``Omega . e_R`` however large they are (Bullo and Murray, "Tracking for fully actuated mechanical
+    systems: a geometric framework", Automatica 35, 1999). Half turns about
+    the three axes are the other equilibria where the three differ.
 
     Args:
         rotation: (..., 3, 3) R.
         desired: (..., 3, 3) R_d.
+        stiffness: diagonal of K, a number or (3,), about the axes of the desired body.
 
     Returns:
         Psi (...) and e_R (..., 3).
     """
-    relative = np.swapaxes(desired, -1, -2) @ rotation
-    psi: Array = 0.5 * (3.0 - np.trace(relative, axis1=-2, axis2=-1))
-    skew = 0.5 * (relative - np.swapaxes(relative, -1, -2))
-    return psi, np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    stiff = np.broadcast_to(np.asarray(stiffness, dtype=np.float64), 3)
+    weights = stiff[[1, 2, 0]] + stiff[[2, 0, 1]] - stiff
+    weighted = weights[:, None] * (np.swapaxes(desired, -1, -2) @ rotation)
+    psi: Array = 0.5 * (weights.sum() - np.trace(weighted, axis1=-2, axis2=-1))
+    return psi, _vee(weighted)
 
 
 class GeometricController:
     """Thrust and moment that follow a trajectory from almost every attitude.
 
     Args:
-        quadrotor: the model. What its rotors cannot give is not asked for, and the desired attitude's rates know of it.
+        quadrotor: the model. Thrusts stay within its rotors' limits, which the desired attitude's rates account for.
         trajectory: what to follow.
         gains: of the errors; the paper's, scaled with the mass, unless given.
     """
@@ -109,7 +119,7 @@ class GeometricController:
         """Return thrusts (...), N, and moments (..., 3), body axes, N.m (eqs. 19 and 20 of the paper).
 
         Raises:
-            InputError: the force that is asked for vanishes, or is parallel to the heading: no attitude follows then.
+            InputError: the desired force vanishes, or is parallel to the heading: no attitude follows then.
         """
         force, command = self._command(self.trajectory.at(time), state)
         thrust = np.clip(np.sum(force * state.rotation[..., 2], axis=-1), *self.quadrotor.thrust)
@@ -118,18 +128,18 @@ class GeometricController:
     def moment(self, state: QuadrotorState, command: AttitudeCommand) -> Array:
         """Return (..., 3) the moment that turns the body to an attitude and along with it, body axes, N.m.
 
-        ``M = -k_R e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
+        ``M = -e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
         """
         inertia, gains, omega = self.quadrotor.inertia, self.gains, state.rate
-        _, error = attitude_error(state.rotation, command.rotation)
+        _, error = attitude_error(state.rotation, command.rotation, gains.rotation)
         back = np.swapaxes(state.rotation, -1, -2) @ command.rotation
         desired, ahead = (rotate(back, v) for v in (command.rate, command.acceleration))
-        moment: Array = -gains.rotation * error - gains.rate * (omega - desired)
+        moment: Array = -error - gains.rate * (omega - desired)
         moment += cross(omega, omega @ inertia) - (cross(omega, desired) - ahead) @ inertia
         return moment
 
     def command(self, time: float, state: QuadrotorState) -> AttitudeCommand:
-        """Return the attitude that the position's controller asks for.
+        """Return the attitude that follows from the desired force.
 
         Raises:
             InputError: as :meth:`control`.
@@ -145,12 +155,12 @@ class GeometricController:
         # The desired force and its two derivatives; acceleration and jerk are those of the closed loop.
         force = gains.position * (x - state.position) + gains.velocity * (v - state.velocity)
         force = force + mass * (a + GRAVITY * _E3)
-        asked = dot(force, axis)
-        thrust = np.clip(asked, *self.quadrotor.thrust)
+        needed = dot(force, axis)
+        thrust = np.clip(needed, *self.quadrotor.thrust)
         acceleration = thrust / mass * axis - GRAVITY * _E3
         force1 = gains.position * (v - state.velocity) + gains.velocity * (a - acceleration) + mass * j
         thrust1 = dot(force1, axis) + dot(force, axis_rate)
-        thrust1 = np.where(thrust == asked, thrust1, 0.0)  # a thrust at its limit stays there
+        thrust1 = np.where(thrust == needed, thrust1, 0.0)  # a thrust at its limit stays there
         jerk = (thrust1 * axis + thrust * axis_rate) / mass
         force2 = gains.position * (a - acceleration) + gains.velocity * (j - jerk) + mass * s
 

@@ -152,7 +152,7 @@ def fly(
 
     Args:
         quadrotor: the vehicle.
-        controller: asked at every stage of the method.
+        controller: evaluated at every stage of the method.
         start: first state, of any batch shape.
         duration: s.
         step: s.
@@ -171,9 +171,9 @@ def fly(
     inverse = np.linalg.inv(quadrotor.inertia)
 
     def rates(time: float, state: QuadrotorState) -> tuple[Array, Array, Array, Array]:
-        asked, asked_moment = controller.control(time, state)
-        thrust = np.clip(asked, *quadrotor.thrust)
-        moment = np.clip(asked_moment, -quadrotor.moment, quadrotor.moment)
+        commanded_thrust, commanded_moment = controller.control(time, state)
+        thrust = np.clip(commanded_thrust, *quadrotor.thrust)
+        moment = np.clip(commanded_moment, -quadrotor.moment, quadrotor.moment)
         acceleration = thrust[..., None] / quadrotor.mass * state.rotation[..., 2] - [0.0, 0.0, GRAVITY]
         torque = moment if disturb is None else moment + disturb(time)
         spin = state.rate @ quadrotor.inertia

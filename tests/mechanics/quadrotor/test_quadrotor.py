@@ -49,8 +49,8 @@ def states_at(flight, k) -> QuadrotorState:
     return QuadrotorState(s.position[k], s.velocity[k], s.rotation[k], s.rate[k])
 
 
-def turn_only(start, duration, step=2e-3):
-    return fly(QUADROTOR, TurnOnly(GeometricController(QUADROTOR, Hover())), start, duration, step)
+def turn_only(start, duration, step=2e-3, gains=None):
+    return fly(QUADROTOR, TurnOnly(GeometricController(QUADROTOR, Hover(), gains)), start, duration, step)
 
 
 def test_the_errors_mean_an_angle() -> None:
@@ -139,17 +139,66 @@ def test_exactly_at_the_antipode_nothing_pulls_and_beside_it_the_error_grows() -
     assert measured == pytest.approx(rate, rel=1e-4)
 
 
-def test_the_lyapunov_function_never_rises() -> None:
-    """``1/2 Omega^T J Omega + k_R Psi`` has the derivative ``-k_Omega |Omega|^2``."""
+UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0], [2.5, 1.5, 3.0])
+
+
+@pytest.mark.parametrize("gains", [GAINS, UNEVEN], ids=["alike", "per axis"])
+def test_the_lyapunov_function_never_rises(gains: GeometricGains) -> None:
+    """``1/2 Omega^T J Omega + Psi`` has the derivative ``-Omega . k_Omega Omega``."""
     rotations = Rotation.random(50, random_state=4).as_matrix()
-    flight = turn_only(QuadrotorState.at_rest(rotations), 1.5)
-    psi, _ = attitude_error(flight.states.rotation, np.eye(3))
+    flight = turn_only(QuadrotorState.at_rest(rotations), 1.5, gains=gains)
+    psi, _ = attitude_error(flight.states.rotation, np.eye(3), gains.rotation)
     omega = flight.states.rate
-    energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + GAINS.rotation * psi
+    energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + psi
     assert np.diff(energy, axis=0).max() < 1e-12
     # A trapezoidal sum over 2 ms: h^2/12 times a bend of the integrand of about a thousand.
-    lost = np.trapezoid(GAINS.rate * np.sum(omega**2, axis=-1), dx=2e-3, axis=0)
+    lost = np.trapezoid(np.sum(gains.rate * omega**2, axis=-1), dx=2e-3, axis=0)
     assert np.allclose(energy[0] - energy[-1], lost, rtol=2e-3)
+
+
+def test_stiffness_per_axis_is_the_gradient_of_its_error_function() -> None:
+    """``e_R = K phi`` near the goal; ``dPsi = e_R . d`` for a turn ``R exp(d)`` anywhere."""
+    stiffness, desired = np.array([8.0, 3.0, 12.0]), Rotation.random(random_state=1).as_matrix()
+    small = 1e-6 * np.array([1.0, -2.0, 0.5])
+    psi, error = attitude_error(desired @ so3.exp(small), desired, stiffness)
+    assert np.allclose(error, stiffness * small, rtol=1e-5)
+    assert psi == pytest.approx(0.5 * small @ (stiffness * small), rel=1e-3)
+    rotation, step = Rotation.random(random_state=2).as_matrix(), 1e-5
+    _, error = attitude_error(rotation, desired, stiffness)
+    ahead, behind = (attitude_error(rotation @ so3.exp(s * step * np.eye(3)), desired, stiffness)[0] for s in (1, -1))
+    assert np.allclose((ahead - behind) / (2 * step), error, atol=1e-8)
+
+
+def test_gains_per_axis_make_each_axis_a_pendulum_of_its_own() -> None:
+    for axis in range(3):
+        inertia, k, c = QUADROTOR.inertia[axis, axis], UNEVEN.rotation[axis], UNEVEN.rate[axis]
+        flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3)[axis])), 1.0, 1e-3, UNEVEN)
+        exact = solve_ivp(
+            lambda _, y, k=k, c=c, inertia=inertia: [y[1], (-k * np.sin(y[0]) - c * y[1]) / inertia],
+            (0.0, 1.0),
+            [2.0, 0.0],
+            "DOP853",
+            flight.times,
+            rtol=1e-12,
+            atol=1e-12,
+        ).y[0]
+        assert np.allclose(so3.log(flight.states.rotation)[:, axis], exact, atol=1e-8)
+
+
+def test_gains_of_position_act_on_the_axes_of_the_world() -> None:
+    start = QuadrotorState(np.array([0.3, -0.2, 0.1]), np.array([0.1, 0.4, -0.2]), np.eye(3), np.zeros(3))
+    axis = GeometricController(QUADROTOR, Hover(), UNEVEN).command(0.0, start).rotation[:, 2]
+    force = np.array([0.0, 0.0, QUADROTOR.weight]) - UNEVEN.position * start.position - UNEVEN.velocity * start.velocity
+    assert np.allclose(axis, force / np.linalg.norm(force), atol=1e-14)
+    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 6.0, 4e-3)
+    assert np.linalg.norm(flight.states.position[-1]) < 0.01
+
+
+def test_three_gains_that_are_alike_are_one() -> None:
+    alike = GeometricGains(*(np.full(3, gain) for gain in vars(GAINS).values()))
+    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
+    commands = [GeometricController(QUADROTOR, Lissajous(), gains).control(0.3, start) for gains in (GAINS, alike)]
+    assert np.array_equal(commands[0][1], commands[1][1]) and commands[0][0] == commands[1][0]
 
 
 GOAL = Hover((0.0, 0.0, 10.0))
@@ -252,6 +301,10 @@ def test_bad_input_is_refused() -> None:
         QUADROTOR.limited(2.0, -1.0)
     with pytest.raises(InputError, match="rate: got -1"):
         GeometricGains(1.0, 1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="rotation: got .* a positive number, or three of them"):
+        GeometricGains(1.0, 1.0, np.ones(2), 1.0)
+    with pytest.raises(InputError, match="velocity: got"):
+        GeometricGains(1.0, np.array([1.0, 0.0, 1.0]), 1.0, 1.0)
     with pytest.raises(InputError, match="integral: got -1"):
         EulerGains(integral=-1.0)
     with pytest.raises(InputError, match="point"):

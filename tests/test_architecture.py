@@ -39,7 +39,7 @@ ARROWS: dict[str, str] = {
     "problems": f"{_PROBLEMS} locomotion",
     "solvers": _PROBLEMS,
     "mpc": f"{_PROBLEMS} solvers locomotion",
-    "wbc": "lie state robot",
+    "wbc": "lie state robot costs",
     "locomotion": "lie state robot",
     "simulation": "lie state robot control.interface",
     "estimation": "lie state robot control.interface",

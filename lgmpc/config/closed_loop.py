@@ -18,7 +18,7 @@ from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
 from lgmpc.simulation.plant import Plant
 from lgmpc.simulation.sensors import Sensors
-from lgmpc.wbc import QpStatus, WholeBodyTerms
+from lgmpc.wbc import TickStatus, WholeBodyTerms
 
 __all__ = ["ClosedLoopSession"]
 
@@ -127,7 +127,7 @@ class _Observer:
             base_reference=controller.base_target,
             push=tick.disturbance.wrench,
             push_point=tick.disturbance.point,
-            wbc_status=0 if wbc.status is QpStatus.SOLVED else 1,
+            wbc_status=0 if wbc.status is TickStatus.SOLVED else 1,
             wbc_ms=controller.wbc_ms,
         )
         if planner is not None and planner.planned and planner.plan is not None:

@@ -13,7 +13,7 @@ from lgmpc.control.reference import ComReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
-from lgmpc.wbc import QpStatus, WholeBodyController, WholeBodyReference
+from lgmpc.wbc import TickStatus, WholeBodyController
 
 __all__ = ["BalanceController"]
 
@@ -60,7 +60,6 @@ class BalanceController:
         self._start_com: Array | None = None
         self._start_base = robot.q_reference[:7].copy()
         self._time = np.zeros(1)
-        self._tracked = WholeBodyReference.standing(robot, np.zeros(3), wbc.terms.contact_points)
         self.target = np.zeros(3)
         self.base_target = self._start_base.copy()
         self.wbc_ms = 0.0
@@ -78,14 +77,15 @@ class BalanceController:
                 return self._wait(time, q)
             self._begin(q)
         self._follow_reference(time)
-        self._tracked.friction = self.floor.update(terms.contact_velocities, self._tracked.stance)
+        contacts = self.wbc.contacts
+        contacts.friction[:] = self.floor.update(terms.contact_velocities, contacts.stance)
         planning = 0.0
         if self.planner is not None:
-            self.planner.update(time, terms, self._tracked)
+            self.planner.update(time, self.wbc)
             planning = self.planner.spent
-        self.wbc.solve(self._tracked)
+        self.wbc.solve()
         if self.planner is not None:
-            if self.wbc.status is QpStatus.SOLVED:
+            if self.wbc.status is TickStatus.SOLVED:
                 self.planner.expect(terms, self.wbc.acceleration)
             else:
                 self.planner.skip()
@@ -102,21 +102,21 @@ class BalanceController:
         self.wbc.forces[:] = 0.0
         if self.planner is not None:
             self.planner.planned = False
-        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping)
+        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping_nms)
 
     def _wait(self, time: float, q: Array) -> Command:
         """Without a state there is no place to stand yet: no torque, joints damped."""
         _LOG.warning("no finite state yet at %.3f s: no torque, joints damped", time)
-        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping)
+        return Command.damping(np.zeros(self.robot.nu), q[self.robot.joint_q], self.wbc.settings.fallback_damping_nms)
 
     def _begin(self, q: Array) -> None:
         """Stand where the robot is now."""
         terms = self.wbc.terms
         self._start_com = terms.com.copy()
         self._start_base = q[:7].copy()
-        self._tracked = WholeBodyReference.standing(self.robot, terms.com, terms.contact_points)
+        self.wbc.stand()
         if self.planner is not None:
-            self.planner.begin(terms, self._tracked)
+            self.planner.begin(self.wbc)
 
     def _follow_reference(self, time: float) -> None:
         """Write the user's target into what the whole-body QP tracks."""
@@ -125,9 +125,8 @@ class BalanceController:
         offset, velocity, acceleration = (rows[0] for rows in self._reference.sample(self._time))
         np.add(self._start_com, offset, out=self.target)
         np.add(self._start_base[:3], offset, out=self.base_target[:3])
-        tracked = self._tracked
-        tracked.com[:] = self.target
-        tracked.com_velocity[:] = velocity
-        tracked.com_acceleration[:] = acceleration
-        tracked.base_position[:] = self.base_target[:3]
-        tracked.base_velocity[:] = velocity
+        com, base = (self.wbc.tasks[name].target for name in ("com", "base_position"))
+        com.position[:] = self.target
+        com.velocity[:] = base.velocity[:] = velocity
+        com.acceleration[:] = acceleration
+        base.position[:] = self.base_target[:3]

@@ -13,7 +13,7 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import MeasuredState, Mpc, MpcStatus, Plan, PlanSampler
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
+from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
 __all__ = ["Planner"]
 
@@ -77,10 +77,11 @@ class Planner:
         """Status of the last plan, None before the first update."""
         return None if self.plan is None else self.plan.status
 
-    def begin(self, terms: WholeBodyTerms, tracked: WholeBodyReference) -> None:
+    def begin(self, wbc: WholeBodyController) -> None:
         """Start afresh: the reference is relative to the present centre of mass, the posture is the tracked one."""
-        self._start_com[:] = terms.com
-        self._base_rotation, self._joint_position = tracked.base_rotation.copy(), tracked.joint_position.copy()
+        self._start_com[:] = wbc.terms.com
+        self._base_rotation = wbc.tasks["base_orientation"].target.rotation.copy()
+        self._joint_position = wbc.tasks["posture"].target.position.copy()
         self._tick = 0
         self._sampler.clear()
         self.mpc.reset()
@@ -88,59 +89,62 @@ class Planner:
 
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
         """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in."""
-        self.observer.expect(terms.momentum_matrix @ acceleration + terms.momentum_drift)
+        self.observer.expect(terms.momentum_rate(acceleration))
 
     def skip(self) -> None:
         """Leave the time until the next tick out of the observation: the torques are a fall-back's."""
         self.observer.skip()
 
-    def update(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference) -> None:
-        """Observe, plan if it is time to, and write into ``tracked`` what the whole-body QP should follow."""
-        wrench = self.observer.update(terms.momentum)
-        tracked.external_wrench[:] = wrench
+    def update(self, time: float, wbc: WholeBodyController) -> None:
+        """Observe, plan if it is time to, and write the targets that the whole-body QP follows."""
+        wrench = self.observer.update(wbc.terms.momentum)
+        wbc.external_wrench[:] = wrench
         self.planned = self._tick % self._every == 0
         self._tick += 1
         self.spent = 0.0
         if self.planned:
             started = perf_counter()
-            self._sampler.load(self._plan(time, terms, tracked, wrench), time)
+            self._sampler.load(self._plan(time, wbc, wrench), time)
             self.spent = perf_counter() - started
-        self._stand(tracked)
+        self._stand(wbc)
         if self.status is not MpcStatus.STALE:
-            self._follow(time, tracked)
+            self._follow(time, wbc)
 
-    def _plan(self, time: float, terms: WholeBodyTerms, tracked: WholeBodyReference, wrench: Array) -> Plan:
-        state = MeasuredState(
-            time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.momentum_matrix[3:, 3:6]
-        )
-        assert tracked.friction is not None
-        self._contacts.hold(terms.contact_points, tracked.stance, tracked.friction)
+    def _plan(self, time: float, wbc: WholeBodyController, wrench: Array) -> Plan:
+        terms, contacts = wbc.terms, wbc.contacts
+        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
+        self._contacts.hold(terms.contact_points, contacts.stance, float(contacts.friction.min()))
         offset, velocity, _ = self._reference.sample(time + self._node_times)
         np.add(self._start_com, offset, out=self._motion.com)
         self._motion.com_velocity[:] = velocity
         return self.mpc.update(state, self._contacts, self._motion, self._fading * wrench)
 
-    def _stand(self, tracked: WholeBodyReference) -> None:
+    def _stand(self, wbc: WholeBodyController) -> None:
         """Track the posture where it began, at rest: the targets of what a plan does not have."""
-        tracked.angular_momentum[:] = 0.0
-        tracked.angular_momentum_rate[:] = 0.0
-        tracked.base_rotation[:] = self._base_rotation
-        tracked.base_angular_velocity[:] = 0.0
-        tracked.joint_position[:] = self._joint_position
-        tracked.joint_velocity[:] = 0.0
+        base, posture, momentum = (
+            wbc.tasks[name].target for name in ("base_orientation", "posture", "angular_momentum")
+        )
+        momentum.momentum[:] = 0.0
+        momentum.rate[:] = 0.0
+        base.rotation[:] = self._base_rotation
+        base.angular_velocity[:] = 0.0
+        posture.position[:] = self._joint_position
+        posture.velocity[:] = 0.0
 
-    def _follow(self, time: float, tracked: WholeBodyReference) -> None:
+    def _follow(self, time: float, wbc: WholeBodyController) -> None:
         """Track the plan."""
-        row, motion, posture = self._sampler.row(time), self._sampler.motion, self._sampler.posture
+        row, motion, sample = self._sampler.row(time), self._sampler.motion, self._sampler.posture
         assert motion is not None
-        tracked.com[:] = motion.com[row]
-        tracked.com_velocity[:] = motion.com_velocity[row]
-        tracked.com_acceleration[:] = motion.com_acceleration[row]
-        tracked.angular_momentum[:] = motion.angular_momentum[row]
-        tracked.angular_momentum_rate[:] = motion.angular_momentum_rate[row]
-        tracked.contact_forces[:] = motion.forces[row]
-        if posture is not None:
-            tracked.base_rotation[:] = posture.base_rotation[row]
-            tracked.base_angular_velocity[:] = posture.base_angular_velocity[row]
-            tracked.joint_position[:] = posture.joint_position[row]
-            tracked.joint_velocity[:] = posture.joint_velocity[row]
+        com, momentum = (wbc.tasks[name].target for name in ("com", "angular_momentum"))
+        com.position[:] = motion.com[row]
+        com.velocity[:] = motion.com_velocity[row]
+        com.acceleration[:] = motion.com_acceleration[row]
+        momentum.momentum[:] = motion.angular_momentum[row]
+        momentum.rate[:] = motion.angular_momentum_rate[row]
+        wbc.contacts.target_forces[:] = motion.forces[row]
+        if sample is not None:
+            base, posture = (wbc.tasks[name].target for name in ("base_orientation", "posture"))
+            base.rotation[:] = sample.base_rotation[row]
+            base.angular_velocity[:] = sample.base_angular_velocity[row]
+            posture.position[:] = sample.joint_position[row]
+            posture.velocity[:] = sample.joint_velocity[row]

@@ -1,23 +1,24 @@
 """Whole-body control: tasks, one QP over accelerations and contact forces, ProxQP, torques."""
 
-from lgmpc.wbc.assembly import QpAssembly, WholeBodyLimits
-from lgmpc.wbc.controller import WholeBodyController, WholeBodySettings, standing_tasks
-from lgmpc.wbc.reference import WholeBodyReference
-from lgmpc.wbc.solver import QpStatus, WholeBodySolver
-from lgmpc.wbc.tasks import Gain, Task, TaskStack
+from lgmpc.wbc.assembly import Contacts, WholeBodyQp
+from lgmpc.wbc.controller import WholeBodyController
+from lgmpc.wbc.library import standard_tasks
+from lgmpc.wbc.settings import Gain, WholeBodySettings
+from lgmpc.wbc.solver import TickStatus, WholeBodySolver
+from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
 __all__ = [
+    "Contacts",
     "Gain",
-    "QpAssembly",
-    "QpStatus",
+    "NumericTask",
+    "SymbolicTask",
     "Task",
-    "TaskStack",
+    "TickStatus",
     "WholeBodyController",
-    "WholeBodyLimits",
-    "WholeBodyReference",
+    "WholeBodyQp",
     "WholeBodySettings",
     "WholeBodySolver",
     "WholeBodyTerms",
-    "standing_tasks",
+    "standard_tasks",
 ]

@@ -1,202 +1,245 @@
-"""Build the whole-body QP from terms, tasks and limits: pure arithmetic, no solver.
+"""The whole-body QP as one compiled function of state, targets and contacts, written into the solver's memory.
 
 Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 nc,), world axes, on the robot::
 
     minimise    1/2 ||J a - rhs||_W^2 + 1/2 w_f ||f - f_des||^2 + 1/2 w_a ||a||^2
     subject to  M_b a + h_b = J_cb^T f + w                      (floating-base rows of the dynamics)
                 |M_j a + h_j - J_cj^T f| <= tau_max              (torque limits)
-                friction pyramid inscribed in the cone           (each stance foot)
+                friction pyramid inscribed in the cone           (each foot)
                 bounds on joint accelerations and normal forces  (joint limits, contact)
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from lgmpc.errors import InputError
+from lgmpc.compile import StageKernel
+from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import friction_pyramid
-from lgmpc.typing import Array
-from lgmpc.wbc.reference import WholeBodyReference
-from lgmpc.wbc.tasks import TaskStack
+from lgmpc.typing import Array, BoolArray
+from lgmpc.wbc import contact_points as points
+from lgmpc.wbc.settings import WholeBodySettings
+from lgmpc.wbc.solver import WholeBodySolver
+from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["QpAssembly", "WholeBodyLimits"]
-
-_UNBOUNDED = 1e20  # what ProxQP takes for infinity
+__all__ = ["Contacts", "WholeBodyQp"]
 
 
 @dataclass(frozen=True)
-class WholeBodyLimits:
-    """Hard limits of the QP.
+class Contacts:
+    """The feet as the QP takes them at a tick: buffers to write to.
 
     Attributes:
-        friction: Coulomb coefficient that the controller believes.
-        friction_facets: sides of the pyramid inscribed in the friction cone.
-        normal_force_min: N, each stance foot.
-        normal_force_max: N, each stance foot.
-        joint_horizon: s; a joint nears its position limits no faster than ``exp(-2 t / joint_horizon)``, its velocity
-            limit no faster than ``exp(-t / joint_horizon)``, and so passes neither.
-        joint_acceleration_max: rad/s^2, bound that the joint limits may ask for at most.
+        stance: (nc,) whether each foot is in contact.
+        friction: (nc,) Coulomb coefficient to rely on.
+        target_forces: (nc, 3) forces to stay near, world axes, on the robot, N.
+        lowest_normal: (nc,) normal force that a foot in contact keeps, N.
+        highest_normal: (nc,) normal force that a foot in contact may reach, N.
     """
 
-    friction: float = 0.6
-    friction_facets: int = 12
-    normal_force_min: float = 0.1
-    normal_force_max: float = 25.0
-    joint_horizon: float = 0.05
-    joint_acceleration_max: float = 2000.0
+    stance: BoolArray
+    friction: Array
+    target_forces: Array
+    lowest_normal: Array
+    highest_normal: Array
 
-    def __post_init__(self) -> None:
-        """Refuse values that no contact can have."""
-        for name in ("friction", "normal_force_max", "joint_horizon", "joint_acceleration_max"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value <= 0:
-                raise InputError(name, value, "a positive number")
-        if self.friction_facets < 3:
-            raise InputError("friction_facets", self.friction_facets, "at least 3")
-        if not 0 <= self.normal_force_min < self.normal_force_max:
-            raise InputError("normal_force_min", self.normal_force_min, f"between 0 and {self.normal_force_max}")
+    @classmethod
+    def standing(cls, robot: Robot, settings: WholeBodySettings) -> Contacts:
+        """Return all feet in contact, the weight shared equally, within the limits of (scaled) settings."""
+        nc = robot.nc
+        assert settings.normal_force_n is not None
+        forces = np.zeros((nc, 3))
+        forces[:, 2] = robot.mass * -robot.gravity[2] / nc
+        lowest, highest = settings.normal_force_n
+        return cls(
+            np.ones(nc, dtype=np.bool_),
+            np.full(nc, settings.friction),
+            forces,
+            np.full(nc, lowest),
+            np.full(nc, highest),
+        )
 
 
-class QpAssembly:
-    """The QP's matrices in preallocated buffers.
+class WholeBodyQp:
+    """The QP's data as functions of what may change between two ticks; none of it compiles anything again.
 
     Args:
         robot: the robot.
-        stack: its tasks.
-        limits: hard limits.
-        force_weight: weight of staying near the reference contact forces.
-        acceleration_weight: regularisation of joint-space accelerations.
+        settings: weights and limits, scaled by the robot's mass.
+        tasks: the tasks, whose buffers the function reads; those without any weight are left out.
+        solver: whose memory the data is written to.
+        terms: the sensed state.
 
     Attributes:
-        hessian: (n, n) with n = nv + 3 nc.
-        gradient: (n,).
-        equality: (6, n) and equality_rhs (6,): floating-base dynamics.
-        inequality: (m, n) with lower (m,) and upper (m,): torques, then friction.
-        box_lower, box_upper: (n,).
+        contacts: see :class:`Contacts`.
+        external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
     """
 
     def __init__(
         self,
         robot: Robot,
-        stack: TaskStack,
-        limits: WholeBodyLimits,
-        force_weight: float,
-        acceleration_weight: float,
+        settings: WholeBodySettings,
+        tasks: Sequence[Task],
+        solver: WholeBodySolver,
+        terms: WholeBodyTerms,
     ) -> None:
-        nv, nu, nc = robot.nv, robot.nu, len(robot.contact_ids)
-        n, base = nv + 3 * nc, nv - nu
-        facets = limits.friction_facets
-        rows = nu + facets * nc
-        self._nv, self._nu, self._base = nv, nu, base
-        self._stack, self._limits = stack, limits
-        self._force_weight, self._acceleration_weight = force_weight, acceleration_weight
-        self._effort, self._negative_effort = robot.effort_limit, -robot.effort_limit
-        self._joint_lower, self._joint_upper = robot.joint_lower, robot.joint_upper
-        self._speeding = robot.velocity_limit / limits.joint_horizon
-        self.hessian = np.zeros((n, n))
-        self.gradient = np.zeros(n)
-        # The dynamics' rows [M, -J_c^T] are written at once: the base's are equalities, the joints' limit torques.
-        constraints = np.zeros((base + rows, n))
-        self.equality, self.inequality = constraints[:base], constraints[base:]
-        self._mass_block, self._force_block = constraints[:nv, :nv], constraints[:nv, nv:]
-        self.equality_rhs = np.zeros(base)
-        self.lower = np.full(rows, -_UNBOUNDED)
-        self.upper = np.zeros(rows)
-        self.box_lower = np.full(n, -_UNBOUNDED)
-        self.box_upper = np.full(n, _UNBOUNDED)
-        self._task_hessian = self.hessian[:nv, :nv]
-        self._task_diagonal = np.einsum("ii->i", self._task_hessian)  # a view
-        self._weighted = np.zeros_like(stack.jacobian)
-        self._wrench = np.zeros((2, 3))
-        self._wrench_on_base = np.zeros((2, 3))
-        self.hessian[nv:, nv:] = force_weight * np.eye(3 * nc)
-        pyramid = friction_pyramid(limits.friction, facets)
-        self._friction = limits.friction
-        self._pyramid_slopes: list[Array] = []
-        for i in range(nc):
-            block = self.inequality[nu + facets * i : nu + facets * (i + 1), nv + 3 * i : nv + 3 * i + 3]
-            block[:] = pyramid
-            self._pyramid_slopes.append(block[:, 2])
-        self._joint_box_lower, self._joint_box_upper = self.box_lower[base:nv], self.box_upper[base:nv]
-        self._stance: list[bool] = []
-        self._normal_lower, self._normal_upper = self.box_lower[nv + 2 :: 3], self.box_upper[nv + 2 :: 3]
+        nv, nu, base = robot.nv, robot.nu, robot.nv - robot.nu
+        self.contacts = Contacts.standing(robot, settings)
+        self.external_wrench = np.zeros(6)
+        self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
+        weighted = [task for task in tasks if task.weight.any()]
+        self._numeric = [task for task in weighted if isinstance(task, NumericTask)]
+        symbolic = [task for task in weighted if isinstance(task, SymbolicTask)]
+        self._flags = np.zeros(robot.nc)
+        self._friction: list[float] = []
+        self._nu, self._base = nu, base
+        self.bias = np.zeros(nu)
+        self._magnitude = np.zeros(1)
+        limits = np.array(
+            [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
+        )
+        weights, s = settings.weights, solver
+        self._torque_rows = s.inequality[:nu]
+        self._hessian, self._gradient = s.hessian[:nv, :nv], s.gradient[:nv]
+        self._pyramids = [
+            s.inequality[nu + i : nu + i + self._facets] for i in range(0, robot.nc * self._facets, self._facets)
+        ]
+        self._normal_column = nv + 2
+        s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
+        s.upper[nu:] = 0.0
+        self._run = StageKernel(_data(robot, symbolic, solver.size)).bind(
+            1,
+            q=terms.q,
+            v=terms.v,
+            stance=self._flags,
+            target_forces=self.contacts.target_forces.reshape(-1),
+            lowest_normal=self.contacts.lowest_normal,
+            highest_normal=self.contacts.highest_normal,
+            external_wrench=self.external_wrench,
+            limits=limits.reshape(-1),
+            horizon=np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2]),
+            weights=np.array([weights.force, weights.acceleration]),
+            **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},
+            hessian=s.hessian[:nv].reshape(-1),
+            gradient=s.gradient,
+            equality=s.equality.reshape(-1),
+            equality_rhs=s.equality_rhs,
+            torque_rows=self._torque_rows.reshape(-1),
+            lower=s.lower[:nu],
+            upper=s.upper[:nu],
+            box_lower=s.box_lower[base:],
+            box_upper=s.box_upper[base:],
+            bias=self.bias,
+            magnitude=self._magnitude,
+        )
 
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the QP of this tick; the task stack must have been updated."""
-        self._objective(reference)
-        self._dynamics(terms, reference)
-        self._joint_bounds(terms)
-        friction = self._limits.friction if reference.friction is None else reference.friction
+    def update(self) -> float:
+        """Write the QP of this tick into the solver's memory.
+
+        Returns:
+            The sum of squares of all that varies: not finite if the state or a target is not.
+        """
+        self._flags[:] = self.contacts.stance
+        friction = self.contacts.friction.tolist()
         if friction != self._friction:
-            self._friction = friction
-            for slopes in self._pyramid_slopes:
-                slopes[:] = -friction * math.cos(math.pi / self._limits.friction_facets)
-        stance = reference.stance.tolist()
-        if stance != self._stance:
-            self._stance = stance
-            np.multiply(stance, self._limits.normal_force_min, out=self._normal_lower)
-            np.multiply(stance, self._limits.normal_force_max, out=self._normal_upper)
+            self._write_friction(friction)
+        self._run()
+        return float(self._magnitude[0]) + sum(map(self._add, self._numeric))
 
-    def torques(self, terms: WholeBodyTerms, solution: Array) -> Array:
+    def torques(self, solution: Array) -> Array:
         """Joint torques (nu,) that produce the QP's accelerations and forces: ``M_j a + h_j - J_cj^T f``."""
-        torques: Array = np.dot(self.inequality[: self._nu], solution)
-        torques += terms.bias[self._base :]
+        torques: Array = np.dot(self._torque_rows, solution)
+        torques += self.bias
         return torques
 
-    def _objective(self, reference: WholeBodyReference) -> None:
-        nv, stack, weighted = self._nv, self._stack, self._weighted
-        np.multiply(stack.jacobian, stack.weight[:, None], out=weighted)
-        self._task_hessian[:] = np.dot(weighted.T, stack.jacobian)
-        self._task_diagonal += self._acceleration_weight
-        np.dot(stack.rhs, weighted, out=self.gradient[:nv])
-        self.gradient[nv:] = reference.contact_forces.ravel()
-        self.gradient[nv:] *= self._force_weight
-        np.negative(self.gradient, out=self.gradient)
+    def _write_friction(self, friction: list[float]) -> None:
+        self._friction = friction
+        for foot, (mu, rows) in enumerate(zip(friction, self._pyramids, strict=True)):
+            column = self._normal_column - 2 + 3 * foot
+            rows[:, column : column + 3] = friction_pyramid(mu, self._facets)
 
-    def _dynamics(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        nu, base, bias = self._nu, self._base, terms.bias
-        self._mass_block[:] = terms.mass_matrix
-        np.negative(terms.contact_jacobian.T, out=self._force_block)
-        np.subtract(self._external_force(terms, reference), bias[:base], out=self.equality_rhs)
-        np.subtract(self._negative_effort, bias[base:], out=self.lower[:nu])
-        np.subtract(self._effort, bias[base:], out=self.upper[:nu])
+    def _add(self, task: NumericTask) -> float:
+        """Add the rows of a task in Python to the cost; return the sum of squares of their right-hand side."""
+        task.update(self._terms)
+        rhs, weighted = task.rhs, task.weight[:, None] * task.jacobian
+        self._hessian += weighted.T @ task.jacobian
+        self._gradient -= rhs @ weighted
+        return float(rhs @ rhs)
 
-    def _external_force(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> Array:
-        """Generalised force on the base of the external wrench, which is given about the centre of mass."""
-        wrench = self._wrench
-        wrench.ravel()[:] = reference.external_wrench
-        x, y, z = (terms.com - terms.q[:3]).tolist()
-        fx, fy, fz = wrench[0].tolist()
-        wrench[1] += (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)  # now about the base
-        np.dot(wrench, terms.rotation, out=self._wrench_on_base)
-        return self._wrench_on_base.ravel()
 
-    def _joint_bounds(self, terms: WholeBodyTerms) -> None:
-        """Acceleration bounds that keep each joint within its limits.
+def _data(robot: Robot, tasks: Sequence[SymbolicTask], n: int) -> ca.Function:
+    """The data as a function; matrices are stored row by row, as the solver has them."""
+    model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
+    base = nv - nu
+    sizes = {"q": robot.nq, "v": nv, "stance": nc, "target_forces": 3 * nc, "lowest_normal": nc, "highest_normal": nc}
+    sizes |= {"external_wrench": 6, "limits": 4 * nu, "horizon": 2, "weights": 2}
+    sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    q, v = given["q"], given["v"]
+    parameters = {"stance": given["stance"]}
+    for i, task in enumerate(tasks):
+        parameters |= {f"{task.name}_{key}": part for key, part in task.layout.split(given[f"task_{i}"]).items()}
+    s = StageSymbols(model, ca.vertcat(q, v), parameters)
 
-        With ``T`` the joint horizon: ``a <= (v_max - v) / T`` and ``a <= 4 (q_max - q - v T) / T^2``, and the same from
-        below. The second is the approach ``(d/dt + 2 / T)^2 (q_max - q) >= 0``, critically damped: whatever begins no
-        faster than ``2 (q_max - q) / T`` never passes the limit. A joint already past a limit is asked for at most
-        ``joint_acceleration_max``, and the two sides never cross.
-        """
-        horizon, cap = self._limits.joint_horizon, self._limits.joint_acceleration_max
-        joints, rates = terms.q[-self._nu :], terms.v[-self._nu :]
-        ahead = rates * horizon
-        ahead += joints
-        slowing = rates / horizon
-        gain = 4.0 / horizon**2
-        upper, lower = self._joint_box_upper, self._joint_box_lower
-        np.subtract(self._joint_upper, ahead, out=upper)
-        upper *= gain
-        np.minimum(upper, self._speeding - slowing, out=upper)
-        np.maximum(upper, -cap, out=upper)
-        np.subtract(self._joint_lower, ahead, out=lower)
-        lower *= gain
-        np.maximum(lower, -self._speeding - slowing, out=lower)
-        np.minimum(lower, cap, out=lower)
-        np.minimum(lower, upper, out=lower)
+    hessian = given["weights"][1] * ca.SX.eye(nv)
+    gradient = ca.SX.zeros(nv)
+    for task in tasks:
+        rows = task.rows(s)
+        weighted = ca.mtimes(ca.diag(rows.weight), rows.jacobian)
+        hessian += ca.triu(ca.mtimes(weighted.T, rows.jacobian))
+        gradient -= ca.mtimes(weighted.T, rows.rhs)
+    gradient = ca.vertcat(gradient, -given["weights"][0] * given["target_forces"])
+
+    dynamics, bias = ca.horzcat(model.crba(q), -points.contact_jacobian(s, robot).T), model.nle(q, v)
+    rotation = model.joint_placement(q, 1).rotation
+    force, moment = given["external_wrench"][:3], given["external_wrench"][3:]
+    moment_on_base = moment + ca.cross(model.com(q) - q[:3], force)
+    on_base = ca.vertcat(ca.mtimes(rotation.T, force), ca.mtimes(rotation.T, moment_on_base))
+    effort, lowest, highest, fastest = ca.vertsplit(given["limits"], nu)
+    equality_rhs, lower, upper = on_base - bias[:base], -effort - bias[base:], effort - bias[base:]
+    joints = _joint_bounds(q[robot.joint_q], v[robot.joint_v], lowest, highest, fastest, given["horizon"])
+    forces = _force_bounds(given["stance"], given["lowest_normal"], given["highest_normal"])
+    magnitude = sum(ca.sumsqr(part) for part in (q, v, gradient, equality_rhs, lower))
+    outputs = {
+        "hessian": ca.vertcat(ca.triu2symm(hessian), ca.SX(n - nv, nv)),
+        "gradient": gradient,
+        "equality": dynamics[:base, :].T,
+        "equality_rhs": equality_rhs,
+        "torque_rows": dynamics[base:, :].T,
+        "lower": lower,
+        "upper": upper,
+        "box_lower": ca.vertcat(joints[0], forces[0]),
+        "box_upper": ca.vertcat(joints[1], forces[1]),
+        "bias": bias[base:],
+        "magnitude": magnitude,
+    }
+    return ca.Function("wbc_qp", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
+
+
+def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horizon: Any) -> tuple[Any, Any]:
+    """Bounds on the joint accelerations (nu,) that keep each joint within its limits.
+
+    With ``T`` the joint horizon: ``a <= (v_max - v) / T`` and ``a <= 4 (q_max - q - v T) / T^2``, and the same from
+    below. The second is the approach ``(d/dt + 2 / T)^2 (q_max - q) >= 0``, critically damped: what begins no faster
+    than ``2 (q_max - q) / T`` never passes the limit. A joint already past a limit is bound to at most the largest
+    acceleration that the limits may require, and the two sides never cross.
+    """
+    time, cap = horizon[0], horizon[1]
+    ahead, gain = q + time * v, 4.0 / time**2
+    upper = ca.fmax(ca.fmin(gain * (highest - ahead), (fastest - v) / time), -cap)
+    lower = ca.fmin(ca.fmax(gain * (lowest - ahead), (-fastest - v) / time), cap)
+    return ca.fmin(lower, upper), upper
+
+
+def _force_bounds(stance: Any, lowest: Any, highest: Any) -> tuple[Any, Any]:
+    """Bounds on the forces (3 nc,): the pyramid alone bounds their tangential parts; no force on a foot in the air."""
+    free = ca.SX(WholeBodySolver.UNBOUNDED * np.ones((2, stance.shape[0])))
+    normal_lower, normal_upper = (ca.if_else(stance, bound, 0.0).T for bound in (lowest, highest))
+    return ca.vec(ca.vertcat(-free, normal_lower)), ca.vec(ca.vertcat(free, normal_upper))

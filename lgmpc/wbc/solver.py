@@ -2,113 +2,122 @@
 
 from __future__ import annotations
 
-import math
 from enum import Enum
+from typing import ClassVar
 
 from lgmpc.proxqp import proxqp
 from lgmpc.typing import Array
-from lgmpc.wbc.assembly import QpAssembly
 
-__all__ = ["QpStatus", "WholeBodySolver"]
+__all__ = ["TickStatus", "WholeBodySolver"]
 
 _INFEASIBILITY_TOLERANCE = 1e-10
 _NEWTON_STEPS = 10
 
 
-class QpStatus(Enum):
+class TickStatus(Enum):
     """How a tick's QP ended; the value says what to do about it."""
 
     SOLVED = "nothing to do"
     MAX_ITERATIONS = "the limits may contradict each other or the state; else raise wbc.max_iterations or wbc.tolerance"
     INFEASIBLE = "the limits contradict each other: check torque, friction and normal-force limits"
-    NOT_FINITE = "the state or the reference holds NaN or infinity"
+    NOT_FINITE = "the state or a target holds NaN or infinity"
 
 
 class WholeBodySolver:
-    """One ProxQP instance that keeps its factorisation and multipliers from tick to tick.
+    """One ProxQP instance that keeps its multipliers from tick to tick.
+
+    The data is written straight into ProxQP's own memory. Rows and bounds that nobody writes to hold nothing.
 
     Args:
-        assembly: the QP whose buffers are solved.
+        variables: n.
+        equalities: rows of the equalities.
+        inequalities: m, rows of the inequalities.
         tolerance: absolute residual at which ProxQP stops.
         max_iterations: outer iterations, each of at most 10 Newton steps.
+
+    Attributes:
+        size: n.
+        hessian: (n, n).
+        gradient: (n,).
+        equality: (e, n), with equality_rhs (e,).
+        inequality: (m, n), with lower (m,) and upper (m,).
+        box_lower: (n,).
+        box_upper: (n,).
+        solution: (n,) variables of the last solve.
     """
 
-    def __init__(self, assembly: QpAssembly, tolerance: float = 1e-6, max_iterations: int = 50) -> None:
-        self._assembly = assembly
-        n, ne, ni = assembly.gradient.size, assembly.equality_rhs.size, assembly.lower.size
-        self._qp = proxqp.dense.QP(n, ne, ni, True)
-        settings = self._qp.settings
+    UNBOUNDED: ClassVar[float] = 1e20
+    """What ProxQP takes for infinity."""
+
+    def __init__(
+        self, variables: int, equalities: int, inequalities: int, tolerance: float = 1e-6, max_iterations: int = 50
+    ) -> None:
+        self.size = variables
+        self._qp = qp = proxqp.dense.QP(variables, equalities, inequalities, True)
+        settings = qp.settings
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
         settings.max_iter = max_iterations
-        # Rarely more than 3 are of use; at the default 1500, a wild reference could stall a tick for seconds.
+        # Rarely more than 3 are of use; at the default 1500, a wild target could stall a tick for seconds.
         settings.max_iter_in = _NEWTON_STEPS
         # In SI units this problem is scaled well enough: equilibrated, it takes more iterations.
         settings.compute_preconditioner = False
         # At the default 1e-4, ProxQP takes feasible ticks for infeasible ones when the active set changes abruptly.
         settings.eps_primal_inf = settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
-        a = assembly
-        self._data = (
-            a.hessian,
-            a.gradient,
-            a.equality,
-            a.equality_rhs,
-            a.inequality,
-            a.lower,
-            a.upper,
-            a.box_lower,
-            a.box_upper,
-        )
+        model = qp.model
+        self.hessian: Array = model.H
+        self.gradient: Array = model.g
+        self.equality: Array = model.A
+        self.equality_rhs: Array = model.b
+        self.inequality: Array = model.C
+        self.lower: Array = model.l
+        self.upper: Array = model.u
+        self.box_lower: Array = model.l_box
+        self.box_upper: Array = model.u_box
+        self.solution: Array = qp.results.x
+        for bound, value in ((self.lower, -1), (self.upper, 1), (self.box_lower, -1), (self.box_upper, 1)):
+            bound[:] = value * self.UNBOUNDED
         self._fresh = True
 
     def reset(self) -> None:
         """Forget the warm start: the next solve begins as the first one did."""
         self._fresh = True
 
-    def solve(self) -> QpStatus:
-        """Solve the assembly's current QP; the result is in :attr:`solution`.
+    def solve(self) -> TickStatus:
+        """Solve the QP in memory; the result is in :attr:`solution`.
 
         A warm start that leads nowhere (the active set changed too much since the last tick) is followed by one cold
         start on the same problem.
         """
-        a = self._assembly
-        # These vectors depend on every input: NaN or infinity anywhere shows in the sum of their squares.
-        if not math.isfinite(a.gradient @ a.gradient + a.lower @ a.lower + a.equality_rhs @ a.equality_rhs):
-            self._fresh = True
-            return QpStatus.NOT_FINITE
         status = self._cold_start() if self._fresh else self._warm_start()
-        if status is not QpStatus.SOLVED and not self._fresh:
+        if status is not TickStatus.SOLVED and not self._fresh:
             status = self._cold_start()
-        self._fresh = status is not QpStatus.SOLVED
+        self._fresh = status is not TickStatus.SOLVED
         return status
 
-    def _cold_start(self) -> QpStatus:
-        self._qp.settings.initial_guess = proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
-        self._qp.init(*self._data, False)
-        self._qp.solve()
+    def _cold_start(self) -> TickStatus:
+        qp, model = self._qp, self._qp.model
+        qp.settings.initial_guess = proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
+        qp.init(model.H, model.g, model.A, model.b, model.C, model.l, model.u, model.l_box, model.u_box, False)
+        qp.solve()
         return self._read_status()
 
-    def _warm_start(self) -> QpStatus:
+    def _warm_start(self) -> TickStatus:
         self._qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        self._qp.update(*self._data, False)
+        # The data is in place already; naming one matrix makes ProxQP factorise it anew.
+        self._qp.update(A=self.equality)
         self._qp.solve()
         return self._read_status()
-
-    @property
-    def solution(self) -> Array:
-        """(n,) variables of the last solve."""
-        x: Array = self._qp.results.x
-        return x
 
     @property
     def iterations(self) -> int:
         """ProxQP's inner iterations of the last solve."""
         return int(self._qp.results.info.iter)
 
-    def _read_status(self) -> QpStatus:
+    def _read_status(self) -> TickStatus:
         code = self._qp.results.info.status
         if code == proxqp.QPSolverOutput.PROXQP_SOLVED:
-            return QpStatus.SOLVED
+            return TickStatus.SOLVED
         if code == proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
-            return QpStatus.MAX_ITERATIONS
-        return QpStatus.INFEASIBLE
+            return TickStatus.MAX_ITERATIONS
+        return TickStatus.INFEASIBLE

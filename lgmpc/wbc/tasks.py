@@ -1,301 +1,244 @@
-r"""Tasks in the TSID sense: each asks for ``J a = a_des - J' v`` and says how much it matters.
+"""Tasks of the whole-body QP: what should accelerate how, and how much that matters.
 
-A task supplies its Jacobian, its error and what else its acceleration has (feed-forward, drift). The feedback ``rhs =
-acceleration + kp error + kd rate`` is the same for all and made by :class:`TaskStack` at once; what the QP makes of the
-rows (``1/2 ||J a - rhs||_W^2``) lives in :mod:`lgmpc.wbc.assembly`. To add a task, subclass :class:`Task` and write
-``update``.
+A task drives a quantity y of the robot, with y' = J v and y'' = J a + J' v, to its target. Its rows of the QP are
+
+    J a + J' v = y''_target + kp (y_target - y) + kd (y'_target - y')        each with a weight.
+
+One's own takes three lines; its Jacobian, its drift J' v and machine code come from the expression:
+
+    class HandHeight(SymbolicTask):
+        dim = 1
+        def position(self, s): return s.placement("hand").translation[2]
+
+    hand = HandHeight(Gain(kp=100.0), weight=10.0)
+    wbc = WholeBodyController(robot, settings, [*standard_tasks(robot, settings), hand])
+    hand.target.position[:] = 0.4  # at any tick; nothing is compiled again
+
+``s`` is a :class:`~lgmpc.costs.StageSymbols` with q and v, the task's targets as ``s["position"]`` and so on, and
+``s["stance"]`` (nc,), 1 for each foot in contact and 0 for the others. A quantity that no expression describes is a
+:class:`NumericTask`: numpy rows, computed at every tick. The built-in tasks are in :mod:`lgmpc.wbc.library`.
 
 Source: A. Del Prete et al., "Implementing torque control with high-ratio gear boxes and without joint-torque sensors",
-IJHR 2016, section 3, for the form; Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot", 2013, for ``A_G``.
+IJHR 2016, section 3, for the form.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
-import pinocchio as pin
 
+from lgmpc.costs import Parameter, ParameterLayout, StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
-from lgmpc.wbc.reference import WholeBodyReference
+from lgmpc.wbc.settings import Gain
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = [
-    "AngularMomentumTask",
-    "BaseOrientationTask",
-    "BasePositionTask",
-    "ComTask",
-    "FootTask",
-    "Gain",
-    "PostureTask",
-    "Task",
-    "TaskRows",
-    "TaskStack",
-]
+__all__ = ["NumericTask", "SymbolicTask", "Target", "Task", "TaskRows", "along_motion"]
 
 
-@dataclass(frozen=True)
-class Gain:
-    """Feedback of a task: ``a_des = a_ff + kp * error + kd * error rate``.
+class Target:
+    """The targets of a task: named buffers, attributes of this object, to be written to between two ticks."""
+
+    def __init__(self, task: str, buffers: Mapping[str, Array]) -> None:
+        self._task = task
+        self._buffers = dict(buffers)
+
+    def __getattr__(self, name: str) -> Array:
+        """Return the buffer of this name.
+
+        Raises:
+            InputError: the task has no such target; names the nearest.
+        """
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self._buffers[name]
+        except KeyError:
+            raise InputError(
+                f"target of task '{self._task}'", name, "one of its targets", tuple(self._buffers)
+            ) from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._buffers]
+
+
+class Task(ABC):
+    """A block of rows of the QP with weights, and the target that they lead to.
+
+    Args:
+        gain: feedback.
+        weight: one number, or one per row; not negative.
+        name: unique among the tasks of a controller; the class's unless given.
 
     Attributes:
-        kp: 1/s^2, one number or one per row.
-        kd: 1/s, one number or one per row.
+        name: what it is called in messages and in :attr:`lgmpc.wbc.WholeBodyController.tasks`.
+        dim: number of rows.
+        target: named buffers; position, velocity and acceleration (dim,) unless the class has others.
+        kp: (dim,) stiffness, 1/s2, a buffer too.
+        kd: (dim,) damping, 1/s, a buffer too.
+        weight: (dim,) weights, a buffer too.
+        layout: names of the slices of :attr:`memory`.
+        memory: the vector of which targets, gains and weights are views.
+
+    Raises:
+        InputError: if a weight is negative or not finite, or there are not as many weights as rows.
     """
 
-    kp: float | tuple[float, ...]
-    kd: float | tuple[float, ...]
+    dim: int
+    name: str = ""
 
-    @classmethod
-    def critically_damped(cls, kp: float, ratio: float = 1.0) -> Gain:
-        """Gain with damping ``kd = 2 ratio sqrt(kp)``."""
-        return cls(kp, 2.0 * ratio * float(np.sqrt(kp)))
+    def __init__(self, gain: Gain, weight: float | Sequence[float], name: str = "") -> None:
+        self.name = name or self.name or type(self).__name__
+        targets = self.targets()
+        shapes = {parameter.name: shape for parameter, shape in targets}
+        self.layout = ParameterLayout(
+            *(parameter for parameter, _ in targets),
+            Parameter("kp", self.dim, "stiffness, 1/s2", gain.kp),
+            Parameter("kd", self.dim, "damping, 1/s", gain.damping),
+            Parameter("weight", self.dim, "weights of the rows", _checked_weight(self.name, weight, self.dim)),
+        )
+        self.memory = self.layout.default.copy()
+        views = {key: self.layout.view(self.memory, key) for key in self.layout}
+        self.kp, self.kd, self.weight = views["kp"], views["kd"], views["weight"]
+        self.target = Target(self.name, {key: views[key].reshape(shape) for key, shape in shapes.items()})
+
+    def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
+        """Return the targets, each with the shape of its buffer."""
+        return [
+            (Parameter(key, self.dim, f"target {key}"), (self.dim,)) for key in ("position", "velocity", "acceleration")
+        ]
+
+    def hold(self, position: Array) -> None:
+        """Set the target to rest at ``position``."""
+        self.target.position[:] = position
+        self.target.velocity[:] = self.target.acceleration[:] = 0.0
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:  # noqa: B027 - not every task has such a target
+        """Set the target of standing still at the sensed place in the robot's reference posture."""
 
 
 @dataclass(frozen=True)
 class TaskRows:
-    """Rows of a :class:`TaskStack` (views, m rows each) that a task writes to.
+    """Rows ``jacobian a = rhs`` as expressions.
 
     Attributes:
-        jacobian: (m, nv).
-        error: (m,) target minus position, 0 where only rates are fed back.
-        rate: (m,) target velocity minus velocity.
-        acceleration: (m,) feed-forward minus drift: the acceleration asked for at zero error, less ``J' v``.
-        kp: (m,) gain of the error, 1/s^2.
-        kd: (m,) gain of the rate, 1/s.
-        weight: (m,).
+        jacobian: (dim, nv).
+        rhs: (dim,).
+        weight: (dim,).
     """
 
-    jacobian: Array
-    error: Array
-    rate: Array
-    acceleration: Array
-    kp: Array
-    kd: Array
-    weight: Array
-
-    def part(self, rows: slice) -> TaskRows:
-        """Return views of some of the rows."""
-        return TaskRows(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+    jacobian: Any
+    rhs: Any
+    weight: Any
 
 
-class Task(ABC):
-    """One block of rows ``jacobian @ a = acceleration + kp error + kd rate`` with weights.
+class SymbolicTask(Task):
+    """A task written as expressions: :meth:`position`, or :meth:`velocity` with :meth:`error` where it has none.
+
+    The velocity must be linear in v. Jacobian and drift are its derivatives; a class overrides them only to share
+    what the robot's algorithms compute anyway.
+    """
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the (dim,) quantity that follows the target position."""
+        raise InputError(f"task '{self.name}'", "neither position nor velocity", "an expression of one of them")
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return its (dim,) rate, linear in v."""
+        return along_motion(s, self.position(s))
+
+    def error(self, s: StageSymbols) -> Any:
+        """Return (dim,) what the stiffness multiplies."""
+        return s["position"] - self.position(s)
+
+    def rate(self, s: StageSymbols) -> Any:
+        """Return (dim,) what the damping multiplies."""
+        return s["velocity"] - self.velocity(s)
+
+    def acceleration(self, s: StageSymbols) -> Any:
+        """Return the (dim,) feed-forward."""
+        return s["acceleration"]
+
+    def jacobian(self, s: StageSymbols) -> Any:
+        """Return the (dim, nv) derivative of the velocity by v."""
+        return ca.jacobian(self.velocity(s), s.v)
+
+    def drift(self, s: StageSymbols) -> Any:
+        """Return (dim,) the acceleration at zero joint-space acceleration, J' v."""
+        return along_motion(s, self.velocity(s))
+
+    def active(self, s: StageSymbols) -> Any:
+        """Return (dim,) which rows count at this tick, 1 or 0; what the targets of others hold is never read."""
+        return ca.SX.ones(self.dim)
+
+    def rows(self, symbols: StageSymbols) -> TaskRows:
+        """Return the rows; the task's targets, gains and weights are parameters ``<name>_<parameter>``.
+
+        Raises:
+            InputError: an expression does not have as many rows as ``dim``; names it.
+        """
+        s = symbols.within(self.name)
+        parts = {}
+        for part in ("velocity", "error", "rate", "acceleration", "drift", "active"):
+            column = parts[part] = getattr(self, part)(s)
+            if column.shape != (self.dim, 1):
+                expected = f"shape ({self.dim}, 1), as its dim says"
+                raise InputError(f"{part} of task '{self.name}'", f"shape {column.shape}", expected)
+        rhs = parts["acceleration"] + s["kp"] * parts["error"] + s["kd"] * parts["rate"] - parts["drift"]
+        active = parts["active"]
+        return TaskRows(self.jacobian(s), ca.if_else(active, rhs, 0.0), ca.if_else(active, s["weight"], 0.0))
+
+
+class NumericTask(Task):
+    """A task computed by numpy at every tick: a subclass writes the rows in :meth:`update`.
 
     Args:
-        name: what it is called in messages.
-        dim: number of rows.
-        gain: feedback.
-        weight: one number, or one per row.
+        robot: the robot.
+        gain: see :class:`Task`.
+        weight: see :class:`Task`.
+        name: see :class:`Task`.
 
     Attributes:
-        name: as given.
-        dim: as given.
-        rows: the rows of the stack that are this task's, once it is in one.
-
-    Raises:
-        InputError: if a weight is negative or not finite, or there are not as many gains or weights as rows.
+        jacobian: (dim, nv).
+        error: (dim,) target minus position.
+        rate: (dim,) target velocity minus velocity.
+        acceleration: (dim,) feed-forward.
+        drift: (dim,) J' v.
     """
 
-    rows: TaskRows
-
-    def __init__(self, name: str, dim: int, gain: Gain, weight: float | Sequence[float]) -> None:
-        self.name = name
-        self.dim = dim
-        self._kp = _per_row(f"kp of task '{name}'", gain.kp, dim)
-        self._kd = _per_row(f"kd of task '{name}'", gain.kd, dim)
-        self._weight = _per_row(f"weight of task '{name}'", weight, dim)
-
-    def bind(self, rows: TaskRows) -> None:
-        """Take the rows of the stack, all zero, and write what never changes."""
-        self.rows = rows
-        rows.kp[:], rows.kd[:], rows.weight[:] = self._kp, self._kd, self._weight
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float], name: str = "") -> None:
+        super().__init__(gain, weight, name)
+        self.jacobian = np.zeros((self.dim, robot.nv))
+        self.error, self.rate, self.acceleration, self.drift = np.zeros((4, self.dim))
 
     @abstractmethod
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write what changed in :attr:`rows` since the last tick."""
+    def update(self, terms: WholeBodyTerms) -> None:
+        """Write the rows at the sensed state ``terms.q``, ``terms.v``."""
+
+    @property
+    def rhs(self) -> Array:
+        """(dim,) right-hand side of the rows."""
+        rhs: Array = self.acceleration + self.kp * self.error + self.kd * self.rate - self.drift
+        return rhs
 
 
-def _per_row(name: str, value: float | Sequence[float], dim: int) -> Array:
-    numbers = np.asarray(value, dtype=float)
-    if numbers.shape not in ((), (dim,)):
-        raise InputError(name, value, f"one number or {dim}")
-    if not np.isfinite(numbers).all() or (numbers < 0).any():
-        raise InputError(name, value, "finite, not negative")
-    return numbers
+def along_motion(s: StageSymbols, expression: Any) -> Any:
+    """Return the rate of ``expression`` along the motion q' = q'(q, v) at constant v."""
+    step = ca.SX.sym("step", s.robot.nv)
+    along = ca.jtimes(s.robot.integrate(s.q, step), step, s.v)
+    return ca.jtimes(expression, s.q, ca.substitute(along, step, ca.SX.zeros(s.robot.nv)))
 
 
-class TaskStack:
-    """All tasks' rows in one matrix, so that the feedback is one expression and the QP's Hessian one product.
-
-    Attributes:
-        tasks: in the order of their rows.
-        rows: all tasks' rows.
-        jacobian: (m, nv).
-        rhs: (m,) ``acceleration + kp error + kd rate``.
-        weight: (m,).
-    """
-
-    def __init__(self, tasks: Sequence[Task], nv: int) -> None:
-        m = sum(task.dim for task in tasks)
-        self.tasks = tuple(tasks)
-        self.rows = TaskRows(np.zeros((m, nv)), *np.zeros((6, m)))
-        self.jacobian, self.weight = self.rows.jacobian, self.rows.weight
-        self.rhs = np.zeros(m)
-        self._damping = np.zeros(m)
-        start = 0
-        for task in tasks:
-            task.bind(self.rows.part(slice(start, start + task.dim)))
-            start += task.dim
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Let every task write its rows, and add the feedback."""
-        for task in self.tasks:
-            task.update(terms, reference)
-        rows, rhs = self.rows, self.rhs
-        np.multiply(rows.kp, rows.error, out=rhs)
-        np.multiply(rows.kd, rows.rate, out=self._damping)
-        rhs += self._damping
-        rhs += rows.acceleration
-
-
-class ComTask(Task):
-    """Centre of mass: ``(A_G[lin] / m) a = c''_des - (A_G' v)[lin] / m``."""
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("com", 3, gain, weight)
-        self._inverse_mass = 1.0 / robot.mass
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        rows, inverse_mass = self.rows, self._inverse_mass
-        np.multiply(terms.momentum_matrix[:3], inverse_mass, out=rows.jacobian)
-        np.subtract(reference.com, terms.com, out=rows.error)
-        np.multiply(terms.momentum[:3], -inverse_mass, out=rows.rate)
-        np.add(rows.rate, reference.com_velocity, out=rows.rate)
-        np.multiply(terms.momentum_drift[:3], -inverse_mass, out=rows.acceleration)
-        np.add(rows.acceleration, reference.com_acceleration, out=rows.acceleration)
-
-
-class BaseOrientationTask(Task):
-    """Orientation of the base, body axes: error ``log(R^T R_d)``, rate ``R^T R_d omega_d - omega``."""
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("base_orientation", 3, gain, weight)
-
-    def bind(self, rows: TaskRows) -> None:
-        """Take the rows; the Jacobian is constant, because ``v`` holds the body angular velocity itself."""
-        super().bind(rows)
-        rows.jacobian[:, 3:6] = np.eye(3)
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        rows = self.rows
-        to_target = np.dot(terms.rotation.T, reference.base_rotation)
-        rows.error[:] = pin.log3(to_target)
-        np.subtract(np.dot(to_target, reference.base_angular_velocity), terms.v[3:6], out=rows.rate)
-
-
-class BasePositionTask(Task):
-    """Position of the base's origin, world axes: ``R (v_lin' + omega x v_lin) = p''_des``."""
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("base_position", 3, gain, weight)
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        rows, rotation, linear = self.rows, terms.rotation, terms.v[:3]
-        rows.jacobian[:, :3] = rotation
-        np.subtract(reference.base_position, terms.q[:3], out=rows.error)
-        np.subtract(reference.base_velocity, rotation @ linear, out=rows.rate)
-        rows.acceleration[:] = rotation @ (pin.skew(linear) @ terms.v[3:6])
-
-
-class AngularMomentumTask(Task):
-    """Centroidal angular momentum: ``A_G[ang] a = k'_des + kd (k_des - k) - (A_G' v)[ang]``.
-
-    It has no error: ``gain`` (1/s) feeds back the momentum, which is a rate itself.
-    """
-
-    def __init__(self, robot: Robot, gain: float, weight: float | Sequence[float]) -> None:
-        super().__init__("angular_momentum", 3, Gain(0.0, gain), weight)
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        rows = self.rows
-        rows.jacobian[:] = terms.momentum_matrix[3:]
-        np.subtract(reference.angular_momentum, terms.momentum[3:], out=rows.rate)
-        np.subtract(reference.angular_momentum_rate, terms.momentum_drift[3:], out=rows.acceleration)
-
-
-class PostureTask(Task):
-    """Joint positions near the reference posture."""
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        super().__init__("posture", robot.nu, gain, weight)
-
-    def bind(self, rows: TaskRows) -> None:
-        """Take the rows; the Jacobian is the constant selector of the joints."""
-        super().bind(rows)
-        rows.jacobian[:, -self.dim :] = np.eye(self.dim)
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        np.subtract(reference.joint_position, terms.q[-self.dim :], out=self.rows.error)
-        np.subtract(reference.joint_velocity, terms.v[-self.dim :], out=self.rows.rate)
-
-
-class FootTask(Task):
-    """Feet: the contact point of a stance foot keeps still, the lowest point of a swing foot follows its target.
-
-    A stance foot is held by a heavy weight instead of an equality, because equal rows turn infeasible with the torque
-    limits near stretched legs; and only its velocity is fed back, because a rolling sphere's contact point moves.
-    """
-
-    def __init__(
-        self, robot: Robot, stance_damping: float, swing_gain: Gain, stance_weight: float, swing_weight: float
-    ) -> None:
-        super().__init__("feet", 3 * len(robot.contact_ids), Gain(0.0, stance_damping), stance_weight)
-        self._swing_kp = _per_row("kp of swing feet", swing_gain.kp, 3)
-        self._swing_kd = _per_row("kd of swing feet", swing_gain.kd, 3)
-        self._swing_weight = _per_row("weight of swing feet", swing_weight, 3)
-        self._stance: list[bool] = []
-
-    def update(self, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        """Write the rows for this tick."""
-        rows = self.rows
-        stance = reference.stance.tolist()
-        if stance != self._stance:
-            self._stance = stance
-            self._switch()
-        rows.jacobian[:] = terms.contact_jacobian
-        np.dot(terms.contact_jacobian, terms.v, out=rows.rate)
-        np.negative(rows.rate, out=rows.rate)
-        np.negative(terms.contact_drift, out=rows.acceleration)
-        for foot, held in enumerate(stance):
-            if not held:
-                self._follow(foot, terms, reference)
-
-    def _switch(self) -> None:
-        """Write gains and weights of the feet that stand and of those that swing."""
-        super().bind(self.rows)
-        for foot, held in enumerate(self._stance):
-            block = self._block(foot)
-            block.error[:] = 0.0
-            if not held:
-                block.kp[:], block.kd[:], block.weight[:] = self._swing_kp, self._swing_kd, self._swing_weight
-
-    def _follow(self, foot: int, terms: WholeBodyTerms, reference: WholeBodyReference) -> None:
-        block = self._block(foot)
-        jacobian, drift = terms.foot_centre(foot)
-        block.jacobian[:] = jacobian
-        block.error[:] = reference.foot_position[foot] - terms.contact_points[foot]
-        block.rate[:] = reference.foot_velocity[foot] - jacobian @ terms.v
-        block.acceleration[:] = reference.foot_acceleration[foot] - drift
-
-    def _block(self, foot: int) -> TaskRows:
-        return self.rows.part(slice(3 * foot, 3 * foot + 3))
+def _checked_weight(name: str, weight: float | Sequence[float], dim: int) -> Array:
+    values = np.asarray(weight, dtype=np.float64)
+    if values.shape not in ((), (dim,)):
+        raise InputError(f"weight of task '{name}'", weight, f"one number or {dim}")
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise InputError(f"weight of task '{name}'", weight, "finite, not negative")
+    return values

@@ -1,26 +1,22 @@
-"""Everything about the robot that one tick of the whole-body QP needs, from Pinocchio, in preallocated buffers."""
+"""What planning and feedback need of the robot at the sensed state, in one compiled call."""
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
-import pinocchio as pin
 
+from lgmpc.compile import StageKernel
+from lgmpc.costs import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
+from lgmpc.wbc import contact_points as points
 
 __all__ = ["WholeBodyTerms"]
 
-# p @ this = -[p]x, row by row: -[p]x w = w x p
-_MINUS_SKEW = np.stack([-pin.skew(axis).ravel() for axis in np.eye(3)])
-
 
 class WholeBodyTerms:
-    """Dynamics and Jacobians at the measured state, refreshed by :meth:`update`.
-
-    The contact point of a spherical foot is the lowest point of the sphere, ``p = p_frame - r e_z``. Rolling without
-    slipping holds the velocity of that material point at zero, ``v_frame + omega x (-r e_z) = 0``; as ``-r e_z`` does
-    not move, its derivative is ``a_frame + alpha x (-r e_z) = 0``, which gives the Jacobian and the drift used here.
+    """Centre of mass, momentum, base and contact points, refreshed by :meth:`update`.
 
     Args:
         robot: a robot with a floating base, joints of one coordinate each, and contact frames.
@@ -29,101 +25,65 @@ class WholeBodyTerms:
         robot: as given.
         q: (nq,) configuration of the last update.
         v: (nv,) velocity of the last update.
-        mass_matrix: (nv, nv) joint-space inertia, armature included.
-        bias: (nv,) Coriolis, centrifugal and gravity terms.
-        momentum_matrix: (6, nv) centroidal momentum matrix ``A_G``, linear rows first.
+        com: (3,) centre of mass, world, m.
         momentum: (6,) centroidal momentum [linear; angular], world axes.
+        momentum_matrix: (6, nv) centroidal momentum matrix ``A_G``, with which ``momentum = A_G v``.
         momentum_drift: (6,) ``A_G' v``.
-        com: (3,) centre of mass, world.
+        locked_inertia: (3, 3) ``A_G[3:, 3:6]``: angular momentum per angular velocity (body axes) of the base, with
+            the joints locked.
         rotation: (3, 3) base orientation, body to world.
-        contact_jacobian: (3 nc, nv) of the contact points, world axes.
-        contact_drift: (3 nc,) acceleration of the contact points at zero joint-space acceleration.
-        contact_points: (nc, 3) world positions of the contact points.
+        contact_points: (nc, 3) world positions of the contact points, m.
+        contact_velocities: (nc, 3) velocities of the material points in contact, world axes, m/s: zero unless a foot
+            slides or lifts.
 
     Raises:
         InputError: if the robot has no floating base, no contact frames, or joints that ``v`` does not differentiate.
+        CompileError: the compiler failed.
     """
 
     def __init__(self, robot: Robot) -> None:
         _check(robot)
-        nc, nv, radius = len(robot.contact_ids), robot.nv, robot.contact_radius
         self.robot = robot
-        self._data = data = robot.create_data()
-        self._no_acceleration = np.zeros(nv)
         self.q = robot.q_reference.copy()
-        self.v = np.zeros(nv)
-        # Pinocchio writes these in place, so views of its memory are always current and cost nothing.
-        self.mass_matrix: Array = data.M
-        self.bias: Array = data.nle
-        self.momentum_matrix: Array = data.Ag
-        self.momentum: Array = data.hg.np
-        self.momentum_drift: Array = data.dhg.np
-        self.com: Array = data.com[0]
-        self.rotation: Array = data.oMi[1].rotation
-        self._joint_jacobian: Array = data.J
-        self._frame_positions: list[Array] = [data.oMf[frame].translation for frame in robot.contact_ids]
-        self.contact_points = np.zeros((nc, 3))
-        self.contact_jacobian = np.zeros((3 * nc, nv))
-        self.contact_drift = np.zeros(3 * nc)
-        # v_p = v_origin + omega x p = [1, -[p]x] twist: the identities stay, the p are written at every tick.
-        self._shift = np.zeros((nc, 3, 6))
-        self._shift[:, :, :3] = np.eye(3)
-        self._support = np.repeat([_support(robot, frame) for frame in robot.contact_ids], 3, axis=0)
-        self._frame_drifts = np.zeros((nc, 6))
-        # [a_frame; alpha] @ this = a_frame + alpha x (-r e_z) = a_frame + (-r alpha_y, r alpha_x, 0)
-        self._to_contact = np.vstack([np.eye(3), [[0.0, radius, 0.0], [-radius, 0.0, 0.0], [0.0, 0.0, 0.0]]])
-        self.update(self.q, self.v)
+        self.v = np.zeros(robot.nv)
+        function = _terms(robot)
+        memory = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
+        self._run = StageKernel(function).bind(1, q=self.q, v=self.v, **memory)
+        self.com, self.momentum, self.momentum_drift = (memory[k] for k in ("com", "momentum", "momentum_drift"))
+        self.momentum_matrix = memory["momentum_matrix"].reshape(6, robot.nv)
+        self.locked_inertia = self.momentum_matrix[3:, 3:6]
+        self.rotation = memory["rotation"].reshape(3, 3)
+        self.contact_points = memory["contact_points"].reshape(robot.nc, 3)
+        self.contact_velocities = memory["contact_velocities"].reshape(robot.nc, 3)
+        self._run()
 
     def update(self, q: Array, v: Array) -> None:
         """Recompute every term at configuration ``q`` (nq,) and velocity ``v`` (nv,)."""
-        model, data = self.robot.model, self._data
         self.q[:] = q
         self.v[:] = v
-        # In world convention, crba leaves the joint Jacobian, A_G and the centre of mass as well. The last but one is
-        # h' at zero acceleration, A_G' v, and leaves h and the spatial accelerations of the bodies.
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        pin.nonLinearEffects(model, data, q, v)
-        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._no_acceleration)
-        pin.updateFramePlacements(model, data)
-        self._update_contacts()
+        self._run()
 
-    @property
-    def contact_velocities(self) -> Array:
-        """(nc, 3) velocities of the material points in contact, world axes, m/s: zero unless a foot slides or lifts."""
-        velocities: Array = (self.contact_jacobian @ self.v).reshape(-1, 3)
-        return velocities
-
-    def foot_centre(self, foot: int) -> tuple[Array, Array]:
-        """Return Jacobian (3, nv) and drift (3,) of the centre of a foot's sphere, world axes.
-
-        They differentiate ``contact_points[foot]`` of a foot in the air: the lowest point of a turning sphere moves as
-        its centre does, not as the material point that happens to be lowest.
-        """
-        frame = self.robot.contact_ids[foot]
-        jacobian: Array = pin.getFrameJacobian(self.robot.model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-        return jacobian, self._frame_drifts[foot, :3]
-
-    def _update_contacts(self) -> None:
-        model, data, aligned = self.robot.model, self._data, pin.LOCAL_WORLD_ALIGNED
-        points, drifts, shift = self.contact_points, self._frame_drifts, self._shift
-        for i, frame in enumerate(self.robot.contact_ids):
-            drifts[i] = pin.getFrameClassicalAcceleration(model, data, frame, aligned).np
-            points[i] = self._frame_positions[i]
-        points[:, 2] -= self.robot.contact_radius
-        shift[:, :, 3:] = np.dot(points, _MINUS_SKEW).reshape(-1, 3, 3)
-        np.dot(shift.reshape(-1, 6), self._joint_jacobian, out=self.contact_jacobian)
-        self.contact_jacobian *= self._support
-        np.dot(drifts, self._to_contact, out=self.contact_drift.reshape(-1, 3))
+    def momentum_rate(self, acceleration: Array) -> Array:
+        """Return (6,) the rate of the momentum at a joint-space acceleration (nv,), ``A_G a + A_G' v``."""
+        rate: Array = self.momentum_matrix @ acceleration + self.momentum_drift
+        return rate
 
 
-def _support(robot: Robot, frame: int) -> Array:
-    """Return (nv,) ones for the degrees of freedom that move ``frame``, zeros for the others."""
-    model = robot.model
-    support = np.zeros(robot.nv)
-    for joint in model.supports[model.frames[frame].parentJoint]:
-        start = model.idx_vs[joint]
-        support[start : start + model.nvs[joint]] = 1.0
-    return support
+def _terms(robot: Robot) -> ca.Function:
+    model = robot.symbolic
+    q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
+    s = StageSymbols(model, ca.vertcat(q, v), {})
+    # Matrices are stored row by row, as numpy has them.
+    outputs = {
+        "com": model.com(q),
+        "momentum": model.momentum(q, v),
+        "momentum_matrix": model.momentum_matrix(q).T,
+        "momentum_drift": model.momentum_rate(q, v, None),
+        "rotation": model.joint_placement(q, 1).rotation.T,
+        "contact_points": points.contact_points(s, robot),
+        "contact_velocities": points.contact_velocities(s, robot),
+    }
+    return ca.Function("wbc_terms", [q, v], ca.cse(list(outputs.values())), ["q", "v"], list(outputs))
 
 
 def _check(robot: Robot) -> None:

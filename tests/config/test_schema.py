@@ -11,10 +11,10 @@ from lgmpc.config.schema import (
     Config,
     PlantSection,
     SolveConfig,
-    WbcSection,
 )
 from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
 from lgmpc.robot import RobotSpec
+from lgmpc.wbc import WholeBodySettings
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
 
@@ -74,6 +74,6 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 def test_sections_have_defaults_that_can_run() -> None:
     models = (CentroidalMpcSettings, KinodynamicMpcSettings, FullBodyMpcSettings, LqrSettings)
-    for section in (PlantSection, *models, WbcSection):
+    for section in (PlantSection, *models, WholeBodySettings):
         assert section() == section.model_validate({})
     assert RobotSpec(model="solo12").contact_radius_m == 0.0

@@ -16,7 +16,7 @@ from lgmpc.control.interface import RobotState
 from lgmpc.control.reference import CircleReference
 from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
-from lgmpc.wbc import QpStatus
+from lgmpc.wbc import TickStatus
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 
@@ -52,11 +52,11 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
             command = controller.update(RobotState(1e-3 * k, broken, rest))
             np.testing.assert_array_equal(command.tau, good.tau)
             assert command.kd > 0.0
-    assert controller.wbc.status is QpStatus.NOT_FINITE
+    assert controller.wbc.status is TickStatus.NOT_FINITE
     assert controller.planner is not None and controller.planner.status is MpcStatus.NOT_FINITE
     assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
     recovered = controller.update(RobotState(0.03, robot.q_reference, rest))
-    assert controller.wbc.status is QpStatus.SOLVED
+    assert controller.wbc.status is TickStatus.SOLVED
     assert recovered.kd == 0.0 and np.isfinite(recovered.tau).all()
 
 
@@ -70,10 +70,10 @@ def test_a_stale_plan_is_not_followed(controller: BalanceController, robot: Robo
     planner._start_com[:] = np.nan  # the fault: the MPC's reference is lost, all else is sound
     for k in range(1, 80):
         command = controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
-        assert controller.wbc.status is QpStatus.SOLVED
+        assert controller.wbc.status is TickStatus.SOLVED
         assert np.isfinite(command.tau).all()
     assert planner.status is MpcStatus.STALE
-    np.testing.assert_array_equal(controller._tracked.com, controller.target)
+    np.testing.assert_array_equal(controller.wbc.tasks["com"].target.position, controller.target)
     planner._start_com[:] = start
     for k in range(80, 100):
         controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
@@ -90,7 +90,7 @@ def test_a_tick_without_solution_is_left_out_of_the_observation(controller: Bala
     kept = planner._joint_position.copy()
     planner._joint_position[:] = np.nan  # the fault: a tick's QP cannot be solved
     controller.update(RobotState(0.001, robot.q_reference, rest))
-    assert controller.wbc.status is QpStatus.NOT_FINITE
+    assert controller.wbc.status is TickStatus.NOT_FINITE
     planner._joint_position[:] = kept
     controller.update(RobotState(0.002, robot.q_reference, moving))  # it gained speed unobserved
     np.testing.assert_allclose(planner.observer.wrench, 0.0, atol=1e-6)
@@ -101,7 +101,7 @@ def test_it_waits_for_a_first_finite_state(controller: BalanceController, robot:
     np.testing.assert_array_equal(command.tau, 0.0)
     assert command.kd > 0.0
     controller.update(RobotState(0.001, robot.q_reference, np.zeros(robot.nv)))
-    assert controller.wbc.status is QpStatus.SOLVED
+    assert controller.wbc.status is TickStatus.SOLVED
     assert np.isfinite(controller.target).all()
 
 
@@ -167,16 +167,17 @@ def test_targets_that_no_plan_has_are_those_of_standing(robot: Robot, broken: bo
     rest, planner = np.zeros(robot.nv), controller.planner
     controller.update(RobotState(0.0, robot.q_reference, rest))
     assert planner is not None
-    tracked = controller._tracked
-    upright = tracked.base_rotation.copy()
+    names = ("base_orientation", "posture", "angular_momentum")
+    base, posture, momentum = (controller.wbc.tasks[name].target for name in names)
+    upright = base.rotation.copy()
     for k in range(1, 41):
-        tracked.base_rotation[:], tracked.joint_position[:] = np.eye(3)[[1, 2, 0]], 0.5
-        tracked.angular_momentum[:] = tracked.angular_momentum_rate[:] = 9.0
+        base.rotation[:], posture.position[:] = np.eye(3)[[1, 2, 0]], 0.5
+        momentum.momentum[:] = momentum.rate[:] = 9.0
         if broken:
             planner._start_com[:] = np.nan
         controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
     assert planner.status is (MpcStatus.STALE if broken else MpcStatus.SOLVED)
-    np.testing.assert_array_equal(tracked.base_rotation, upright)
-    np.testing.assert_array_equal(tracked.joint_position, robot.q_reference[robot.joint_q])
-    np.testing.assert_allclose(tracked.angular_momentum_rate, 0.0, atol=0.05)
-    np.testing.assert_allclose(tracked.angular_momentum, 0.0, atol=0.05)
+    np.testing.assert_array_equal(base.rotation, upright)
+    np.testing.assert_array_equal(posture.position, robot.q_reference[robot.joint_q])
+    np.testing.assert_allclose(momentum.rate, 0.0, atol=0.05)
+    np.testing.assert_allclose(momentum.momentum, 0.0, atol=0.05)

@@ -1,64 +1,121 @@
-"""Solo12 as the configs have it, and states and references to try the whole-body QP on."""
+"""Robots, and states and targets to try the whole-body QP on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot, RobotSpec, load_robot
-from lgmpc.wbc import WholeBodyReference, WholeBodyTerms
+from lgmpc.wbc import SymbolicTask, WholeBodyController, WholeBodySettings
 
-RandomState = Callable[[np.random.Generator], tuple[np.ndarray, np.ndarray]]
+RandomState = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+SPECS = {
+    "solo12": RobotSpec(
+        model="solo12",
+        contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+        contact_radius_m=0.016,
+        posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6},
+        effort_limit_nm=1.8,
+        velocity_limit_rad_s=30.0,
+        position_limit_rad={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
+        armature_kg_m2=3.6e-4,
+    ),
+    "anymal_c": RobotSpec(
+        model="anymal_c",
+        contact_frames=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
+        contact_radius_m=0.03,
+        armature_kg_m2=0.1,
+    ),
+    "stilts": RobotSpec(
+        urdf=Path(__file__).parent / "data" / "stilts.urdf",
+        contact_frames=("foot_a", "foot_b", "foot_c"),
+        contact_radius_m=0.05,
+        posture={"knee_?": 0.2},
+        armature_kg_m2=0.01,
+    ),
+}
+
+
+@lru_cache
+def robot_named(name: str) -> Robot:
+    return load_robot(SPECS[name])
 
 
 @pytest.fixture(scope="session")
 def solo12() -> Robot:
-    return load_robot(
-        RobotSpec(
-            model="solo12",
-            contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
-            contact_radius_m=0.016,
-            posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6},
-            effort_limit_nm=1.8,
-            velocity_limit_rad_s=30.0,
-            position_limit_rad={"*_HAA": (-0.9, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
-            armature_kg_m2=3.6e-4,
-        )
-    )
+    return robot_named("solo12")
+
+
+@pytest.fixture(scope="session", params=list(SPECS))
+def robot(request: pytest.FixtureRequest) -> Robot:
+    """A light quadruped, a heavy one, and one on three legs that slide."""
+    return robot_named(request.param)
 
 
 @pytest.fixture(scope="session")
-def random_state(solo12: Robot) -> RandomState:
+def random_state() -> RandomState:
     """A tilted, moving state around the reference posture, somewhere in the world."""
 
-    def draw(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        step = np.concatenate([rng.normal(0, 1, 3), rng.normal(0, 0.2, 3), rng.normal(0, 0.15, solo12.nu)])
-        return pin.integrate(solo12.model, solo12.q_reference, step), rng.normal(0, 0.5, solo12.nv)
+    def draw(rng: np.random.Generator, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+        step = np.concatenate([rng.normal(0, 1, 3), rng.normal(0, 0.2, 3), rng.normal(0, 0.15, robot.nu)])
+        return pin.integrate(robot.model, robot.q_reference, step), rng.normal(0, 0.5, robot.nv)
 
     return draw
 
 
 @pytest.fixture
-def standing(solo12: Robot) -> WholeBodyReference:
-    terms = WholeBodyTerms(solo12)
-    return WholeBodyReference.standing(solo12, terms.com, terms.contact_points)
+def controller(solo12: Robot) -> WholeBodyController:
+    return WholeBodyController(solo12, WholeBodySettings())
 
 
 @pytest.fixture(scope="session")
-def randomise() -> Callable[[WholeBodyReference, WholeBodyTerms, np.random.Generator], None]:
-    """Ask for something that the robot could nearly do at its present state."""
+def randomise() -> Callable[[WholeBodyController, np.random.Generator], None]:
+    """Set targets that the robot could nearly reach from its sensed state."""
 
-    def write(reference: WholeBodyReference, terms: WholeBodyTerms, rng: np.random.Generator) -> None:
-        reference.com[:] = terms.com + rng.normal(0, 0.02, 3)
-        reference.com_velocity[:] = rng.normal(0, 0.2, 3)
-        reference.com_acceleration[:] = rng.normal(0, 2.0, 3)
-        reference.base_rotation[:] = terms.rotation @ pin.exp3(rng.normal(0, 0.2, 3))
-        reference.base_angular_velocity[:] = rng.normal(0, 0.3, 3)
-        reference.joint_position[:] = terms.q[7:] + rng.normal(0, 0.2, terms.q.size - 7)
-        reference.external_wrench[:] = np.concatenate([rng.normal(0, 2.0, 3), rng.normal(0, 0.2, 3)])
-        reference.contact_forces[:] = rng.normal((0, 0, 6.0), 1.0, reference.contact_forces.shape)
+    def write(wbc: WholeBodyController, rng: np.random.Generator) -> None:
+        terms = wbc.terms
+        targets = {name: task.target for name, task in wbc.tasks.items()}
+        targets["com"].position[:] = terms.com + rng.normal(0, 0.02, 3)
+        targets["com"].velocity[:] = rng.normal(0, 0.2, 3)
+        targets["com"].acceleration[:] = rng.normal(0, 2.0, 3)
+        targets["base_orientation"].rotation[:] = terms.rotation @ pin.exp3(rng.normal(0, 0.2, 3))
+        targets["base_orientation"].angular_velocity[:] = rng.normal(0, 0.3, 3)
+        targets["posture"].position[:] = terms.q[7:] + rng.normal(0, 0.2, terms.q.size - 7)
+        targets["swing"].position[:] = terms.contact_points + rng.normal(0, 0.02, terms.contact_points.shape)
+        share = wbc.robot.mass * 9.81 / wbc.robot.nc
+        wbc.external_wrench[:] = share * np.concatenate([rng.normal(0, 0.3, 3), rng.normal(0, 0.03, 3)])
+        wbc.contacts.target_forces[:] = share * rng.normal((0, 0, 1.0), 0.15, wbc.contacts.target_forces.shape)
 
     return write
+
+
+class Rows:
+    """The rows of a task as numbers, interpreted: ``jacobian``, ``rhs`` and ``weight`` at a state."""
+
+    def __init__(self, robot: Robot, task: SymbolicTask) -> None:
+        q, v, stance = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("stance", robot.nc)
+        memory = ca.SX.sym("memory", task.layout.size)
+        parameters = {f"{task.name}_{key}": part for key, part in task.layout.split(memory).items()}
+        rows = task.rows(StageSymbols(robot.symbolic, ca.vertcat(q, v), {"stance": stance, **parameters}))
+        outputs = [ca.densify(part) for part in (rows.jacobian, rows.rhs, rows.weight)]
+        self._function = ca.Function("rows", [q, v, stance, memory], outputs)
+        self._task, self._nc = task, robot.nc
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, stance: Any = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        flags = np.broadcast_to(np.asarray(stance, dtype=float), self._nc)
+        jacobian, rhs, weight = self._function(q, v, flags, self._task.memory)
+        return jacobian.full(), rhs.full().ravel(), weight.full().ravel()
+
+
+@pytest.fixture(scope="session")
+def rows_of() -> Callable[[Robot, SymbolicTask], Rows]:
+    return Rows

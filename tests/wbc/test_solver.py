@@ -5,34 +5,11 @@ import piqp
 import pytest
 from scipy.optimize import lsq_linear
 
-from lgmpc.wbc import (
-    QpAssembly,
-    QpStatus,
-    TaskStack,
-    WholeBodySettings,
-    WholeBodySolver,
-    WholeBodyTerms,
-    standing_tasks,
-)
+from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
 
 
-class Problem:
-    """Terms, tasks, assembly and solver, as the controller strings them together."""
-
-    def __init__(self, robot, tolerance):
-        settings = WholeBodySettings()
-        self.terms = WholeBodyTerms(robot)
-        self.stack = TaskStack(standing_tasks(robot, settings), robot.nv)
-        self.qp = QpAssembly(robot, self.stack, settings.limits, settings.force_weight, settings.acceleration_weight)
-        self.solver = WholeBodySolver(self.qp, tolerance)
-
-    def write(self, q, v, reference):
-        self.terms.update(q, v)
-        self.stack.update(self.terms, reference)
-        self.qp.update(self.terms, reference)
-
-    def cost(self, z):
-        return 0.5 * z @ self.qp.hessian @ z + self.qp.gradient @ z
+def cost(qp, z):
+    return 0.5 * z @ qp.hessian @ z + qp.gradient @ z
 
 
 def solve_by_interior_point(qp):
@@ -49,19 +26,18 @@ def solve_by_interior_point(qp):
 
 
 @pytest.fixture
-def trials(solo12, random_state, standing, randomise):
-    """Ten QPs, each written into the problem just before it is given."""
+def trials(solo12, random_state, randomise):
+    """Ten QPs, each written into the controller's solver just before it is returned."""
 
-    def write_each(problem):
+    def write_each(wbc):
         rng = np.random.default_rng(30)
         for trial in range(10):
-            q, v = random_state(rng)
-            problem.terms.update(q, v)
-            randomise(standing, problem.terms, rng)
-            standing.stance[:] = True
-            standing.stance[trial % 4] = trial % 3 > 0
-            problem.write(q, v, standing)
-            yield problem.qp
+            wbc.sense(*random_state(rng, solo12))
+            randomise(wbc, rng)
+            wbc.contacts.stance[:] = True
+            wbc.contacts.stance[trial % 4] = trial % 3 > 0
+            wbc.qp.update()
+            yield wbc.solver
 
     return write_each
 
@@ -78,25 +54,23 @@ def violation(qp, z):
 
 
 def test_same_solution_as_an_interior_point_method(solo12, trials):
-    problem = Problem(solo12, 1e-9)
-    for qp in trials(problem):
-        problem.solver.reset()
-        assert problem.solver.solve() is QpStatus.SOLVED
+    for qp in trials(WholeBodyController(solo12, WholeBodySettings(tolerance=1e-9))):
+        qp.reset()
+        assert qp.solve() is TickStatus.SOLVED
         other = solve_by_interior_point(qp)
-        z = problem.solver.solution
+        z = qp.solution
         assert violation(qp, z) < 1e-8
-        assert problem.cost(z) == pytest.approx(problem.cost(other), rel=1e-7, abs=1e-8)
+        assert cost(qp, z) == pytest.approx(cost(qp, other), rel=1e-7, abs=1e-8)
         np.testing.assert_allclose(z[18:], other[18:], atol=1e-4)  # forces, N
         np.testing.assert_allclose(z[:18], other[:18], atol=1e-3)  # accelerations, up to 1e3 rad/s2
 
 
 def test_solutions_are_optimal(solo12, trials):
     """-gradient lies in the cone of the active constraints' normals: multipliers found here, not the solver's."""
-    problem = Problem(solo12, 1e-8)
-    for qp in trials(problem):
-        problem.solver.reset()
-        assert problem.solver.solve() is QpStatus.SOLVED
-        z = problem.solver.solution
+    for qp in trials(WholeBodyController(solo12, WholeBodySettings(tolerance=1e-8))):
+        qp.reset()
+        assert qp.solve() is TickStatus.SOLVED
+        z = qp.solution
         rows, identity, near = qp.inequality @ z, np.eye(z.size), 1e-5
         normals = np.vstack(
             [
@@ -118,38 +92,48 @@ def test_solutions_are_optimal(solo12, trials):
         assert np.abs(multipliers.fun).max() < 1e-5 * max(1.0, np.abs(qp.gradient).max())
 
 
-def test_warm_and_cold_starts_agree(solo12, random_state, standing, randomise):
+def test_warm_and_cold_starts_agree(solo12):
     """Along a motion with a sudden push in it, where the active set changes from tick to tick."""
-    warm, cold = Problem(solo12, 1e-8), Problem(solo12, 1e-8)
+    warm, cold = (WholeBodyController(solo12, WholeBodySettings(tolerance=1e-8)) for _ in range(2))
     rng = np.random.default_rng(31)
     q, v = solo12.q_reference.copy(), np.zeros(solo12.nv)
-    iterations = {"warm": 0, "cold": 0}
+    iterations = np.zeros(2)
     for tick in range(120):
-        standing.external_wrench[1] = 12.0 if 40 <= tick < 80 else 0.0
-        standing.com_acceleration[:] = 3.0 * np.sin(0.1 * tick + np.arange(3))
         v[6:] = 0.2 * np.sin(0.2 * tick + np.arange(12)) + 1e-3 * rng.normal(size=12)
-        for problem in (warm, cold):
-            problem.write(q, v, standing)
-        cold.solver.reset()
-        assert warm.solver.solve() is QpStatus.SOLVED and cold.solver.solve() is QpStatus.SOLVED
-        iterations["warm"] += warm.solver.iterations
-        iterations["cold"] += cold.solver.iterations
-        np.testing.assert_allclose(warm.solver.solution[18:], cold.solver.solution[18:], atol=1e-3)
-        np.testing.assert_allclose(warm.solver.solution[:18], cold.solver.solution[:18], atol=1e-2)
-    assert iterations["warm"] < iterations["cold"]
+        for wbc in (warm, cold):
+            wbc.external_wrench[1] = 12.0 if 40 <= tick < 80 else 0.0
+            wbc.tasks["com"].target.acceleration[:] = 3.0 * np.sin(0.1 * tick + np.arange(3))
+            wbc.sense(q, v)
+        cold.reset()
+        for wbc in (warm, cold):
+            assert wbc.solve() is TickStatus.SOLVED
+        iterations += warm.solver.iterations, cold.solver.iterations
+        np.testing.assert_allclose(warm.forces, cold.forces, atol=1e-3)
+        np.testing.assert_allclose(warm.acceleration, cold.acceleration, atol=1e-2)
+    assert iterations[0] < iterations[1]
 
 
-def test_numbers_that_are_not_finite_are_seen_wherever_they_are(solo12, standing):
-    problem = Problem(solo12, 1e-6)
-    at_rest = np.zeros(solo12.nv)
-    problem.write(solo12.q_reference, at_rest, standing)
-    assert problem.solver.solve() is QpStatus.SOLVED
-    for name in ("com", "com_velocity", "base_rotation", "joint_position", "contact_forces", "external_wrench"):
-        target = getattr(standing, name)
-        kept = target.copy()
-        target.flat[-1] = np.nan
-        problem.write(solo12.q_reference, at_rest, standing)
-        assert problem.solver.solve() is QpStatus.NOT_FINITE, name
-        target[...] = kept
-        problem.write(solo12.q_reference, at_rest, standing)
-        assert problem.solver.solve() is QpStatus.SOLVED, name
+def test_the_data_stays_in_the_solvers_memory(solo12, trials):
+    """Cold and warm starts neither move the buffers nor change what was written to them."""
+    names = (
+        "hessian",
+        "gradient",
+        "equality",
+        "equality_rhs",
+        "inequality",
+        "lower",
+        "upper",
+        "box_lower",
+        "box_upper",
+    )
+    for trial, qp in enumerate(trials(WholeBodyController(solo12, WholeBodySettings()))):
+        written = {name: getattr(qp, name).copy() for name in names}
+        if trial % 3 == 0:
+            qp.reset()
+        assert qp.solve() is TickStatus.SOLVED
+        model = qp._qp.model
+        current = (model.H, model.g, model.A, model.b, model.C, model.l, model.u, model.l_box, model.u_box)
+        for name, theirs in zip(names, current, strict=True):
+            np.testing.assert_array_equal(theirs, written[name], err_msg=name)
+            assert np.shares_memory(theirs, getattr(qp, name)), name
+        assert np.shares_memory(qp._qp.results.x, qp.solution)

@@ -5,23 +5,21 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.wbc import Gain, TaskStack, WholeBodyReference, WholeBodyTerms
-from lgmpc.wbc.tasks import AngularMomentumTask, BaseOrientationTask, BasePositionTask, ComTask, FootTask, PostureTask
+from lgmpc.wbc import Gain, SymbolicTask, WholeBodyController, WholeBodySettings, standard_tasks
+from lgmpc.wbc.library import (
+    AngularMomentumTask,
+    BaseOrientationTask,
+    BasePositionTask,
+    ComTask,
+    PostureTask,
+    StanceTask,
+    SwingTask,
+)
 
 H = 1e-4
-NONE = Gain(0.0, 0.0)
-STIFF = Gain(400.0, 40.0)
-
-
-def zero_reference(robot, stance=True):
-    nc = robot.nc
-    reference = WholeBodyReference.standing(robot, np.zeros(3), np.zeros((nc, 3)))
-    reference.stance[:] = stance
-    return reference
-
-
-def single(robot, task):
-    return TaskStack([task], robot.nv)
+NONE = Gain(kp=0.0)
+STIFF = Gain(kp=400.0, kd=40.0)
+UNEVEN = Gain(kp=3.0, kd=7.0)
 
 
 def com(robot, q, v):
@@ -53,15 +51,20 @@ def angular_momentum(robot, q, v):
     return pin.computeCentroidalMomentum(robot.model, robot.create_data(), q, v).angular
 
 
-# name: task with zero gains, what it tracks, how often that is differentiated to give the acceleration, stance
+# name: task of a gain, what it tracks, how often that is differentiated to give the acceleration, stance
 TASKS = {
-    "com": (lambda r: ComTask(r, NONE, 1.0), com, 2, True),
-    "base_position": (lambda r: BasePositionTask(r, NONE, 1.0), base, 2, True),
-    "posture": (lambda r: PostureTask(r, NONE, 1.0), joints, 2, True),
-    "swing feet": (lambda r: FootTask(r, 0.0, NONE, 1.0, 1.0), lowest_points, 2, False),
-    "stance feet": (lambda r: FootTask(r, 0.0, NONE, 1.0, 1.0), rolling_velocity, 1, True),
-    "angular_momentum": (lambda r: AngularMomentumTask(r, 0.0, 1.0), angular_momentum, 1, True),
+    "com": (lambda r, g: ComTask(g, 1.0), com, 2, True),
+    "base_position": (lambda r, g: BasePositionTask(g, 1.0), base, 2, True),
+    "posture": (lambda r, g: PostureTask(r, g, 1.0), joints, 2, True),
+    "swing": (lambda r, g: SwingTask(r, g, 1.0), lowest_points, 2, False),
+    "stance": (lambda r, g: StanceTask(r, g, 1.0), rolling_velocity, 1, True),
+    "angular_momentum": (lambda r, g: AngularMomentumTask(g, 1.0), angular_momentum, 1, True),
 }
+
+
+def rate_of(robot, quantity, q, v, a):
+    ahead, behind = (quantity(robot, pin.integrate(robot.model, q, t * v), v + t * a) for t in (H, -H))
+    return (ahead - behind) / (2 * H)
 
 
 def numerical_acceleration(robot, quantity, order, q, v, a):
@@ -74,188 +77,216 @@ def numerical_acceleration(robot, quantity, order, q, v, a):
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_without_gains_the_residual_is_the_task_acceleration(solo12, random_state, name):
+def test_without_gains_the_residual_is_the_task_acceleration(robot, random_state, rows_of, name):
     make, quantity, order, stance = TASKS[name]
-    stack, terms, reference = single(solo12, make(solo12)), WholeBodyTerms(solo12), zero_reference(solo12, stance)
-    rng = np.random.default_rng(10)
-    for _ in range(10):
-        q, v = random_state(rng)
-        a = rng.normal(0, 5, solo12.nv)
-        terms.update(q, v)
-        stack.update(terms, reference)
-        expected = numerical_acceleration(solo12, quantity, order, q, v, a)
-        np.testing.assert_allclose(stack.jacobian @ a - stack.rhs, expected, atol=3e-5)
+    rows, rng = rows_of(robot, make(robot, NONE)), np.random.default_rng(10)
+    for _ in range(5):
+        q, v = random_state(rng, robot)
+        a = rng.normal(0, 5, robot.nv)
+        jacobian, rhs, _ = rows(q, v, stance)
+        expected = numerical_acceleration(robot, quantity, order, q, v, a)
+        np.testing.assert_allclose(jacobian @ a - rhs, expected, atol=3e-5 * max(1.0, np.abs(expected).max()))
 
 
-@pytest.mark.parametrize("name", ["com", "angular_momentum", "swing feet"])
-def test_feed_forward_is_what_the_task_asks_for(solo12, random_state, name):
+@pytest.mark.parametrize("name", ["com", "base_position", "posture", "swing", "angular_momentum"])
+def test_the_feed_forward_adds_to_the_right_hand_side(solo12, random_state, rows_of, name):
     make, _, _, stance = TASKS[name]
-    stack, terms, reference = single(solo12, make(solo12)), WholeBodyTerms(solo12), zero_reference(solo12, stance)
-    terms.update(*random_state(np.random.default_rng(11)))
-    stack.update(terms, reference)
-    without = stack.rhs.copy()
-    wish = np.random.default_rng(12).normal(size=stack.rhs.size)
-    reference.com_acceleration[:] = wish[:3]
-    reference.angular_momentum_rate[:] = wish[:3]
-    reference.foot_acceleration[:] = np.resize(wish, (4, 3))
-    stack.update(terms, reference)
-    np.testing.assert_allclose(stack.rhs - without, wish, atol=1e-12)
+    task = make(solo12, STIFF)
+    rows, state = rows_of(solo12, task), random_state(np.random.default_rng(11), solo12)
+    _, without, _ = rows(*state, stance)
+    wish = np.random.default_rng(12).normal(size=task.dim)
+    buffer = task.target.rate if name == "angular_momentum" else task.target.acceleration
+    buffer[...] = wish.reshape(buffer.shape)
+    _, rhs, _ = rows(*state, stance)
+    np.testing.assert_allclose(rhs - without, wish, atol=1e-10)
 
 
-def test_orientation_residual_is_the_body_angular_acceleration(solo12, random_state):
-    stack, terms = single(solo12, BaseOrientationTask(solo12, NONE, 1.0)), WholeBodyTerms(solo12)
-    rng = np.random.default_rng(13)
-    q, v = random_state(rng)
+def test_orientation_residual_is_the_body_angular_acceleration(solo12, random_state, rows_of):
+    rows, rng = rows_of(solo12, BaseOrientationTask(NONE, 1.0)), np.random.default_rng(13)
+    q, v = random_state(rng, solo12)
     a = rng.normal(0, 5, solo12.nv)
-    terms.update(q, v)
-    stack.update(terms, zero_reference(solo12))
+    jacobian, rhs, _ = rows(q, v)
+    rotation = pin.Quaternion(q[3:7]).matrix()
 
     def turned(t):
         ahead = pin.integrate(solo12.model, q, t * v + 0.5 * t**2 * a)
-        return pin.log3(terms.rotation.T @ pin.Quaternion(ahead[3:7]).matrix())
+        return pin.log3(rotation.T @ pin.Quaternion(ahead[3:7]).matrix())
 
-    np.testing.assert_allclose(stack.jacobian @ a - stack.rhs, (turned(H) + turned(-H)) / H**2, atol=1e-5)
+    np.testing.assert_allclose(jacobian @ a - rhs, (turned(H) + turned(-H)) / H**2, atol=1e-5)
 
 
 @pytest.mark.parametrize("angle", [0.3, 2.0, np.pi - 0.1, np.pi - 1e-6])
-def test_orientation_feedback_turns_the_base_to_its_target(solo12, angle):
+def test_orientation_feedback_turns_the_base_to_its_target(solo12, rows_of, angle):
     """Integrate omega' = rhs: the error has to decay as (1 + 20 t) exp(-20 t), the critically damped double pole."""
-    stack, terms, reference = (
-        single(solo12, BaseOrientationTask(solo12, STIFF, 1.0)),
-        WholeBodyTerms(solo12),
-        zero_reference(solo12),
-    )
-    axis = np.array([0.6, -0.64, 0.48])
-    reference.base_rotation[:] = pin.exp3(angle * axis)
+    task = BaseOrientationTask(STIFF, 1.0)
+    rows = rows_of(solo12, task)
+    task.target.rotation[:] = pin.exp3(angle * np.array([0.6, -0.64, 0.48]))
     q, v, dt = solo12.q_reference.copy(), np.zeros(solo12.nv), 1e-3
     errors = []
     for _ in range(600):
-        terms.update(q, v)
-        stack.update(terms, reference)
-        errors.append(np.linalg.norm(pin.log3(terms.rotation.T @ reference.base_rotation)))
-        v[3:6] += dt * stack.rhs
+        errors.append(np.linalg.norm(pin.log3(pin.Quaternion(q[3:7]).matrix().T @ task.target.rotation)))
+        v[3:6] += dt * rows(q, v)[1]
         q = pin.integrate(solo12.model, q, dt * v)
     t = dt * np.arange(600)
     np.testing.assert_allclose(errors, angle * (1 + 20 * t) * np.exp(-20 * t), atol=0.02 * angle)
     assert np.all(np.diff(errors) <= 1e-9) and errors[-1] < 1e-3
 
 
-def test_orientation_feedback_follows_a_turning_target(solo12):
-    stack, terms, reference = (
-        single(solo12, BaseOrientationTask(solo12, STIFF, 1.0)),
-        WholeBodyTerms(solo12),
-        zero_reference(solo12),
-    )
+def test_orientation_feedback_follows_a_turning_target(solo12, rows_of):
+    task = BaseOrientationTask(STIFF, 1.0)
+    rows, target = rows_of(solo12, task), task.target
     rate, dt = np.array([0.5, -1.0, 2.0]), 1e-3
-    reference.base_rotation[:] = pin.exp3(np.array([0.4, 0.2, -0.3]))
-    reference.base_angular_velocity[:] = rate
+    target.rotation[:] = pin.exp3(np.array([0.4, 0.2, -0.3]))
+    target.angular_velocity[:] = rate
     q, v = solo12.q_reference.copy(), np.zeros(solo12.nv)
     for _ in range(1000):
-        terms.update(q, v)
-        stack.update(terms, reference)
-        v[3:6] += dt * stack.rhs
+        v[3:6] += dt * rows(q, v)[1]
         q = pin.integrate(solo12.model, q, dt * v)
-        reference.base_rotation[:] = reference.base_rotation @ pin.exp3(dt * rate)
-    np.testing.assert_allclose(pin.Quaternion(q[3:7]).matrix(), reference.base_rotation, atol=1e-3)
+        target.rotation[:] = target.rotation @ pin.exp3(dt * rate)
+    np.testing.assert_allclose(pin.Quaternion(q[3:7]).matrix(), target.rotation, atol=1e-3)
     np.testing.assert_allclose(v[3:6], rate, atol=1e-3)
 
 
-def test_position_feedback_points_to_the_target_and_damps(solo12, random_state):
-    """kp multiplies target minus position, kd target rate minus rate, for all tasks that have both."""
-    gain, rng = Gain(3.0, 7.0), np.random.default_rng(14)
-    terms = WholeBodyTerms(solo12)
-    q, v = random_state(rng)
-    terms.update(q, v)
-    made = {
-        "com": (lambda g: ComTask(solo12, g, 1.0), com, ("com", "com_velocity"), True),
-        "base": (lambda g: BasePositionTask(solo12, g, 1.0), base, ("base_position", "base_velocity"), True),
-        "posture": (lambda g: PostureTask(solo12, g, 1.0), joints, ("joint_position", "joint_velocity"), True),
-        "feet": (lambda g: FootTask(solo12, 0, g, 1, 1), lowest_points, ("foot_position", "foot_velocity"), False),
-    }
-    for name, (make, quantity, (position, velocity), stance) in made.items():
-        reference = zero_reference(solo12, stance)
-        target, target_rate = getattr(reference, position), getattr(reference, velocity)
-        target[...] = rng.normal(size=target.shape)
-        target_rate[...] = rng.normal(size=target.shape)
-        free, fed = single(solo12, make(NONE)), single(solo12, make(gain))
-        free.update(terms, reference)
-        fed.update(terms, reference)
-        rate = (
-            quantity(solo12, pin.integrate(solo12.model, q, H * v), v)
-            - quantity(solo12, pin.integrate(solo12.model, q, -H * v), v)
-        ) / (2 * H)
-        expected = 3.0 * (target.ravel() - quantity(solo12, q, v)) + 7.0 * (target_rate.ravel() - rate)
-        np.testing.assert_allclose(fed.rhs - free.rhs, expected, atol=1e-5, err_msg=name)
+@pytest.mark.parametrize("name", ["com", "base_position", "posture", "swing"])
+def test_feedback_points_to_the_target_and_damps(robot, random_state, rows_of, name):
+    """kp multiplies target minus position, kd target rate minus rate."""
+    make, quantity, _, stance = TASKS[name]
+    rng = np.random.default_rng(14)
+    free, fed = make(robot, NONE), make(robot, UNEVEN)
+    fed.target.position[...] = rng.normal(size=fed.target.position.shape)
+    fed.target.velocity[...] = rng.normal(size=fed.target.velocity.shape)
+    q, v = random_state(rng, robot)
+    added = rows_of(robot, fed)(q, v, stance)[1] - rows_of(robot, free)(q, v, stance)[1]
+    expected = 3.0 * (fed.target.position.ravel() - quantity(robot, q, v))
+    expected += 7.0 * (fed.target.velocity.ravel() - rate_of(robot, quantity, q, v, np.zeros(robot.nv)))
+    np.testing.assert_allclose(added, expected, atol=1e-5)
 
 
-def test_angular_momentum_feedback(solo12, random_state):
-    terms, reference = WholeBodyTerms(solo12), zero_reference(solo12)
-    q, v = random_state(np.random.default_rng(15))
-    terms.update(q, v)
-    reference.angular_momentum[:] = 0.1, -0.2, 0.3
-    free, fed = (
-        single(solo12, AngularMomentumTask(solo12, 0.0, 1.0)),
-        single(solo12, AngularMomentumTask(solo12, 8.0, 1.0)),
+def test_momentum_and_contact_velocity_feedback(robot, random_state, rows_of):
+    q, v = random_state(np.random.default_rng(15), robot)
+    task = AngularMomentumTask(Gain(kp=0.0, kd=8.0), 1.0)
+    task.target.momentum[:] = 0.1, -0.2, 0.3
+    added = rows_of(robot, task)(q, v)[1] - rows_of(robot, AngularMomentumTask(NONE, 1.0))(q, v)[1]
+    np.testing.assert_allclose(added, 8.0 * (task.target.momentum - angular_momentum(robot, q, v)), atol=1e-11)
+    damped, free = (rows_of(robot, StanceTask(robot, gain, 1.0))(q, v)[1] for gain in (Gain(kp=0.0, kd=20.0), NONE))
+    np.testing.assert_allclose(damped - free, -20.0 * rolling_velocity(robot, q, v), atol=1e-11)
+
+
+def test_feet_switch_between_stance_and_swing(solo12, random_state, rows_of):
+    """A foot's rows count in one of the two tasks, and the target of a foot that stands is not even read."""
+    stance, swing = StanceTask(solo12, Gain(kp=0.0, kd=20.0), 1e3), SwingTask(solo12, STIFF, 10.0)
+    held, followed = rows_of(solo12, stance), rows_of(solo12, swing)
+    state = random_state(np.random.default_rng(16), solo12)
+    swing.target.position[:] = 0.1
+    swing.target.position[[0, 2, 3]] = np.nan
+    flags = np.array([True, False, True, True])
+    in_air = np.repeat(~flags, 3)
+    np.testing.assert_array_equal(followed(*state, flags)[2], np.where(in_air, 10.0, 0.0))
+    np.testing.assert_array_equal(held(*state, flags)[2], np.where(in_air, 0.0, 1e3))
+    for rows in (held, followed):
+        rhs, weight = rows(*state, flags)[1:]
+        assert np.isfinite(rhs).all()
+        np.testing.assert_array_equal(rhs[weight == 0.0], 0.0)
+    np.testing.assert_array_equal(held(*state, flags)[1][~in_air], held(*state, True)[1][~in_air])
+
+
+class FootHeight(SymbolicTask):
+    dim = 1
+
+    def position(self, s):
+        return s.placement("FL_FOOT").translation[2]
+
+
+def test_ones_own_task_in_three_lines(solo12, random_state, rows_of):
+    """Its Jacobian and drift are those that Pinocchio has for the frame."""
+    task = FootHeight(UNEVEN, weight=2.0)
+    task.target.position[:], task.target.velocity[:], task.target.acceleration[:] = 0.3, 0.2, 0.1
+    rows, rng, frame = rows_of(solo12, task), np.random.default_rng(17), solo12.contact_ids[0]
+    model, data = solo12.model, solo12.create_data()
+    for _ in range(5):
+        q, v = random_state(rng, solo12)
+        jacobian, rhs, weight = rows(q, v)
+        pin.forwardKinematics(model, data, q, v, np.zeros(solo12.nv))
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        expected = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[2]
+        drift = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear[2]
+        np.testing.assert_allclose(jacobian[0], expected, atol=1e-13)
+        height = data.oMf[frame].translation[2]
+        feedback = 0.1 + 3.0 * (0.3 - height) + 7.0 * (0.2 - expected @ v)
+        np.testing.assert_allclose(rhs, feedback - drift, atol=1e-11)
+        np.testing.assert_array_equal(weight, 2.0)
+
+
+def test_a_controller_follows_ones_own_task(solo12):
+    """Lift a foot by its height alone, while the others carry the weight."""
+    settings = WholeBodySettings().replace({"weights.swing": 0.0})
+    task = FootHeight(Gain(kp=100.0), weight=100.0, name="lift")
+    controller = WholeBodyController(solo12, settings, [*standard_tasks(solo12, settings), task])
+    terms = controller.sense(solo12.q_reference, np.zeros(solo12.nv))
+    controller.contacts.stance[0] = False
+    task.target.position[:] = terms.contact_points[0, 2] + solo12.contact_radius + 0.01
+    controller.stand()
+    controller.solve()
+    acceleration = controller.acceleration
+    frame = pin.computeFrameJacobian(
+        solo12.model, solo12.create_data(), solo12.q_reference, solo12.contact_ids[0], pin.LOCAL_WORLD_ALIGNED
     )
-    free.update(terms, reference)
-    fed.update(terms, reference)
-    expected = 8.0 * (reference.angular_momentum - angular_momentum(solo12, q, v))
-    np.testing.assert_allclose(fed.rhs - free.rhs, expected, atol=1e-12)
+    assert (frame @ acceleration)[2] == pytest.approx(100.0 * 0.01, rel=0.05)
 
 
-def test_feet_switch_between_stance_and_swing_and_back(solo12, random_state):
-    task = FootTask(solo12, 20.0, STIFF, 1e3, 10.0)
-    stack, terms, reference = single(solo12, task), WholeBodyTerms(solo12), zero_reference(solo12)
-    q, v = random_state(np.random.default_rng(16))
-    terms.update(q, v)
-    reference.foot_position[:] = terms.contact_points + 0.1
-    stack.update(terms, reference)
-    all_stance = (stack.jacobian.copy(), stack.rhs.copy(), stack.weight.copy())
-    np.testing.assert_allclose(stack.rhs, -20.0 * rolling_velocity(solo12, q, v) - terms.contact_drift, atol=1e-12)
-    reference.stance[1] = False
-    stack.update(terms, reference)
-    swing = np.repeat([False, True, False, False], 3)
-    np.testing.assert_array_equal(stack.weight, np.where(swing, 10.0, 1e3))
-    np.testing.assert_array_equal(stack.rhs[~swing], all_stance[1][~swing])
-    jacobian, drift = terms.foot_centre(1)
-    np.testing.assert_allclose(stack.rhs[swing], 400 * 0.1 - 40 * jacobian @ v - drift, rtol=1e-12)
-    reference.foot_position[1] = np.nan  # what a target was in the air is nothing to a foot that stands
-    stack.update(terms, reference)
-    reference.stance[1] = True
-    stack.update(terms, reference)
-    for now, before in zip((stack.jacobian, stack.rhs, stack.weight), all_stance, strict=True):
-        np.testing.assert_array_equal(now, before)
+def test_a_target_that_a_task_does_not_have_is_named(solo12):
+    with pytest.raises(InputError, match="target of task 'com': got posittion.*position"):
+        ComTask(STIFF, 1.0).target.posittion[:] = 0.0
 
 
-def test_stack_puts_every_task_in_its_own_rows(solo12, random_state):
-    makers = [lambda: ComTask(solo12, STIFF, (1, 2, 3)), lambda: PostureTask(solo12, STIFF, 0.5)]
-    terms, reference = WholeBodyTerms(solo12), zero_reference(solo12)
-    terms.update(*random_state(np.random.default_rng(17)))
-    together = TaskStack([make() for make in makers], solo12.nv)
-    together.update(terms, reference)
-    alone = [single(solo12, make()) for make in makers]
-    for stack in alone:
-        stack.update(terms, reference)
-    for name in ("jacobian", "rhs", "weight"):
-        np.testing.assert_array_equal(getattr(together, name), np.concatenate([getattr(s, name) for s in alone]))
-    np.testing.assert_array_equal(together.weight, [1, 2, 3] + 12 * [0.5])
-
-
-def test_gain_for_a_wanted_damping():
-    assert Gain.critically_damped(100.0) == Gain(100.0, 20.0)
-    assert Gain.critically_damped(100.0, 0.7).kd == pytest.approx(14.0)
+def test_standing_targets_are_here_and_in_the_reference_posture(solo12, random_state):
+    controller = WholeBodyController(solo12, WholeBodySettings())
+    terms = controller.sense(*random_state(np.random.default_rng(18), solo12))
+    for task in controller.tasks.values():
+        for key in task.layout:
+            if key not in ("kp", "kd", "weight"):
+                task.layout.view(task.memory, key)[:] = np.nan
+    controller.stand()
+    targets = {name: task.target for name, task in controller.tasks.items()}
+    assert all(np.isfinite(task.memory).all() for task in controller.tasks.values())
+    np.testing.assert_array_equal(targets["com"].position, terms.com)
+    np.testing.assert_array_equal(targets["swing"].position, terms.contact_points)
+    np.testing.assert_array_equal(targets["posture"].position, solo12.q_reference[7:])
+    np.testing.assert_array_equal(targets["base_position"].position, solo12.q_reference[:3])
+    np.testing.assert_allclose(targets["base_orientation"].rotation, np.eye(3), atol=1e-15)
+    for name in ("com", "swing", "posture", "base_position"):
+        assert not targets[name].velocity.any() and not targets[name].acceleration.any()
 
 
 @pytest.mark.parametrize(
-    ("gain", "weight", "message"),
+    ("weight", "message"),
     [
-        (STIFF, -1.0, "weight of task 'com': got -1.0; expected finite, not negative"),
-        (STIFF, float("nan"), "weight of task 'com'"),
-        (STIFF, (1.0, 2.0), r"weight of task 'com': got \(1.0, 2.0\); expected one number or 3"),
-        (Gain(-5.0, 1.0), 1.0, "kp of task 'com': got -5.0"),
-        (Gain(5.0, (1.0, float("inf"), 1.0)), 1.0, "kd of task 'com'"),
+        (-1.0, "weight of task 'com': got -1.0; expected finite, not negative"),
+        (float("nan"), "weight of task 'com'"),
+        ((1.0, 2.0), r"weight of task 'com': got \(1.0, 2.0\); expected one number or 3"),
     ],
 )
-def test_bad_gains_and_weights_are_refused(solo12, gain, weight, message):
+def test_bad_weights_are_refused(weight, message):
     with pytest.raises(InputError, match=message):
-        ComTask(solo12, gain, weight)
+        ComTask(STIFF, weight)
+
+
+class WrongSize(SymbolicTask):
+    dim = 2
+
+    def position(self, s):
+        return s.com
+
+
+class Nothing(SymbolicTask):
+    dim = 1
+
+
+def test_tasks_that_are_not_written_right_are_refused(solo12):
+    with pytest.raises(InputError, match=r"velocity of task 'WrongSize': got shape \(3, 1\); expected shape \(2, 1\)"):
+        WholeBodyController(solo12, WholeBodySettings(), [WrongSize(STIFF, 1.0)])
+    with pytest.raises(InputError, match="task 'Nothing': got neither position nor velocity"):
+        WholeBodyController(solo12, WholeBodySettings(), [Nothing(STIFF, 1.0)])
+    with pytest.raises(InputError, match="two called 'com'"):
+        WholeBodyController(solo12, WholeBodySettings(), [ComTask(STIFF, 1.0), ComTask(STIFF, 2.0)])

@@ -4,7 +4,6 @@ from lgmpc.config.schema.documents import Config, Document, GroundTruth, SolveCo
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.solver import SolverSection
-from lgmpc.config.schema.wbc import WbcGain, WbcGains, WbcSection, WbcWeights
 
 __all__ = [
     "Config",
@@ -14,8 +13,4 @@ __all__ = [
     "ProblemSection",
     "SolveConfig",
     "SolverSection",
-    "WbcGain",
-    "WbcGains",
-    "WbcSection",
-    "WbcWeights",
 ]

@@ -13,7 +13,6 @@ from pydantic import Field, PrivateAttr, model_validator
 from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.solver import SolverSection
-from lgmpc.config.schema.wbc import WbcSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError
@@ -24,6 +23,7 @@ from lgmpc.runs import Gate, LogSettings, SolveGate
 from lgmpc.settings import Positive, Problem, Settings, problem, problems
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.sensors import SensorNoise
+from lgmpc.wbc import WholeBodySettings
 
 __all__ = ["MOST_TICKS", "Config", "Document", "GroundTruth", "SolveConfig"]
 
@@ -85,7 +85,7 @@ class Config(Document):
         default=GroundTruth(), description="How the controllers learn the state."
     )
     mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
-    wbc: WbcSection = Field(default=WbcSection(), description="The whole-body controller.")
+    wbc: WholeBodySettings = Field(default=WholeBodySettings(), description="The whole-body controller.")
     reference: Annotated[Union[StandReference, CircleReference], Field(discriminator="kind")] = Field(  # noqa: UP007
         default=StandReference(), description="What the robot should do."
     )

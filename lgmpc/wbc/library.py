@@ -1,0 +1,296 @@
+"""The built-in tasks, by name: each is one class here, with its weight and gain in :mod:`lgmpc.wbc.settings`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.costs import Parameter, StageSymbols
+from lgmpc.lie.symbolic import so3
+from lgmpc.robot import Robot
+from lgmpc.wbc import contact_points as points
+from lgmpc.wbc.settings import Gain, WholeBodySettings
+from lgmpc.wbc.tasks import SymbolicTask, Task
+from lgmpc.wbc.terms import WholeBodyTerms
+
+__all__ = [
+    "TASKS",
+    "AngularMomentumTask",
+    "BaseOrientationTask",
+    "BasePositionTask",
+    "ComTask",
+    "PostureTask",
+    "StanceTask",
+    "SwingTask",
+    "standard_tasks",
+]
+
+
+class ComTask(SymbolicTask):
+    """Centre of mass, world axes, m. Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot", 2013."""
+
+    name = "com"
+    dim = 3
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the centre of mass."""
+        return s.com
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return its velocity."""
+        return s.robot.vcom(s.q, s.v)
+
+    def jacobian(self, s: StageSymbols) -> Any:
+        """Return its Jacobian, which the mass matrix's recursion leaves."""
+        return s.robot.jacobian_com(s.q)
+
+    def drift(self, s: StageSymbols) -> Any:
+        """Return its acceleration at zero joint-space acceleration."""
+        return s.robot.momentum_rate(s.q, s.v, None)[:3] / s.robot.mass
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold the sensed centre of mass."""
+        self.hold(terms.com)
+
+
+class BaseOrientationTask(SymbolicTask):
+    """Orientation of the base: error ``log(R^T R_d)``, rate ``R^T R_d omega_d - omega``, body axes.
+
+    Targets: ``rotation`` (3, 3), body to world; ``angular_velocity`` (3,) in the axes of the target frame, rad/s.
+    """
+
+    name = "base_orientation"
+    dim = 3
+
+    def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
+        """Return the target rotation, row by row, and angular velocity."""
+        rotation = Parameter("rotation", 9, "orientation of the base, body to world", np.eye(3).ravel())
+        return [(rotation, (3, 3)), (Parameter("angular_velocity", 3, "in the axes of the target, rad/s"), (3,))]
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return the body angular velocity, which v holds itself."""
+        return s.v[3:6]
+
+    def error(self, s: StageSymbols) -> Any:
+        """Return the rotation vector to the target."""
+        return so3.log(self._to_target(s))
+
+    def rate(self, s: StageSymbols) -> Any:
+        """Return the target's angular velocity less the base's."""
+        return ca.mtimes(self._to_target(s), s["angular_velocity"]) - s.v[3:6]
+
+    def acceleration(self, s: StageSymbols) -> Any:
+        """Return zero: there is no feed-forward."""
+        return ca.SX.zeros(3)
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold the orientation of the reference posture."""
+        self.target.rotation[:] = pin.Quaternion(robot.q_reference[3:7]).matrix()
+        self.target.angular_velocity[:] = 0.0
+
+    @staticmethod
+    def _to_target(s: StageSymbols) -> Any:
+        return ca.mtimes(s.robot.joint_placement(s.q, 1).rotation.T, ca.reshape(s["rotation"], 3, 3).T)
+
+
+class BasePositionTask(SymbolicTask):
+    """Position of the base's origin, world axes, m."""
+
+    name = "base_position"
+    dim = 3
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the origin."""
+        return s.q[:3]
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return its velocity."""
+        return ca.mtimes(s.robot.joint_placement(s.q, 1).rotation, s.v[:3])
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold the position of the reference posture."""
+        self.hold(robot.q_reference[:3])
+
+
+class AngularMomentumTask(SymbolicTask):
+    """Centroidal angular momentum, world axes; it is a rate itself, so there is no stiffness.
+
+    Targets: ``momentum`` (3,) N.m.s; ``rate`` (3,) feed-forward, N.m.
+    """
+
+    name = "angular_momentum"
+    dim = 3
+
+    def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
+        """Return the target momentum and its rate."""
+        return [
+            (Parameter("momentum", 3, "angular momentum about the centre of mass, N.m.s"), (3,)),
+            (Parameter("rate", 3, "its rate, N.m"), (3,)),
+        ]
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return the angular momentum."""
+        return s.momentum[3:]
+
+    def error(self, s: StageSymbols) -> Any:
+        """Return zero."""
+        return ca.SX.zeros(3)
+
+    def rate(self, s: StageSymbols) -> Any:
+        """Return what the momentum lacks."""
+        return s["momentum"] - self.velocity(s)
+
+    def acceleration(self, s: StageSymbols) -> Any:
+        """Return the rate to follow."""
+        return s["rate"]
+
+    def jacobian(self, s: StageSymbols) -> Any:
+        """Return the angular rows of the centroidal momentum matrix."""
+        return s.robot.momentum_matrix(s.q)[3:, :]
+
+    def drift(self, s: StageSymbols) -> Any:
+        """Return the rate at zero joint-space acceleration."""
+        return s.robot.momentum_rate(s.q, s.v, None)[3:]
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Turn nothing."""
+        self.target.momentum[:] = self.target.rate[:] = 0.0
+
+
+class PostureTask(SymbolicTask):
+    """Joint positions, rad (m)."""
+
+    name = "posture"
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        self.dim = robot.nu
+        self._q, self._v = robot.joint_q, robot.joint_v
+        super().__init__(gain, weight)
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the joint positions."""
+        return s.q[self._q]
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return the joint rates."""
+        return s.v[self._v]
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold the reference posture."""
+        self.hold(robot.q_reference[robot.joint_q])
+
+
+class _FeetTask(SymbolicTask):
+    """Three rows for each foot, which count in stance or in swing."""
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        self.dim = 3 * robot.nc
+        self._robot = robot
+        super().__init__(gain, weight)
+
+    @staticmethod
+    def _in_contact(s: StageSymbols) -> Any:
+        return ca.vec(ca.repmat(s["stance"].T, 3, 1))
+
+
+class StanceTask(_FeetTask):
+    """The contact points of the feet on the ground keep still; there is no target.
+
+    A heavy weight holds them instead of an equality, because equal rows turn infeasible with the torque limits near
+    stretched legs; and only their velocity is fed back, because a rolling sphere's contact point moves.
+    """
+
+    name = "stance"
+
+    def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
+        """Return none."""
+        return []
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return the velocities of the material points in contact."""
+        return points.contact_velocities(s, self._robot)
+
+    def error(self, s: StageSymbols) -> Any:
+        """Return zero."""
+        return ca.SX.zeros(self.dim)
+
+    def rate(self, s: StageSymbols) -> Any:
+        """Return the velocity to brake."""
+        return -self.velocity(s)
+
+    def acceleration(self, s: StageSymbols) -> Any:
+        """Return zero: they keep still."""
+        return ca.SX.zeros(self.dim)
+
+    def jacobian(self, s: StageSymbols) -> Any:
+        """Return the contact Jacobian, which the dynamics have too."""
+        return points.contact_jacobian(s, self._robot)
+
+    def drift(self, s: StageSymbols) -> Any:
+        """Return the rate of the velocities at zero joint-space acceleration."""
+        return points.contact_drift(s, self._robot)
+
+    def active(self, s: StageSymbols) -> Any:
+        """Return which feet are in contact."""
+        return self._in_contact(s)
+
+
+class SwingTask(_FeetTask):
+    """The lowest points of the feet in the air follow their targets, world axes: the point moves as the centre does.
+
+    Targets: ``position`` (nc, 3) m, ``velocity`` (nc, 3) m/s, ``acceleration`` (nc, 3) m/s2.
+    """
+
+    name = "swing"
+
+    def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
+        """Return position, velocity and acceleration of every foot."""
+        return [(parameter, (self._robot.nc, 3)) for parameter, _ in super().targets()]
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the lowest points."""
+        return points.contact_points(s, self._robot)
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return their rates."""
+        return points.centre_velocities(s, self._robot)
+
+    def jacobian(self, s: StageSymbols) -> Any:
+        """Return the derivative of the rates by v."""
+        return points.centre_jacobian(s, self._robot)
+
+    def drift(self, s: StageSymbols) -> Any:
+        """Return the rate of the velocities at zero joint-space acceleration."""
+        return points.centre_drift(s, self._robot)
+
+    def active(self, s: StageSymbols) -> Any:
+        """Return which feet are in the air."""
+        return 1 - self._in_contact(s)
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold every foot where it is."""
+        self.hold(terms.contact_points)
+
+
+TASKS: dict[str, Callable[[Robot, WholeBodySettings], Task]] = {
+    "stance": lambda r, s: StanceTask(r, Gain(kp=0.0, kd=s.gains.stance_damping), s.weights.stance),
+    "swing": lambda r, s: SwingTask(r, s.gains.swing, s.weights.swing),
+    "com": lambda r, s: ComTask(s.gains.com, s.weights.com),
+    "base_orientation": lambda r, s: BaseOrientationTask(s.gains.base_orientation, s.weights.base_orientation),
+    "posture": lambda r, s: PostureTask(r, s.gains.posture, s.weights.posture),
+    "base_position": lambda r, s: BasePositionTask(s.gains.base_position, s.weights.base_position),
+    "angular_momentum": lambda r, s: AngularMomentumTask(
+        Gain(kp=0.0, kd=s.gains.angular_momentum), s.weights.angular_momentum
+    ),
+}
+"""Makes each built-in task from robot and settings (scaled by its mass), in the order of their rows."""
+
+
+def standard_tasks(robot: Robot, settings: WholeBodySettings) -> list[Task]:
+    """Return the built-in tasks with the weights and gains of ``settings``, not yet scaled by the robot's mass."""
+    scaled = settings.scaled(robot)
+    return [make(robot, scaled) for make in TASKS.values()]

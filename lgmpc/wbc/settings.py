@@ -1,0 +1,108 @@
+"""Settings of the whole-body controller: the weights and gains of its tasks, its limits, its solver."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from lgmpc.robot import Robot
+from lgmpc.robot.scaling import normal_force_range, weight_factor
+from lgmpc.settings import Count, NonNegative, RangeFromZero, Settings, Vector3
+
+__all__ = ["Gain", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
+
+_NORMAL_FORCE = (0.04, 10.0)
+"""N per kg of the robot: a foot presses a little, and can carry the whole robot."""
+
+
+class Gain(Settings):
+    """Feedback of a task: acceleration = kp (target - position) + kd (target rate - rate)."""
+
+    kp: NonNegative = Field(description="Stiffness, 1/s2.")
+    kd: NonNegative | None = Field(default=None, description="Damping, 1/s. null: critical, 2 sqrt(kp).")
+
+    @property
+    def damping(self) -> float:
+        """Damping, 1/s."""
+        return 2.0 * math.sqrt(self.kp) if self.kd is None else self.kd
+
+
+class WholeBodyWeights(Settings):
+    """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out.
+
+    Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
+    """
+
+    com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = Field(default=0.1, description="Angular acceleration of the base.")
+    base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
+    angular_momentum: NonNegative = Field(default=100.0, description="Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
+    stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
+    swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
+    force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC (scaled by mass).")
+    acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
+
+
+class WholeBodyGains(Settings):
+    """Feedback gains of the tasks."""
+
+    com: Gain = Field(default=Gain(kp=100.0), description="Centre of mass.")
+    base_orientation: Gain = Field(default=Gain(kp=400.0), description="Orientation of the base.")
+    base_position: Gain = Field(default=Gain(kp=100.0), description="Position of the base.")
+    angular_momentum: NonNegative = Field(default=10.0, description="Centroidal angular momentum, 1/s.")
+    posture: Gain = Field(default=Gain(kp=100.0), description="Joint positions.")
+    stance_damping: NonNegative = Field(default=20.0, description="Velocity of the feet in contact, 1/s.")
+    swing: Gain = Field(default=Gain(kp=400.0), description="Feet in the air.")
+
+
+class WholeBodySettings(Settings):
+    """Whole-body quadratic programme over accelerations and contact forces."""
+
+    # Faster drives than 20 kHz do not exist; below 10 Hz a falling robot tilts by degrees between two ticks.
+    rate_hz: Annotated[float, Field(strict=True, ge=10.0, le=20_000.0)] = Field(
+        default=1000.0, description="Ticks per second, Hz."
+    )
+    # Rubber on dry ground stays below 2; no force can be held with almost none.
+    friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = Field(
+        default=0.6, description="Friction coefficient that the controller relies on."
+    )
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
+        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+    )
+    normal_force_n: RangeFromZero | None = Field(
+        default=None,
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 a kg of robot.",
+    )
+    # Shorter than a tick of the fastest drive, the bound lets a joint pass its limit between two ticks; beyond seconds,
+    # every joint is always near its limit.
+    joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
+        default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
+    )
+    # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
+    joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(
+        default=2000.0, description="Largest acceleration that the joint limits may require, rad/s2."
+    )
+    weights: WholeBodyWeights = Field(default=WholeBodyWeights(), description="Weights of the tasks.")
+    gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
+    # Rounding of the residuals is about 1e-12; with a tenth of a newton the torques are no solution any more.
+    tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = Field(
+        default=1e-5, description="Residual at which the solver stops."
+    )
+    max_iterations: Count = Field(default=50, description="Most iterations of the solver per tick.")
+    fallback_damping_nms: NonNegative = Field(
+        default=0.1, description="Joint damping added to the last command when the solver failed, N.m.s/rad."
+    )
+
+    def scaled(self, robot: Robot) -> WholeBodySettings:
+        """Return the settings for this robot: the weights of momenta and forces and the normal forces by its mass."""
+        factor, weights = weight_factor(robot.mass), self.weights
+        return self.replace(
+            {
+                "weights.angular_momentum": factor * weights.angular_momentum,
+                "weights.force": factor * weights.force,
+                "normal_force_n": normal_force_range(self.normal_force_n, _NORMAL_FORCE, robot.mass),
+            }
+        )

@@ -44,7 +44,7 @@ class Figure:
 
     Attributes:
         problem: name and horizon.
-        solver: whose.
+        solver: its name.
         part: of the solver, or ``solve``.
         nodes: N.
         iterations: of a solve; 1 of a part.
@@ -99,7 +99,7 @@ def compare(name: str, problem: Stance, rounds: int, crocoddyl: Any) -> list[Fig
     theirs = None
     if crocoddyl is not None:
         theirs = crocoddyl.SolverFDDP(problem.theirs())
-        theirs.problem.nthreads = 1  # it would take all cores otherwise, whatever OMP_NUM_THREADS says
+        theirs.problem.nthreads = 1  # it would use all cores otherwise, regardless of OMP_NUM_THREADS
     line = f"\n{name}, N = {problem.nodes}: {solution.status.name.lower()}, cost {solution.cost:.9g}"
     if theirs is not None:
         theirs.solve(list(guess.xs), list(guess.us), 100, False)

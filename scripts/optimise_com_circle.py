@@ -88,7 +88,7 @@ def solve() -> tuple[Solution, np.ndarray]:
 
 
 def main() -> None:
-    """Solve the problem and print what the solution is like."""
+    """Solve the problem and print its figures."""
     solution, error = solve()
     print(solution.explain())
     print(f"centre of mass: {1e3 * error.mean():.2f} mm from the circle on average, at most {1e3 * error.max():.2f} mm")

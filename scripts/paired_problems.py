@@ -1,6 +1,6 @@
 """The same optimal control problems for lgmpc and for Crocoddyl: one set of numbers, two ways to write them down.
 
-``ours()`` and ``theirs()`` are worth reading side by side by whoever knows one of the two. ``bench_optimiser.py`` times
+``ours()`` and ``theirs()`` can be read side by side by a user of either library. ``bench_optimiser.py`` times
 both; ``tests/crocoddyl`` compares their solutions. Crocoddyl comes with the extra ``bench`` of lgmpc.
 """
 

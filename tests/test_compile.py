@@ -1,4 +1,4 @@
-"""Compiled functions: the same numbers as interpreted ones, and a cache that neither races, rots nor trusts."""
+"""Compiled functions: the same numbers as interpreted ones, and a cache without races, which checks what it loads."""
 
 from __future__ import annotations
 
@@ -111,8 +111,8 @@ def test_values_are_those_of_the_casadi_function(way: str) -> None:
     assert compiled.compiled == (way == "compiled")
     x, a = np.array([0.3, -0.7, 1.1]), np.arange(9.0).reshape(3, 3)
     expected = function(x, np.tril(a))
-    for got, want in zip(compiled(x, a), expected, strict=True):
-        np.testing.assert_allclose(got, np.array(want).reshape(got.shape), rtol=1e-14, atol=1e-15)
+    for got, value in zip(compiled(x, a), expected, strict=True):
+        np.testing.assert_allclose(got, np.array(value).reshape(got.shape), rtol=1e-14, atol=1e-15)
 
 
 def test_nan_passes_through(way: str) -> None:
@@ -272,16 +272,16 @@ def test_horizon_equals_its_stages(make, stages: int, way: str) -> None:
     assert matrix.shape == (stages, 3, 3) and whole.input("x").shape == (3,)
     whole.run()
     for k in range(stages):
-        for got, want in zip(whole.outputs, one(whole.input("x"), matrix[k]), strict=True):
-            np.testing.assert_allclose(got[k], want, rtol=1e-14, atol=1e-14)
+        for got, expected in zip(whole.outputs, one(whole.input("x"), matrix[k]), strict=True):
+            np.testing.assert_allclose(got[k], expected, rtol=1e-14, atol=1e-14)
 
 
 @needs_compiler
 def test_another_horizon_compiles_nothing(cache: Path) -> None:
     compile_function(shift_function())
-    told: list[str] = []
-    whole = compile_map(shift_function(), 300, progress=told.append)
-    assert told == [] and len(libraries(cache)) == 1
+    messages: list[str] = []
+    whole = compile_map(shift_function(), 300, progress=messages.append)
+    assert messages == [] and len(libraries(cache)) == 1
     np.testing.assert_array_equal(whole(np.arange(600.0).reshape(300, 2))[0].ravel(), np.arange(600.0) + 1.0)
 
 
@@ -304,11 +304,11 @@ def test_map_refuses_no_stages_and_unknown_shared_inputs() -> None:
 
 @needs_compiler
 def test_second_time_comes_from_the_cache(cache: Path) -> None:
-    told: list[str] = []
-    compile_function(shift_function(), progress=told.append)
-    assert len(told) == 2 and "compiling 'shift'" in told[0] and "compiled 'shift' in" in told[1]
-    compile_function(shift_function(), progress=told.append)
-    assert len(told) == 2
+    messages: list[str] = []
+    compile_function(shift_function(), progress=messages.append)
+    assert len(messages) == 2 and "compiling 'shift'" in messages[0] and "compiled 'shift' in" in messages[1]
+    compile_function(shift_function(), progress=messages.append)
+    assert len(messages) == 2
     assert [p.name.split("-")[0] for p in cache.iterdir()] == ["shift"], "nothing but the library stays behind"
     assert stat.S_IMODE(cache.stat().st_mode) == 0o700
 
@@ -435,7 +435,7 @@ def test_processes_at_once_build_once_and_all_succeed(cache: Path, tmp_path: Pat
 def assert_refused(words: str) -> None:
     with pytest.raises(InputError, match=words) as refusal:
         compile_function(shift_function())
-    assert "LGMPC_CACHE_DIR" in str(refusal.value), "the message says what to do"
+    assert "LGMPC_CACHE_DIR" in str(refusal.value), "the message holds the remedy"
 
 
 @needs_compiler

@@ -31,7 +31,7 @@ def compile_function(function: casadi.Function, *, progress: Progress | None = N
 
     Args:
         function: inputs and outputs of any sparsity; sparse ones become dense.
-        progress: told in a few words what is being compiled, when that takes time; the log is told in any case.
+        progress: called with a description of what is being compiled, when that takes time; it is logged in any case.
 
     Returns:
         The function with buffers of its own.

@@ -59,10 +59,10 @@ def request_key(*parts: str) -> str:
 def cache_folder() -> Path:
     """The folder of compiled libraries, created if need be and checked to be writable by this user alone.
 
-    Code is loaded from it, so whoever can write there can run anything as this user.
+    Code is loaded from it, so a user with write access to it can run anything as this user.
 
     Raises:
-        InputError: the folder cannot be used, or others may write to it or replace it; the message says what to do.
+        InputError: the folder cannot be used, or others may write to it or replace it; the message holds the remedy.
     """
     chosen = os.environ.get("LGMPC_CACHE_DIR", "").strip()
     path = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("lgmpc"))
@@ -80,7 +80,7 @@ def cache_folder() -> Path:
         raise _refuse(
             folder,
             f"which others may write to (mode {stat.S_IMODE(info.st_mode):04o})",
-            f"a folder that only you may write to: chmod 700 '{folder}' if nobody else has written to it",
+            f"a folder that only you may write to: chmod 700 '{folder}' if no other user has written to it",
         )
     for parent in folder.parents:
         mode = parent.stat().st_mode
@@ -170,7 +170,7 @@ def _is_whole(path: Path) -> bool:
 
 
 def _remove_stale(folder: Path) -> None:
-    """Remove what a killed compilation left behind."""
+    """Remove what an interrupted compilation left behind."""
     for path in folder.glob(".build-*"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > _STALE_S:

@@ -33,7 +33,7 @@ FLAGS: tuple[str, ...] = (
 )
 # A function that is called like one of the C library's (clock, index, ...) calls itself, not that one.
 _ELF_FLAGS = ("-Wl,-Bsymbolic",)
-# Gives up GCC's graph-colouring register allocator, quadratic in straight-line code: 2.2 s and 4.1 us instead.
+# Switches off GCC's graph-colouring register allocator, quadratic in straight-line code: 2.2 s and 4.1 us instead.
 _GCC_FLAGS = ("--param=ira-max-conflict-table-size=0",)
 
 _UNSAFE_FLAGS = ("-ffast-math", "-Ofast", "-funsafe-math-optimizations", "-ffinite-math-only")
@@ -42,7 +42,7 @@ _CANDIDATES = ("cc", "gcc", "clang")
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler that answered when asked for its version.
+    """A C compiler that reported its version.
 
     Attributes:
         command: the program and its own arguments.
@@ -118,7 +118,7 @@ def find_compiler() -> Compiler | None:
         command = tuple(shlex.split(chosen))
         version = _version(command)
         if version is None:
-            raise InputError("CC", repr(chosen), "a C compiler that runs; unset CC to let lgmpc look for one")
+            raise InputError("CC", repr(chosen), "a C compiler that runs; unset CC, and lgmpc searches for one")
         return _describe(command, version, extra)
     for name in _CANDIDATES:
         version = _version((name,))
@@ -139,7 +139,7 @@ def _describe(command: tuple[str, ...], version: str, extra: tuple[str, ...]) ->
     if "Free Software Foundation" in version:
         flags += _GCC_FLAGS
     if "ziglang" in command:
-        flags += ("-fno-sanitize=undefined",)  # zig instruments C code unless told not to
+        flags += ("-fno-sanitize=undefined",)  # zig instruments C code unless this flag forbids it
     native = platform.machine().lower() in ("x86_64", "amd64")
     if native:
         flags += ("-march=native",)
@@ -164,12 +164,12 @@ def _version(command: tuple[str, ...]) -> str | None:
 @functools.lru_cache(maxsize=1)
 def _cpu() -> str:
     """What ``-march=native`` looks at, so that a home folder shared by unlike machines never runs foreign code."""
-    wanted = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
+    identifying = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
     lines: dict[str, str] = {}
     try:
         for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
             key, _, value = line.partition(":")
-            if key.strip() in wanted:
+            if key.strip() in identifying:
                 lines.setdefault(key.strip(), value.strip())
     except OSError:
         return f"{platform.machine()} {platform.processor()}"

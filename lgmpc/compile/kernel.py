@@ -1,4 +1,4 @@
-"""Stage functions on memory that somebody else owns: a loop in C, whose stages read each other's results."""
+"""Stage functions on memory that the caller owns: a loop in C, whose stages read each other's results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StageKernel:
 
     Args:
         function: of one stage.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         compiled: whether it is machine code; otherwise CasADi interprets it.
@@ -93,7 +93,7 @@ def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[lis
                 buffer.set_arg(i, row.data)
             else:
                 buffer.set_res(i - n_in, row.data)
-        # The buffer holds addresses only: whatever they point at has to live as long as the call.
+        # The buffer holds addresses only: what they point at has to exist as long as the call.
         calls.append((evaluate, buffer, [column[k] for column in rows]))
 
     def call() -> int:

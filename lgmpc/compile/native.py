@@ -76,7 +76,7 @@ def generate_source(function: casadi.Function) -> str:
 
 
 def _identity(function: casadi.Function) -> str:
-    """Text that tells the function from all others: written in a third of the time that its C code takes."""
+    """Text that identifies the function: written in a third of the time that its C code takes."""
     try:
         return str(function.serialize())
     except RuntimeError:  # CasADi cannot write down what it calls
@@ -91,7 +91,7 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
         InputError: the cache folder cannot be used.
     """
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         _log.info(text)
         if progress is not None:
             progress(text)
@@ -110,21 +110,21 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
             discard(entry)
 
     start, source = time.perf_counter(), generate_source(function)
-    tell(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+    report(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
     entry = make_entry(
         folder,
         name,
         key,
         source,
         lambda code, library: compiler.build(code, library, name),
-        lambda: tell(f"waiting for another process that is compiling '{name}'"),
+        lambda: report(f"waiting for another process that is compiling '{name}'"),
     )
     try:
         library = ctypes.CDLL(str(entry))
     except OSError as error:
         remedy = "is the cache on a volume that forbids execution? Choose another with LGMPC_CACHE_DIR"
         raise CompileError(name, f"loading {entry}", f"{error}; {remedy}") from error
-    tell(f"compiled '{name}' in {time.perf_counter() - start:.1f} s")
+    report(f"compiled '{name}' in {time.perf_counter() - start:.1f} s")
     return library
 
 
@@ -153,7 +153,7 @@ def bind_library(
     iw, w = np.zeros(n_iw, dtype=np.int64), np.zeros(n_w)
     parts = (base, plan, arg, res, iw, w)
     frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
-    # The frame holds addresses only: whatever they point at has to live as long as the frame.
+    # The frame holds addresses only: what they point at has to exist as long as the frame.
     frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
     weakref.finalize(frame, library[f"{name}_release"], slot)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))

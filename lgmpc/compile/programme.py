@@ -19,7 +19,7 @@ def compile_programme(solver: casadi.Function, *, progress: Progress | None = No
 
     Args:
         solver: made from expressions; its name and options decide what it evaluates.
-        progress: told when something is being compiled.
+        progress: called with a description of what is being compiled, if anything is.
 
     Returns:
         A library to give to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
@@ -46,7 +46,7 @@ def compile_source(name: str, source: str, *, progress: Progress | None = None) 
     Args:
         name: a C identifier, part of the file's name.
         source: one C file; what others shall find needs default visibility.
-        progress: told when something is being compiled.
+        progress: called with a description of what is being compiled, if anything is.
 
     Returns:
         The library; None without a compiler, or with ``LGMPC_JIT=0``.

@@ -82,7 +82,7 @@ class _Item:
         column = self.residual.expression(scoped)
         if column.shape != (self.residual.nr, 1):
             kind = type(self.residual).__name__
-            raise InputError(f"{kind}.expression", f"shape {column.shape}", f"({self.residual.nr}, 1), as its nr says")
+            raise InputError(f"{kind}.expression", f"shape {column.shape}", f"({self.residual.nr}, 1) for its nr")
         return scoped, column
 
 

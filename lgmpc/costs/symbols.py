@@ -15,7 +15,7 @@ __all__ = ["MissingQuantityError", "StageSymbols"]
 
 
 class MissingQuantityError(InputError):
-    """A residual asks for a quantity that its node does not have, such as the control at the end of the horizon."""
+    """A residual uses a quantity that its node does not have, such as the control at the end of the horizon."""
 
 
 class StageSymbols:

@@ -22,7 +22,7 @@ class HorizonFunctions:
     Args:
         action: the interval.
         nodes: N.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         structure: of the linear-quadratic problem.

@@ -83,7 +83,7 @@ class NumericRollOut:
 
 
 class NumericSubproblem:
-    """The packed expansion of :class:`~lgmpc.ocp.SubproblemFunctions`, its entries where ``blocks`` says."""
+    """The packed expansion of :class:`~lgmpc.ocp.SubproblemFunctions`, its entries at the places of ``blocks``."""
 
     def __init__(self, action: NumericContactAction, blocks: Mapping[str, Block]) -> None:
         self._action = action

@@ -85,7 +85,7 @@ class OcpQpStructure:
 
 
 class OcpQp:
-    """One linear-quadratic problem (see the module), on buffers that somebody writes and solvers read.
+    """One linear-quadratic problem (see the module), on buffers that the caller writes and solvers read.
 
     Args:
         structure: sizes and patterns.

@@ -31,7 +31,7 @@ class ShootingFunctions:
 
     Args:
         problem: the problem.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         compiled: whether it is machine code.

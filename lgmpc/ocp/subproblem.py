@@ -31,7 +31,7 @@ class SubproblemFunctions:
 
     Args:
         problem: the problem.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         qp: the subproblem around (xs, us), as :meth:`linearize` wrote it.

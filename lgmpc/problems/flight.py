@@ -1,8 +1,8 @@
 """A multirotor flies through waypoints, at some of them in given attitudes, such as upside down, and ends at rest.
 
 Attitudes are given as rotation vectors, which may be longer than half a turn: ``[0, -180, 0]`` and then
-``[0, -360, 0]`` is a loop, nose up, while the second alone would be the attitude of the start. The cost knows the
-attitudes only, as matrices, and has no branch at any angle; the vectors tell the guess which way round.
+``[0, -360, 0]`` is a loop, nose up, while the second alone would be the attitude of the start. The cost depends
+on the attitudes only, as matrices, and has no branch at any angle; the vectors set the guess's sense of rotation.
 """
 
 from __future__ import annotations

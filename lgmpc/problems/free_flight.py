@@ -60,12 +60,12 @@ def refly(
     for k, span in enumerate(np.diff(times)):
         count = int(np.ceil(span / step - 1e-9))
         grid = times[k] + span / count * np.arange(count + 1)
-        wanted, moving = path(grid), path(grid, 1)
+        desired, moving = path(grid), path(grid, 1)
         for i in range(count):
-            off, lag = wanted[i] - x[robot.joint_q], moving[i] - x[nq:][robot.joint_v]
+            off, lag = desired[i] - x[robot.joint_q], moving[i] - x[nq:][robot.joint_v]
             effort = np.clip(plan.us[k] + stiffness * off + damping * lag, -robot.effort_limit, robot.effort_limit)
             x = _runge_kutta(model, data, x, np.concatenate([np.zeros(6), effort]), span / count)
-            error = max(error, float(np.abs(wanted[i + 1] - x[robot.joint_q]).max()))
+            error = max(error, float(np.abs(desired[i + 1] - x[robot.joint_q]).max()))
         spin = max(spin, float(np.linalg.norm(spins(robot, x[None])[0] - start)))
     return Flown(x, spin, error)
 

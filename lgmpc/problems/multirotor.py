@@ -24,7 +24,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MultirotorSettings:
-    """The rotors, of which a URDF says only where they are.
+    """The rotors, of which a URDF holds only the places.
 
     Attributes:
         frames: names of the rotors' frames; each pushes along its frame's z axis.

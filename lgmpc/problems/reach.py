@@ -71,7 +71,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     """Return the problem for a robot that begins at rest in its reference posture.
 
     The efforts keep to the robot's limits as bounds, positions and velocities of the joints by barriers. Figures:
-    ``position_error_m``, ``rotation_error_deg`` (if a rotation is asked for) and ``final_joint_velocity_rad_s``, the
+    ``position_error_m``, ``rotation_error_deg`` (if a rotation is requested) and ``final_joint_velocity_rad_s``, the
     largest, at the end; ``joint_limit_violation_rad`` and ``joint_velocity_violation_rad_s``, by how much any joint
     passes its position and velocity limits.
 
@@ -129,7 +129,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         name="reach",
         robot=robot,
         problem=problem,
-        # Standing still without efforts leaves gaps, and so lets FDDP shoot over many nodes; with the efforts that hold
+        # Standing still without efforts leaves gaps, and so FDDP can shoot over many nodes; with the efforts that hold
         # the robot it would be single shooting, which takes three times as many iterations, or does not arrive.
         guess=problem.hold(),
         durations=np.full(s.nodes, s.node_duration),

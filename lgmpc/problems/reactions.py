@@ -32,7 +32,7 @@ def reactions(robot: Robot, trajectory: Trajectory, durations: Array, flags: Boo
     """Return the forces of a trajectory.
 
     They follow from the change of velocity, ``J^T f = rnea(q, v, dv / h) - [0; u]`` or at an impact ``J^T f = M dv``,
-    in the sense of least squares: there are more equations than forces, so that what is left says whether the motion
+    in the sense of least squares: there are more equations than forces, so that the remainder shows whether the motion
     is one.
 
     Args:

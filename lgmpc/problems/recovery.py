@@ -57,7 +57,7 @@ class RecoverySettings:
         rotation_deg: (3,) its attitude at first as a rotation vector, degrees: ``[180, 0, 0]`` is upside down.
         velocity: (3,) at first, body axes, m/s.
         angular_velocity: (3,) at first, body axes, rad/s.
-        goal_rotation_deg: (3,) attitude at the end, degrees. Its length tells the guess which way to turn: from
+        goal_rotation_deg: (3,) attitude at the end, degrees. Its length sets which way the guess turns: from
             ``[0, 150, 0]`` to ``[0, 360, 0]``, which is level, it goes on over the back.
         nodes: number of intervals.
         node_duration: length of each, s.

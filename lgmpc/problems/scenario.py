@@ -85,7 +85,7 @@ class Scenario:
             are no contacts.
         waypoints: places to reach.
         controls: what the controls are; efforts of the joints, if there are as many, unless given.
-        friction: coefficient that the forces are meant to keep to; none if nothing says so.
+        friction: coefficient that the forces are meant to keep to; none for a problem without.
 
     Raises:
         InputError: durations, flags or names of controls that do not fit the problem.

@@ -119,7 +119,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     """Return the problem for a robot that stands in its reference posture, at rest, on soles at its contact frames.
 
     Hard constraints: efforts and joints within the robot's limits, contact forces in friction cones, centres of
-    pressure within the soles. Figures: ``position_error_m`` and ``rotation_error_deg`` (if a rotation is asked for) of
+    pressure within the soles. Figures: ``position_error_m`` and ``rotation_error_deg`` (if a rotation is requested) of
     the hand, ``final_speed_m_s`` of the centre of mass and ``final_joint_velocity_rad_s``, the largest, at the end;
     ``com_margin_m`` and ``zmp_margin_m``, how far inside the soles' convex hull the centre of mass, projected to the
     ground, and the zero moment point stay; ``cop_margin_m``, how far from its edge each sole's centre of pressure;
@@ -247,7 +247,7 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     }
     for name, value in values.items():
         problem.set(name, value, nodes)
-    # The first state is given: where it is at a limit, no solver needs to know.
+    # The first state is given: limits that it is at are opened, so that interior point methods have an interior.
     start = robot.q_reference[robot.joint_q]
     problem.set("joint_limit_lower", np.minimum(robot.joint_lower, start - 1.0), [0])
     problem.set("joint_limit_upper", np.maximum(robot.joint_upper, start + 1.0), [0])

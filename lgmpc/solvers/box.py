@@ -83,7 +83,7 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
             expected = "bounds on controls only (the SQP and the NLP take any constraint)"
             raise InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {i} is no control", expected)
         rows.append(int(row.sparsity().get_triplet()[1][0]))
-    # A row is a control plus what the parameters say, a reference for instance.
+    # A row is a control plus an expression in the parameters, a reference for instance.
     offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(action.state.nx + action.nu))
     edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
     return np.array(rows, dtype=np.int64), ca.Function("limits", [p], edges)
@@ -127,7 +127,7 @@ class BoxSweep:
 
     Args:
         functions: where expansion and bounds are read and the gains are written.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         value_hessian: (N+1, ndx, ndx) of the cost-to-go, the held controls being held.

@@ -36,9 +36,9 @@ class FddpSettings:
     """Tolerances and schedules; the standard values are Crocoddyl's.
 
     A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
-    does not depend on how states and controls are scaled, but says nothing of conditions on which the cost hardly
+    does not depend on how states and controls are scaled, but does not cover conditions on which the cost hardly
     depends. The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review
-    47, 2005), since it is their differences; infinity asks for the first only, as Crocoddyl does.
+    47, 2005), since it is their differences; infinity requires the first only, as Crocoddyl does.
 
     Attributes:
         tolerance: largest expected reduction of the cost.
@@ -86,7 +86,7 @@ class Fddp(IterativeSolver):
     Args:
         problem: the problem; its data are read at every solve.
         settings: tolerances and schedules.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         functions: the compiled problem, with the current expansion.

@@ -59,7 +59,7 @@ class LineSearchSqpSettings:
         tolerance: largest residual of the optimality conditions of a solution.
         acceptance: least fraction of the expected decrease that a step has to bring.
         memory: how many points the decrease is measured from the worst of.
-        least_step: step length below which the search gives up.
+        least_step: step length below which the search ends without a step.
         penalty_margin: the penalty's least multiple of the largest multiplier.
     """
 
@@ -93,7 +93,7 @@ class LineSearchSqp(IterativeSolver):
         settings: tolerances.
         qp_solver: solver of the subproblems: a name, or a function that makes one. It has to be more accurate than the
             tolerance; lgmpc's own unless given.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: no such QP solver.

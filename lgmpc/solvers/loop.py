@@ -1,4 +1,4 @@
-"""The one loop of all iterative solvers: they supply the steps, it counts, watches the clock and tells the callback."""
+"""The one loop of all iterative solvers: they supply steps, it counts, checks the time limit, calls the callback."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class IterativeSolver(ABC):
                 rest at all nodes unless given.
             max_iterations: most iterations, at least 0.
             time_limit: s; checked before each iteration.
-            callback: told the progress after every iteration; stops the solve by returning True.
+            callback: called with the progress after every iteration; stops the solve by returning True.
             throw: raise where the solve ends without a solution.
 
         Raises:
@@ -105,7 +105,7 @@ class IterativeSolver(ABC):
         if time_limit is not None and not time_limit >= 0.0:
             raise InputError("time_limit", time_limit, "at least 0 s")
         checked = self.problem.check(self.problem.hold() if guess is None else guess)
-        # A status tells what was not finite; numpy's warnings would only tell where it came by.
+        # The status and its explanation name what was not finite; numpy's warnings would only add where it was met.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             solution = self._run(checked, max_iterations, time_limit, callback)
         if throw and not solution.status.solved:

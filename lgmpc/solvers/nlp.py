@@ -44,7 +44,7 @@ class NlpSolver:
         max_iterations: most iterations.
         compiled: whether to evaluate machine code; it takes a while to build (once: it is cached) and is several times
             faster.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: no such plugin.
@@ -93,7 +93,7 @@ class NlpSolver:
             guess: states and controls to start from (the first state is replaced by the problem's); the first state at
                 rest at all nodes unless given.
             time_limit: s; checked after each iteration (of ipopt).
-            callback: told the progress after every iteration (of ipopt); stops the solve by returning True.
+            callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
             throw: raise where the solve ends without a solution.
 
         Raises:
@@ -107,9 +107,9 @@ class NlpSolver:
         base = problem.check(problem.hold() if guess is None else guess)
         p = shooting.pack_parameters(problem, base)
         lower, upper = shooting.bounds(p)
-        if not self._finite_at(p):  # ipopt would say so; fatrop would never come back
+        if not self._finite_at(p):  # ipopt would report it; fatrop would not return
             return self._unsolved(base, Status.NOT_FINITE, start, throw)
-        if (lower.full() > upper.full()).any():  # CasADi refuses to begin
+        if (lower.full() > upper.full()).any():  # CasADi raises
             return self._unsolved(base, Status.INFEASIBLE, start, throw)
         self._watch.begin(start, time_limit, callback)
         try:
@@ -188,15 +188,15 @@ class _Watch(ca.Callback):
         self._start, self._limit, self._callback, self._count = start, time_limit, callback, 0
 
     def get_n_in(self) -> int:
-        """As CasADi asks."""
+        """As CasADi requires."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """As CasADi asks."""
+        """As CasADi requires."""
         return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """As CasADi asks."""
+        """As CasADi requires."""
         return ca.Sparsity.dense(self._size[ca.nlpsol_out(i)], 1)
 
     def eval(self, arg: Any) -> Any:

@@ -27,10 +27,10 @@ __all__ = ["RealTimeResult", "RealTimeSqp", "RealTimeStatus", "RealTimeTimings"]
 
 
 class RealTimeStatus(Enum):
-    """How the iterations ended; the value says what to do about it."""
+    """How the iterations ended; the value is the remedy."""
 
     CONVERGED = "nothing to do"
-    STEPPED = "nothing to do: the iterations asked for were taken"
+    STEPPED = "nothing to do: the requested iterations were taken"
     INACCURATE = "the last subproblem was solved loosely: give the QP solver more iterations or a looser tolerance"
     ITERATION_LIMIT = "raise the number of iterations, or start closer to the solution"
     QP_FAILED = "the subproblem has no solution: check bounds, weights and the first state"
@@ -95,7 +95,7 @@ class RealTimeSqp:
     Args:
         problem: the problem.
         qp_solver: name of the solver of the subproblems, or a function that makes one.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         xs: (N+1, nx) current states.
@@ -160,7 +160,7 @@ class RealTimeSqp:
             array[:-1] += fraction * (array[1:] - array[:-1])
 
     def prepare(self) -> None:
-        """Expand the problem around the current trajectory and hand the matrices to the QP solver."""
+        """Expand the problem around the current trajectory and pass the matrices to the QP solver."""
         start = time.perf_counter()
         self._parameters[:] = self.problem.parameters
         self._functions.linearize.run()

@@ -17,14 +17,14 @@ __all__ = ["Solution", "Status", "Timings"]
 
 
 class Status(Enum):
-    """How a solve ended; the value says what to do about it."""
+    """How a solve ended; the value is the remedy."""
 
     CONVERGED = "nothing to do"
     ACCEPTABLE = "nothing to do if the accuracy is enough; else bring the weights closer together"
     ITERATION_LIMIT = "raise max_iterations, or start closer to the solution"
     TIME_LIMIT = "raise time_limit, or start closer to the solution"
     PRECISION_LIMIT = "rounding hides what is left to gain: loosen the tolerance, or bring the weights closer together"
-    STOPPED = "nothing to do: the callback asked to stop"
+    STOPPED = "nothing to do: the callback requested the stop"
     STALLED = (
         "no step lowers the cost: start elsewhere, make the intervals shorter, or bring the weights closer together"
     )
@@ -39,7 +39,7 @@ class Status(Enum):
 
     @property
     def solved(self) -> bool:
-        """Whether the trajectory satisfies the conditions that were asked for."""
+        """Whether the trajectory satisfies the requested conditions."""
         return self in (Status.CONVERGED, Status.ACCEPTABLE)
 
 
@@ -175,7 +175,7 @@ class Solution:
 
     def explain(self) -> str:
         """Say in a few lines how it ended, what to do, and which node holds convergence back in which condition."""
-        with np.errstate(invalid="ignore", over="ignore"):  # where there is NaN, the text says so
+        with np.errstate(invalid="ignore", over="ignore"):  # the text reports NaN
             return self._explanation()
 
     def _explanation(self) -> str:
@@ -243,7 +243,7 @@ class Solution:
         last = node == self.problem.nodes
         cost = action.terminal_cost(symbols[0], symbols[2]) if last else action.cost(*symbols)
         if not names or len(cost.terms) != len(names):
-            return ""  # a last node leaves out the items that need a control: which ones is the action's affair
+            return ""  # a last node leaves out the items that need a control: which ones, the action decides
         terms = ca.Function("terms", symbols, [ca.vertcat(*(Cost((term,)).value for term in cost.terms))])
         u = np.zeros(action.nu) if last else self.us[node, : action.nu]
         values = terms(self.xs[node], u, p[: action.parameters.size]).full()[:, 0]

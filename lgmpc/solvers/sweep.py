@@ -60,7 +60,7 @@ class Expansion(Protocol):
 
     @property
     def compiled(self) -> bool:
-        """Whether machine code is wanted."""
+        """Whether the sweep is to be machine code."""
 
 
 def all_finite(*arrays: Array) -> bool:

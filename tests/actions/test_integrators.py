@@ -90,7 +90,7 @@ def test_variational_step_keeps_spatial_momentum_to_rounding_and_energy_without_
     np.testing.assert_allclose(momentum(one), momentum(START), rtol=0, atol=1e-11)
     assert energy(one) == pytest.approx(energy(START), rel=2e-3)
     euler = end(action(SemiImplicitEuler(), model), START, free, 400, 20.0)
-    assert abs(energy(euler) / energy(START) - 1) > 2e-3  # what the test would not see if all methods passed it
+    assert abs(energy(euler) / energy(START) - 1) > 2e-3  # the test would show nothing if all methods passed it
 
 
 @pytest.mark.parametrize(

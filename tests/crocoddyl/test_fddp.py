@@ -41,11 +41,11 @@ def test_same_first_iteration_from_a_feasible_guess(tame_pair: Any) -> None:
     rolled = pair.ours.rollout(pair.guess.us)
     solver = crocoddyl.SolverFDDP(pair.theirs)
     solver.solve(list(rolled.xs), pair.their_us(rolled.us), 1, True)
-    told: list[Progress] = []
-    Fddp(pair.ours).solve(rolled, max_iterations=1, callback=told.append)
-    assert told[0].step_length == solver.stepLength
-    assert told[0].cost == pytest.approx(solver.cost, rel=1e-7)
-    assert told[0].criterion == pytest.approx(solver.stop, rel=1e-7)
+    reports: list[Progress] = []
+    Fddp(pair.ours).solve(rolled, max_iterations=1, callback=reports.append)
+    assert reports[0].step_length == solver.stepLength
+    assert reports[0].cost == pytest.approx(solver.cost, rel=1e-7)
+    assert reports[0].criterion == pytest.approx(solver.stop, rel=1e-7)
 
 
 def test_a_roll_out_costs_the_same(tame_pair: Any) -> None:

@@ -104,7 +104,7 @@ def test_an_impact_for_every_touchdown(gait: GaitSequence) -> None:
     for i, foot in enumerate(FEET):
         hits = grid.times[:-1][grid.touchdowns[:, i]]
         np.testing.assert_allclose(hits, [swing.touchdown for swing in gait.swings(foot)], atol=1e-12)
-    assert (grid.flags | ~grid.touchdowns).all()  # who comes down is on the ground
+    assert (grid.flags | ~grid.touchdowns).all()  # a foot that comes down is on the ground
     before = np.vstack([np.ones((1, 4), dtype=bool), grid.flags[:-1]])
     assert not (before & grid.touchdowns).any()
 

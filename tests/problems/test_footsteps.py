@@ -1,4 +1,4 @@
-"""Motions of the base and of feet, against properties that do not know their formulas."""
+"""Motions of the base and of feet, against properties that do not depend on their formulas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The falling cat's problem: leg strokes turn a robot by holonomy alone, and only an honest turn passes."""
+"""The falling cat's problem: leg strokes turn a robot by holonomy alone, and only a real turn passes."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_it_is_the_area_that_turns() -> None:
 
 
 def test_the_connection_agrees_with_the_equations_of_motion() -> None:
-    """Pinocchio's forward dynamics, driven along the joints' path, ends in the attitude that the connection says."""
+    """Pinocchio's forward dynamics, driven along the joints' path, ends in the attitude that the connection gives."""
     robot, motion = solo12(8.0), fall(STROKES, 8.0)
     flown = refly(robot, motion, TIMES, 20.0, 0.2)
     assert flown.path_error < 5e-3 and flown.spin < 1e-9
@@ -121,7 +121,7 @@ def test_a_robot_that_does_nothing_falls_as_it_is() -> None:
 
 
 def test_a_turn_that_only_an_integrator_believes_in_shows() -> None:
-    """A plan whose base turns evenly while the legs rest: upright at the end, by its own account."""
+    """A plan whose base turns evenly while the legs rest: upright at the end, according to the plan."""
     cheat = scenario().problem.hold()
     turning = np.linspace(np.pi, 0.0, len(cheat.xs))
     cheat.xs[:, 3:7] = [pin.Quaternion(so3.exp(np.array([a, 0.0, 0.0]))).coeffs() for a in turning]

@@ -16,7 +16,7 @@ REFERENCES = [pin.LOCAL, pin.LOCAL_WORLD_ALIGNED, pin.WORLD]
 
 
 def joint_wrenches(case, state) -> list[pin.Force]:
-    """The external wrench at the frame, world axes, as Pinocchio wants it: in the joints' frames."""
+    """The external wrench at the frame, world axes, as Pinocchio takes it: in the joints' frames."""
     model, data = case.model, case.data
     pin.framesForwardKinematics(model, data, state.q)
     joint = model.frames[case.frame].parentJoint

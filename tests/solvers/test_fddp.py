@@ -226,9 +226,9 @@ def test_bounded_linear_quadratic_problems_are_solved_in_one_step(
 
 
 def test_where_what_is_held_does_not_settle_regularisation_helps(linear: Callable[..., Action]) -> None:
-    told: list[Progress] = []
-    solution = BoxFddp(bounded_linear_problem(linear, 1.2, 0.25)).solve(callback=told.append)
-    assert told[0].regularization > 0.1
+    reports: list[Progress] = []
+    solution = BoxFddp(bounded_linear_problem(linear, 1.2, 0.25)).solve(callback=reports.append)
+    assert reports[0].regularization > 0.1
     assert solution.status is Status.CONVERGED and solution.iterations < 10
     assert solution.residual().largest < 1e-4
 
@@ -304,13 +304,13 @@ def test_interpreted_functions_give_the_same(unicycle: ShootingProblem, monkeypa
     assert interpreted.iterations == compiled.iterations
 
 
-def test_progress_is_told_and_can_stop(unicycle: ShootingProblem) -> None:
+def test_progress_is_reported_and_can_stop(unicycle: ShootingProblem) -> None:
     solver = Fddp(unicycle)
-    told: list[Progress] = []
-    solution = solver.solve(callback=told.append)
-    assert [p.iteration for p in told] == list(range(1, solution.iterations + 1))
-    assert told[-1].criterion < 1e-9 and told[0].criterion > told[-1].criterion
-    assert told[-1].cost == pytest.approx(solution.cost, rel=1e-14)
+    reports: list[Progress] = []
+    solution = solver.solve(callback=reports.append)
+    assert [p.iteration for p in reports] == list(range(1, solution.iterations + 1))
+    assert reports[-1].criterion < 1e-9 and reports[0].criterion > reports[-1].criterion
+    assert reports[-1].cost == pytest.approx(solution.cost, rel=1e-14)
     stopped = solver.solve(callback=lambda progress: progress.iteration == 2)
     assert stopped.status is Status.STOPPED and stopped.iterations == 2
     lines: list[str] = []

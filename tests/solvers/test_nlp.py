@@ -81,10 +81,10 @@ def test_intervals_may_differ(linear: Callable[..., Action]) -> None:
 
 def test_ipopt_tells_its_progress_and_can_be_stopped(cart: ShootingProblem) -> None:
     solver = NlpSolver(cart)
-    told: list[Progress] = []
-    solution = solver.solve(callback=told.append)
-    assert [p.iteration for p in told] == list(range(1, solution.iterations + 1))
-    assert told[-1].cost == pytest.approx(solution.cost)
+    reports: list[Progress] = []
+    solution = solver.solve(callback=reports.append)
+    assert [p.iteration for p in reports] == list(range(1, solution.iterations + 1))
+    assert reports[-1].cost == pytest.approx(solution.cost)
     stopped = solver.solve(callback=lambda progress: progress.iteration == 2)
     assert stopped.status is Status.STOPPED and stopped.iterations == 2
     assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT

@@ -140,7 +140,7 @@ def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, c
     solver.prepare()
     assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
     before = solver.solution.dus.copy()
-    cart.set("limit", [2.0, 0.6, -5.0])  # the third row wants u below -5, the first one above -2
+    cart.set("limit", [2.0, 0.6, -5.0])  # the third row bounds u by -5 from above, the first one by -2 from below
     expanded = expand(cart)
     qp.values[:] = expanded.values
     solver.prepare()
@@ -223,7 +223,7 @@ def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
     assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
     solver.prepare()
     assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
-    assert solver.iterations <= 2  # the multipliers say which rows are active
+    assert solver.iterations <= 2  # the multipliers identify the active rows
     hard = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
     assert solver.solve(hard) is QpStatus.SOLVED and solver.took_over
     assert solver.solution.residual().largest < ACCURACY["piqp"]

@@ -108,7 +108,7 @@ def test_a_solution_measures_itself_as_the_compiled_conditions_do() -> None:
     assert compiled()[[0, 1, 3]].min() > 1.0 and compiled()[2] == 0.0
     np.testing.assert_allclose(list(vars(point.residual()).values()), compiled(), rtol=1e-12)
     assert not point.stationarity()[0, :NX].any() and not point.stationarity()[-1, NX:].any()
-    # Each measure says at which node: one where nothing else does.
+    # Each measure names the node: one at which no other condition fails.
     worst = point.complementarity().argmax()
     point.multipliers[np.arange(NODES) != worst] = 0.0
     assert np.flatnonzero(point.complementarity()).tolist() == [worst]
@@ -145,7 +145,7 @@ def test_random_problems_have_the_solution_of_piqp_and_osqp(tightness: float, eq
             split = solved(OsqpSolver(qp, OsqpSettings(tolerance=1e-7, max_iterations=20000)), qp.x0)
             np.testing.assert_allclose(mine.dus, split.dus, atol=1e-4)
         again = solved(solver, qp.x0)
-        assert solver.iterations == 1  # the multipliers say which rows are active
+        assert solver.iterations == 1  # the multipliers identify the active rows
         np.testing.assert_allclose(again.dus, other.dus, atol=1e-6)
 
 
@@ -182,8 +182,8 @@ def test_what_it_cannot_solve_is_told_and_forgotten(kind: str) -> None:
             put(qp, "S", k, np.zeros((NU, NX)))
     solver.prepare()
     status = solver.solve(qp.x0)
-    wanted = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
-    assert status is wanted and solver.took_over
+    expected = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
+    assert status is expected and solver.took_over
     if status is not QpStatus.SOLVED:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values

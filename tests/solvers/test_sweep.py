@@ -46,7 +46,7 @@ def test_machine_code_and_numpy_agree(satellite: Make, unicycle: ShootingProblem
 
 
 @pytest.mark.parametrize("kind", [BackwardSweep, make_sweep])
-def test_what_cannot_be_swept_is_told(unicycle: ShootingProblem, kind: Callable[..., BackwardSweep]) -> None:
+def test_what_cannot_be_swept_is_reported(unicycle: ShootingProblem, kind: Callable[..., BackwardSweep]) -> None:
     functions = expanded(unicycle)
     sweep = kind(functions)
     functions.hessian[4, 3, 3] = -1e6

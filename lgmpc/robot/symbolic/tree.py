@@ -115,7 +115,7 @@ def read_tree(model: pin.Model) -> Tree:
     Raises:
         ModelError: a joint is of another kind than :class:`JointKind`; all such are listed.
     """
-    configuration_blocks(model)  # refuses what is not in _KINDS
+    configuration_blocks(model)  # raises for joints that are not in _KINDS
     joints = tuple(_read_joint(model, index) for index in range(1, model.njoints))
     gravity = ca.DM(np.asarray(model.gravity.linear))
     return Tree(joints, gravity, int(model.nq), int(model.nv), sum(joint.mass for joint in joints))

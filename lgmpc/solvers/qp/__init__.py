@@ -52,7 +52,7 @@ _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
     "proxqp": lambda qp, _: ProxqpSolver(qp),
 }
 QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
-"""Names that :func:`make_qp_solver` knows."""
+"""Names that :func:`make_qp_solver` accepts."""
 
 
 def make_qp_solver(name: str, qp: OcpQp, progress: Callable[[str], None] | None = None) -> QpSolver:
@@ -61,7 +61,7 @@ def make_qp_solver(name: str, qp: OcpQp, progress: Callable[[str], None] | None 
     Args:
         name: one of :data:`QP_SOLVERS`.
         qp: the problem.
-        progress: told what is being compiled, if something is.
+        progress: called with a description of what is being compiled, if anything is.
 
     Raises:
         InputError: no such solver; names the nearest.

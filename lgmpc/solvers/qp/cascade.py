@@ -38,7 +38,7 @@ class Cascade:
         self.solution = QpSolution.zeros(self.qp)
 
     def reset(self) -> None:
-        """Forget everything learnt from earlier solves."""
+        """Discard all state of earlier solves."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)
         for solver in self._solvers:
             solver.reset()

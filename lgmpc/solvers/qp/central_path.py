@@ -3,7 +3,7 @@
 It is what remains of an interior point method when something else minimises the cost with penalised rows.
 
 A row ``lower <= row <= upper`` has a slack ``s = +-(bound - row)`` and a multiplier ``z`` for each of its bounds. The
-Newton step on ``s z = target`` wants the cost minimised with the penalties
+Newton step on ``s z = target`` minimises the cost with the penalties
 
     sum_bounds  1/2 (z / s) (row - bound)^2 +- (2 z + (target - s z) / s) row,
 
@@ -22,7 +22,7 @@ __all__ = ["CentralPath", "nearest_in"]
 _FLOOR = 0.3  # least multiplier at first, as a share of the largest
 _TO_BOUNDARY = 0.995  # share of the longest step that keeps slacks and multipliers positive
 _SHORTEST = 1e-6  # a step as short as this leads nowhere
-_LONG = 0.8  # a step as long as this tells the active bounds from the others
+_LONG = 0.8  # a step as long as this separates the active bounds from the others
 _SETTLED = 0.02  # share of the active bounds that may still change when they count as known
 
 
@@ -48,7 +48,7 @@ class CentralPath:
         penalty: of rows with equal bounds, much larger.
 
     Attributes:
-        settled: whether the last steps told the active bounds.
+        settled: whether the last steps identified the active bounds.
     """
 
     def __init__(self, lower: Array, upper: Array, start: float, penalty: float) -> None:
@@ -87,7 +87,7 @@ class CentralPath:
         self._aim(targets)
 
     def correct(self, rows: Array, targets: Array) -> None:
-        """Write, knowing the rows of the prediction, the penalties of the step to the central path, of second order."""
+        """Write, from the rows of the prediction, the penalties of the step to the central path, of second order."""
         slack_step, force_step = self._steps(rows)
         # Of an active bound the prediction takes the slack away, of another one the multiplier.
         active = slack_step * self._force < force_step * self._slack

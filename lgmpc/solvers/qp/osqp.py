@@ -81,7 +81,7 @@ class OsqpSolver:
         }
 
     def reset(self) -> None:
-        """Forget everything learnt from earlier solves."""
+        """Discard all state of earlier solves."""
         self._solver = None
         self._assembly.z[:] = 0.0
         self._assembly.y[:] = 0.0

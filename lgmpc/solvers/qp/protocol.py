@@ -15,7 +15,7 @@ __all__ = ["QpSolution", "QpSolver", "QpStatus"]
 
 
 class QpStatus(Enum):
-    """How a solve ended; the value says what to do about it."""
+    """How a solve ended; the value is the remedy."""
 
     SOLVED = "nothing to do"
     MAX_ITERATIONS = "raise max_iterations, loosen the tolerance, or scale the weights closer together"
@@ -138,7 +138,7 @@ class QpSolver(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget everything learnt from earlier solves; the next one gives the same bits as in a new solver."""
+        """Discard all state of earlier solves; the next one gives the same bits as in a new solver."""
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

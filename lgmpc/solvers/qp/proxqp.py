@@ -69,7 +69,7 @@ class ProxqpSolver:
         self._zero = np.zeros(self._assembly.size)
 
     def reset(self) -> None:
-        """Forget everything learnt from earlier solves."""
+        """Discard all state of earlier solves."""
         self._solver = None
         self._assembly.z[:] = 0.0
         self._assembly.y[:] = 0.0

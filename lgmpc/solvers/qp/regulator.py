@@ -154,7 +154,7 @@ class BlockRegulator:
 
     Args:
         structure: of the problems.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         available: whether there is machine code; without a compiler nothing here can be called.

@@ -58,7 +58,7 @@ class RiccatiSolver:
         qp: the problem.
         settings: tolerance, sweeps, penalty.
         fallback: makes the solver that takes over.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         iterations: sweeps of the last solve, and the other solver's iterations if it took over.
@@ -95,7 +95,7 @@ class RiccatiSolver:
         self.solution = QpSolution.zeros(qp)
 
     def reset(self) -> None:
-        """Forget the multipliers, and whatever the other solver remembers."""
+        """Set the multipliers to zero, and reset the other solver."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)
         self._fallback.reset()
         self.took_over = False

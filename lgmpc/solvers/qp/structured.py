@@ -1,16 +1,16 @@
-"""lgmpc's own for large stages: active sets where the last solve knows them, an interior point method where not.
+"""lgmpc's own for large stages: active sets where the last solve identifies them, an interior point method where not.
 
 Both are made of one thing, the regulator with penalised rows (:class:`~lgmpc.solvers.qp.regulator.BlockRegulator`),
 whose price does not depend on how many rows are active.
 
 *Active sets.* The rows outside their bounds, shifted by the multipliers, are penalised as in
 :mod:`lgmpc.solvers.qp.riccati`, until they stay the same. From one iteration of an SQP to the next few rows change: one
-to three sweeps confirm what the multipliers say.
+to three sweeps confirm the active set that the multipliers imply.
 
 *Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the regulator
 with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
 of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
-IFAC 2020). The predictor also tells the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
+IFAC 2020). The predictor also identifies the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
 Tapia, Zhang, SIAM Review 36, 1994). So the active sets take over again as soon as these hardly change any more, and
 finish exactly, without the ill-conditioned end of the central path.
 """
@@ -77,7 +77,7 @@ class StructuredSolver:
         qp: the problem.
         settings: tolerance and limits.
         fallback: makes the solver that takes over; PIQP unless given, in dense blocks first, then with sparse factors.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         iterations: factorisations of the last solve, and the other solver's iterations if it took over.
@@ -112,7 +112,7 @@ class StructuredSolver:
         self.solution = QpSolution.zeros(qp)
 
     def reset(self) -> None:
-        """Forget the multipliers, and whatever the other solver remembers."""
+        """Set the multipliers to zero, and reset the other solver."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)
         self._fallback.reset()
         self.took_over = False

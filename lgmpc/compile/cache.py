@@ -1,7 +1,8 @@
-"""The cache of shared libraries: a private folder of files that prove their own content.
+"""The cache of shared libraries: a private folder of files whose names verify their content.
 
 An entry is one file, ``<function>-<key>-<digest>.so``. The key names what it was made from, the digest its bytes: a
-truncated or altered file is seen before it is loaded. It appears by one rename: a reader finds a whole library or none.
+truncated or altered file is detected before it is loaded. It appears by one rename: a reader finds a whole library or
+none.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ def make_entry(
         key: of the request.
         source: C code.
         build: called with the C file and the library to write.
-        waiting: called once if another process is at it already.
+        waiting: called once if another process is building it already.
 
     Returns:
         The file of the finished entry.
@@ -152,7 +153,7 @@ def discard(path: Path) -> None:
 
 
 def inspect_cache(folder: Path) -> CacheReport:
-    """Count, weigh and verify the libraries of a cache."""
+    """Count and verify the libraries of a cache, and add up their sizes."""
     libraries = sorted(folder.glob("*.so"))
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not _is_whole(path)))

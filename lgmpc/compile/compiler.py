@@ -58,7 +58,7 @@ class Compiler:
 
     @property
     def name(self) -> str:
-        """First line of the version, for people."""
+        """First line of the version, for messages."""
         return self.version.splitlines()[0]
 
     @property
@@ -156,14 +156,14 @@ def _ask_version(command: tuple[str, ...], program: str) -> str | None:
 
 
 def _version(command: tuple[str, ...]) -> str | None:
-    # PATH may change during a process, so the program is looked up every time and only its answer is remembered.
+    # PATH may change during a process, so the program is looked up every time and only its version is cached.
     program = shutil.which(command[0]) if command else None
     return None if program is None else _ask_version(command, program)
 
 
 @functools.lru_cache(maxsize=1)
 def _cpu() -> str:
-    """What ``-march=native`` looks at, so that a home folder shared by unlike machines never runs foreign code."""
+    """What ``-march=native`` depends on: machines that share a home folder do not run each other's code."""
     identifying = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
     lines: dict[str, str] = {}
     try:

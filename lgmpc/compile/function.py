@@ -29,7 +29,7 @@ class Argument:
         return math.prod(self.shape)
 
     def allocate(self) -> tuple[Array, Array]:
-        """Memory in the order of CasADi (stage after stage, column after column), and the view of it for people."""
+        """Memory in the order of CasADi (stage after stage, column after column), and the view of it for callers."""
         memory = np.zeros(self.size * (self.stages or 1))
         if self.stages is None:
             return memory, memory.reshape(self.shape, order="F")
@@ -39,7 +39,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class Signature:
-    """What a compiled function takes and gives, for a whole horizon if ``stages`` is above 1."""
+    """Inputs and outputs of a compiled function, for a whole horizon if ``stages`` is above 1."""
 
     name: str
     stages: int
@@ -80,7 +80,7 @@ class CompiledFunction:
     """A CasADi function evaluated on buffers that it owns.
 
     Write into :attr:`inputs`, call :meth:`run`, read :attr:`outputs`. One instance is for one thread at a time (the
-    machine code runs without Python's global lock): give every other thread a :meth:`clone`. Made by
+    machine code runs without Python's global lock): use a :meth:`clone` in every other thread. Made by
     :func:`compile_function`.
 
     Attributes:

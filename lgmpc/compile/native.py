@@ -84,7 +84,7 @@ def _identity(function: casadi.Function) -> str:
 
 
 def load_library(function: casadi.Function, compiler: Compiler, progress: Progress | None) -> ctypes.CDLL:
-    """Load the function's library from the cache, building it first where it is missing, damaged or refused.
+    """Load the function's library from the cache, building it first where it is missing, damaged or cannot be loaded.
 
     Raises:
         CompileError: the function has no C code, or the compiler failed on it, or the result cannot be loaded.

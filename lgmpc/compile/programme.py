@@ -45,7 +45,7 @@ def compile_source(name: str, source: str, *, progress: Progress | None = None) 
 
     Args:
         name: a C identifier, part of the file's name.
-        source: one C file; what others shall find needs default visibility.
+        source: one C file; what is to be found in it needs default visibility.
         progress: called with a description of what is being compiled, if anything is.
 
     Returns:

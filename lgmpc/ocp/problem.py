@@ -32,7 +32,7 @@ class ShootingProblem:
     """Minimise the cost of N intervals and of the last state, from a given first state, subject to the actions.
 
     It holds data only; any solver takes it. The arrays are written in place between solves, through :meth:`set` (which
-    checks) or, in a loop that must not spend time on checks, through :meth:`view`.
+    checks) or, in a loop without time for checks, through :meth:`view`.
 
     The intervals may differ (flight, impact, stance): give a sequence of actions on the same state. Use one object for
     what is the same, so that it is compiled once. Controls and parameters have as many columns as the largest action
@@ -151,7 +151,7 @@ class ShootingProblem:
         self.x0[:] = array
 
     def evaluate(self, node: int, x: Array, u: Array) -> StageValue:
-        """Evaluate the action of one interval (interpreted: for looking and testing, not for loops).
+        """Evaluate the action of one interval (interpreted: for inspection and tests, not for loops).
 
         Args:
             node: 0 to N-1.

@@ -1,4 +1,4 @@
-"""Angles of attitudes, as people read them; nothing here is part of a cost."""
+"""Angles of attitudes, for figures and messages; nothing here is part of a cost."""
 
 from __future__ import annotations
 

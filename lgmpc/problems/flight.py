@@ -31,7 +31,7 @@ class FlightWaypoint:
     """Where to be, when.
 
     Attributes:
-        name: for a reader.
+        name: shown to the user.
         time: s; a multiple of the nodes' duration.
         position: (3,) of the body, world axes, m.
         rotation_deg: (3,) its attitude as a rotation vector, degrees (see the module); none if any will do.

@@ -1,4 +1,4 @@
-"""What really happens to a robot in the air: an independent simulation of a plan, and how close its parts come."""
+"""The motion of a robot in the air: an independent simulation of a plan, and clearances of the robot's parts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def refly(
 ) -> Flown:
     """Carry out a plan with its torques and a PD controller of each joint on its planned path.
 
-    By other means than any solver's: Pinocchio's articulated-body algorithm and Runge and Kutta's method on the
+    By other methods than any solver's: Pinocchio's articulated-body algorithm and Runge and Kutta's method on the
     configuration's group, in steps much finer than the plan's. The torques, constant over a step and clipped to the
     limits, are internal: they cannot give the robot any angular momentum, whatever the plan's integrator did.
 

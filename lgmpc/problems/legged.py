@@ -58,7 +58,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         robot: stands in its reference posture at first.
         gait: of all its contact frames, with every foot on the ground at beginning and end.
         motion: of its base.
-        settings: see there.
+        settings: of weights, friction and grid.
 
     Raises:
         InputError: a robot without free base or feet, or a gait that does not fit.

@@ -2,7 +2,7 @@
 
 Every interval has the same action, contact forward dynamics whose flags are parameters, and every touchdown is an
 impact after which no foot on the ground moves. The impact's costs draw feet to their footholds and their speed to zero;
-so little is left of the impact, yet what is left obeys mechanics instead of being lost.
+so little is left of the impact, and what is left obeys the laws of impact.
 
 On the ground, contacts have the damping 1 / h and a stiffness of a quarter of 1 / h^2, h being the interval's length.
 With the damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and

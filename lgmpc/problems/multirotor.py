@@ -1,4 +1,4 @@
-"""A flying body that rotors push along their axes: its dynamics, its hover, a guess of its way, and its true flight."""
+"""A flying body that rotors push along their axes: dynamics, hover, a guess of its way, an independent simulation."""
 
 from __future__ import annotations
 

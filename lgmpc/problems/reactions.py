@@ -86,7 +86,7 @@ def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
 def friction_use(forces: Array, friction: float) -> Array:
     """Return (n,) tangential parts of forces (n, 3), world axes, as a share of what friction allows.
 
-    Infinite where the ground would have to pull.
+    Infinite where a normal force is not positive.
     """
     tangential, allowed = np.linalg.norm(forces[:, :2], axis=1), friction * forces[:, 2]
     use: Array = np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)

@@ -1,4 +1,4 @@
-"""An optimal control problem with all that it takes to solve, to judge and to show it."""
+"""An optimal control problem with the data to solve it, to judge its solution and to show it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Waypoint:
     """A place that something is meant to reach; shown in the replay.
 
     Attributes:
-        name: what is meant to be there, for a reader.
+        name: what is meant to be there, shown to the user.
         time: when, s.
         position: (3,) world, m.
         rotation: (3, 3) world from frame; none if only the place counts.
@@ -37,7 +37,7 @@ class Controls:
     """What the controls are, for figures and for the check of their limits.
 
     Attributes:
-        names: (nu,) of each, for a reader.
+        names: (nu,) of each, shown to the user.
         unit: of all of them.
         lower: (nu,) lowest values that the machine can have.
         upper: (nu,) highest.

@@ -18,7 +18,7 @@ from lgmpc.typing import Array, IntArray
 __all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
 
 _ROUNDING = 1e-12  # by which a free control may pass its bound, relative to it
-_EXCHANGES = 10  # of held controls; a model that takes more is far from the truth, and regularisation settles it
+_EXCHANGES = 10  # of held controls; a model that takes more is regularised
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class BoxSweep:
     Control 53, 1991.
 
     Boxes on each node's own step (Tassa, Mansard, Todorov, ICRA 2014) would leave out what feedback adds to it: where
-    the states move far, the roll-out then cuts controls off that the sweep counted on, and the line search stalls.
+    the states move far, the roll-out then clips controls that the sweep assumed, and the line search stalls.
 
     Args:
         functions: where expansion and bounds are read and the gains are written.

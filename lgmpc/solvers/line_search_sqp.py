@@ -7,7 +7,7 @@ the exact penalty function
 
 whose penalty stays above the largest multiplier (Nocedal and Wright, "Numerical optimization", 2nd ed., ch. 18). The
 decrease is measured from the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
-so that full steps along curved constraints are not refused. Once a few steps have not halved the residual of the
+so that full steps along curved constraints are accepted. Once a few steps have not halved the residual of the
 optimality conditions, steps that raise the penalty function have to lower that residual: the Hessian is the
 Gauss-Newton one, whose steps are too long where the cost's residuals curve upwards, and only the search shortens them.
 Where the linearised constraints contradict each other, a step removes a part of the gaps and violations only (Powell,
@@ -162,7 +162,7 @@ class LineSearchSqp(IterativeSolver):
             self._linearize(2)
             merit = self._cost + self._penalty * self._infeasibility
             least = s.acceptance * alpha * min(slope, 0.0) + rounding
-            # Multipliers move along with the step, so that a trial point can be judged by its own.
+            # Multipliers move along with the step, so that a trial point is measured with its own.
             self._costates = costates + alpha * (step.costates - costates)
             self._multipliers = multipliers + alpha * (step.multipliers - multipliers)
             if self._finite and merit <= worst + least:

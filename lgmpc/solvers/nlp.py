@@ -114,7 +114,7 @@ class NlpSolver:
         self._watch.begin(start, time_limit, callback)
         try:
             found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
-        except RuntimeError:  # thrown by fatrop, where it meets NaN on its way
+        except RuntimeError:  # raised by fatrop, where an iterate holds NaN
             return self._unsolved(base, Status.FAILED, start, throw)
         if self._watch.error is not None:
             raise self._watch.error
@@ -171,7 +171,7 @@ class NlpSolver:
 
 
 class _Watch(ca.Callback):
-    """Passes ipopt's iterations on to a callback, and watches the clock."""
+    """Passes ipopt's iterations on to a callback, and checks the time limit."""
 
     def __init__(self, shooting: MultipleShooting) -> None:
         ca.Callback.__init__(self)
@@ -182,7 +182,7 @@ class _Watch(ca.Callback):
         self.construct("watch", {})
 
     def begin(self, start: float, time_limit: float | None, callback: Callback | None) -> None:
-        """Get ready for a solve that began at ``start``."""
+        """Reset for a solve that began at ``start``."""
         self.late = False
         self.error: BaseException | None = None
         self._start, self._limit, self._callback, self._count = start, time_limit, callback, 0

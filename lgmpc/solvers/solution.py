@@ -1,4 +1,4 @@
-"""What every solver of a shooting problem returns: a trajectory that measures and explains itself."""
+"""What every solver of a shooting problem returns: a trajectory with methods that measure and explain it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Timings:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The last trajectory of a solve, with all that is needed to judge it. Its arrays are read-only and its own.
+    """The last trajectory of a solve, with the data that its measures need. Its arrays are read-only and its own.
 
     Attributes:
         problem: the problem with the data of this solve (a copy).
@@ -110,7 +110,7 @@ class Solution:
 
     @property
     def scale(self) -> float:
-        """1 + the largest multiplier or costate: what the stationarity of a solution is judged by (as in SNOPT)."""
+        """1 + the largest multiplier or costate: the scale of a solution's stationarity (as in SNOPT)."""
         largest = (float(np.abs(array).max(initial=0.0)) for array in (self.costates, self.multipliers))
         return 1.0 + max(largest)
 
@@ -174,7 +174,7 @@ class Solution:
         return replace(self, gaps=self.defects(), kkt=self.residual())
 
     def explain(self) -> str:
-        """Say in a few lines how it ended, what to do, and which node holds convergence back in which condition."""
+        """Say in a few lines how it ended, what to do, and which node violates which condition most."""
         with np.errstate(invalid="ignore", over="ignore"):  # the text reports NaN
             return self._explanation()
 

@@ -90,7 +90,7 @@ def test_an_independent_flight_is_a_fall_without_thrust_and_rest_at_hover() -> N
     assert flown(vehicle, np.concatenate([x0[:7], np.zeros(6)]), more[None], np.array([0.1]))[12] < 0.0
 
 
-def test_figures_see_a_flight_that_misses() -> None:
+def test_figures_show_a_flight_that_misses() -> None:
     scenario = build_flight(iris(), LOOP)
     figures = scenario.figures(scenario.problem.rollout(scenario.guess.us))  # it just hovers at the start
     assert figures["waypoint_error_m"] == pytest.approx(4.0)

@@ -143,7 +143,7 @@ def test_figures_of_standing_still() -> None:
     assert figures["effort_ratio"] == pytest.approx(np.abs(still.us).max() / 1.8)
 
 
-def test_figures_see_what_is_wrong() -> None:
+def test_figures_show_what_is_wrong() -> None:
     scenario, still = standing()
     moved = still.xs.copy()
     moved[10:, 0] += 0.013

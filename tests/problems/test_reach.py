@@ -73,7 +73,7 @@ def test_another_solver_finds_the_same() -> None:
     np.testing.assert_allclose(other.xs, solution.xs, atol=1e-4)
 
 
-def test_the_asked_rotation_is_the_figures_and_the_waypoints() -> None:
+def test_the_requested_rotation_is_the_figures_and_the_waypoints() -> None:
     robot = load_robot(RobotSpec(model="panda"))
     scenario = build_reach(robot, ReachSettings("panda_hand_tcp", (0.4, 0.0, 0.4), rpy_deg=(180.0, 0.0, 30.0)))
     (place,) = scenario.waypoints

@@ -120,7 +120,7 @@ def test_a_robot_that_does_nothing_falls_as_it_is() -> None:
     assert flown.spin < 1e-12 and flown.path_error < 1e-9
 
 
-def test_a_turn_that_only_an_integrator_believes_in_shows() -> None:
+def test_a_turn_that_only_an_integrators_error_makes_shows() -> None:
     """A plan whose base turns evenly while the legs rest: upright at the end, according to the plan."""
     cheat = scenario().problem.hold()
     turning = np.linspace(np.pi, 0.0, len(cheat.xs))

@@ -399,7 +399,9 @@ def test_explain_names_the_worst_node(unicycle: ShootingProblem) -> None:
     assert f"at node {k} ('unicycle')" in solution.explain()
 
 
-def test_explain_tells_a_trajectory_without_gaps_from_one_that_begins_elsewhere(unicycle: ShootingProblem) -> None:
+def test_explain_distinguishes_a_trajectory_without_gaps_from_one_that_begins_elsewhere(
+    unicycle: ShootingProblem,
+) -> None:
     solution = Fddp(unicycle).solve(unicycle.rollout(np.ones((20, 2))), max_iterations=0)
     assert "dynamics: no gap anywhere." in solution.explain()
     aside = replace(solution, xs=solution.xs + [0.0, 3.0, 0.0])  # the dynamics are the same everywhere

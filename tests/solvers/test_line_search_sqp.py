@@ -106,7 +106,7 @@ def test_without_constraints_it_agrees_with_fddp(unicycle: ShootingProblem) -> N
     np.testing.assert_allclose(solution.xs, swept.xs, atol=1e-6)
 
 
-def test_what_cannot_be_solved_says_so(cart: ShootingProblem) -> None:
+def test_what_cannot_be_solved_has_its_status(cart: ShootingProblem) -> None:
     solver = LineSearchSqp(cart)
     assert solver.solve(max_iterations=1).status is Status.ITERATION_LIMIT
     assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT

@@ -37,7 +37,7 @@ def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
             assert cost + multipliers * violation > total
 
 
-def test_statuses_say_what_happened(cart: ShootingProblem, centroidal: Callable[..., ShootingProblem]) -> None:
+def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable[..., ShootingProblem]) -> None:
     guess = Trajectory(np.zeros((9, 2)), np.zeros((8, 1)))
     assert NlpSolver(cart, max_iterations=2).solve(guess).status is Status.ITERATION_LIMIT
     cart.set("limit", [2.0, 0.6, -5.0])
@@ -79,7 +79,7 @@ def test_intervals_may_differ(linear: Callable[..., Action]) -> None:
     np.testing.assert_allclose(solution.costates, swept.costates, atol=1e-5)
 
 
-def test_ipopt_tells_its_progress_and_can_be_stopped(cart: ShootingProblem) -> None:
+def test_ipopt_reports_its_progress_and_can_be_stopped(cart: ShootingProblem) -> None:
     solver = NlpSolver(cart)
     reports: list[Progress] = []
     solution = solver.solve(callback=reports.append)

@@ -151,7 +151,7 @@ def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, c
 
 @pytest.mark.parametrize("name", QP_SOLVERS)
 @pytest.mark.parametrize("block", ["A", "q", "upper", "terminal", "dx0"])
-def test_nan_is_refused_and_forgotten(name: str, block: str, cart: ShootingProblem) -> None:
+def test_nan_is_refused_and_has_no_later_effect(name: str, block: str, cart: ShootingProblem) -> None:
     qp = expand(cart)
     solver = make_qp_solver(name, qp)
     solver.prepare()
@@ -254,7 +254,7 @@ def test_unknown_names_are_named(cart: ShootingProblem) -> None:
         ("structured", "piqp", "pip install .piqp"),
     ],
 )
-def test_missing_backend_says_what_brings_it(
+def test_missing_backend_names_the_command_that_installs_it(
     name: str, package: str, line: str, cart: ShootingProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     qp = expand(cart)

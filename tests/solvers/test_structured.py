@@ -161,7 +161,7 @@ def test_nearby_problems_take_few_sweeps() -> None:
 
 
 @pytest.mark.parametrize("kind", ["bounds", "rows", "nan", "no control weight"])
-def test_what_it_cannot_solve_is_told_and_forgotten(kind: str) -> None:
+def test_what_it_cannot_solve_has_a_status_and_no_later_effect(kind: str) -> None:
     qp = random_problem(np.random.default_rng(1), 3.0)
     solver = StructuredSolver(qp)
     expected = solved(solver, qp.x0).dus.copy()
@@ -182,15 +182,15 @@ def test_what_it_cannot_solve_is_told_and_forgotten(kind: str) -> None:
             put(qp, "S", k, np.zeros((NU, NX)))
     solver.prepare()
     status = solver.solve(qp.x0)
-    expected = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
-    assert status is expected and solver.took_over
+    outcome = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
+    assert status is outcome and solver.took_over
     if status is not QpStatus.SOLVED:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values
     np.testing.assert_allclose(solved(solver, qp.x0).dus, expected, atol=1e-5)
 
 
-def test_the_next_solver_is_asked_where_one_fails() -> None:
+def test_the_next_solver_is_tried_where_one_fails() -> None:
     qp = random_problem(np.random.default_rng(6), 3.0)
     hasty, patient = (PiqpSolver(qp, PiqpSettings(max_iterations=most)) for most in (2, 50))
     one = Cascade([hasty, patient])

@@ -1,6 +1,6 @@
 """Mehrotra's predictor and corrector, in the rows of a problem.
 
-It is what remains of an interior point method when something else minimises the cost with penalised rows.
+It is the part of an interior point method without the minimisation of the cost with penalised rows.
 
 A row ``lower <= row <= upper`` has a slack ``s = +-(bound - row)`` and a multiplier ``z`` for each of its bounds. The
 Newton step on ``s z = target`` minimises the cost with the penalties
@@ -21,9 +21,9 @@ __all__ = ["CentralPath", "nearest_in"]
 
 _FLOOR = 0.3  # least multiplier at first, as a share of the largest
 _TO_BOUNDARY = 0.995  # share of the longest step that keeps slacks and multipliers positive
-_SHORTEST = 1e-6  # a step as short as this leads nowhere
+_SHORTEST = 1e-6  # a shorter step counts as none
 _LONG = 0.8  # a step as long as this separates the active bounds from the others
-_SETTLED = 0.02  # share of the active bounds that may still change when they count as known
+_SETTLED = 0.02  # share of the active bounds that may still change when they count as identified
 
 
 def nearest_in(values: Array, lower: Array, upper: Array) -> Array:

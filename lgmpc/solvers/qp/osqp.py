@@ -32,13 +32,13 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class OsqpSettings:
-    """What matters of OSQP's settings here.
+    """The settings of OSQP that matter here.
 
     Attributes:
         tolerance: absolute and relative residual at which it stops.
         max_iterations: of the splitting.
         rho: first step size; adapted when residuals drift apart.
-        check_interval: iterations between two looks at the residuals.
+        check_interval: iterations between two checks of the residuals.
         polish: solve once more with the active constraints as equalities, for full accuracy.
     """
 

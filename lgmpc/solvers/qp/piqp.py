@@ -28,7 +28,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class PiqpSettings:
-    """What matters of PIQP's settings here.
+    """The settings of PIQP that matter here.
 
     Attributes:
         kkt_solver: ``sparse_ldlt``, or ``sparse_multistage``, which works in dense blocks (pays for large stages).
@@ -116,7 +116,7 @@ class PiqpSolver:
         if status is QpStatus.MAX_ITERATIONS and not result.info.primal_res <= max(
             _FAR * self.settings.tolerance, _NEAR
         ):
-            status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove as much
+            status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove infeasibility
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             a.z[:] = result.x
             a.y[:m] = result.y

@@ -1,4 +1,4 @@
-"""What every solver of linear-quadratic subproblems offers, and what it returns."""
+"""The interface of solvers of linear-quadratic subproblems, and what they return."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class QpStatus(Enum):
 class QpSolution:
     """A step in tangent coordinates, as views of the solver's buffers: valid until its next solve.
 
-    It measures itself against the problem's current numbers, in plain numpy and independently of the solver.
+    Its measures are computed from the problem's current numbers, in numpy and independently of the solver.
 
     Attributes:
         qp: the problem.

@@ -25,7 +25,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class ProxqpSettings:
-    """What matters of ProxQP's settings here.
+    """The settings of ProxQP that matter here.
 
     Attributes:
         tolerance: absolute residual at which it stops.

@@ -2,7 +2,7 @@
 
 It minimises the same cost with the same penalties on rows; where a stage has tens of states, dense blocks are faster
 than scalar code without zeros, and nothing is compiled for a new problem. A second solve with the same weights and
-other targets uses the factors of the first, at a sixth of the price.
+other targets uses the factors of the first, at a sixth of the cost.
 """
 
 from __future__ import annotations

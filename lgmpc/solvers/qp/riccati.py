@@ -11,7 +11,7 @@ last point until they stay the same; then ``mu <- rho (row + mu / rho - nearest 
 of multipliers), which with a large rho is exact after one or two rounds.
 
 A receding horizon changes its active rows little from one solve to the next, so one or two sweeps mostly confirm the
-guess that the multipliers make. When they do not get there (phi does not fall, or their number is used up: in a hard
+guess that the multipliers make. When they do not converge (phi does not fall, or their number is used up: in a hard
 push, with a hundred rows and more at their bounds), an interior point method takes over.
 """
 
@@ -40,8 +40,8 @@ class RiccatiSettings:
     Attributes:
         tolerance: largest residual of the optimality conditions.
         max_sweeps: calls of the regulator.
-        max_sweeps_after: the same after a solve that the other solver took over: hard problems come in rows, and what
-            becomes easy again does so at once.
+        max_sweeps_after: the same after a solve that the other solver took over: hard problems follow each other, and
+            where they end they end at once.
         penalty: rho, as a multiple of the largest control weight.
     """
 
@@ -121,7 +121,7 @@ class RiccatiSolver:
         return status
 
     def _sweep(self, most: int) -> bool:
-        """Solve by active sets; False, and nothing written, if that did not work out."""
+        """Solve by active sets; False, and nothing written, if they do not converge."""
         settings, lqr, rows, lower, upper = self.settings, self._lqr, self._rows, self._lower, self._upper
         rho = settings.penalty * float(self._values[0, self._control_weights].max())
         if not rho > 0.0:

@@ -1,7 +1,7 @@
 """lgmpc's own for large stages: active sets where the last solve identifies them, an interior point method where not.
 
 Both are made of one thing, the regulator with penalised rows (:class:`~lgmpc.solvers.qp.regulator.BlockRegulator`),
-whose price does not depend on how many rows are active.
+whose cost does not depend on how many rows are active.
 
 *Active sets.* The rows outside their bounds, shifted by the multipliers, are penalised as in
 :mod:`lgmpc.solvers.qp.riccati`, until they stay the same. From one iteration of an SQP to the next few rows change: one
@@ -71,7 +71,7 @@ class StructuredSolver:
     """:class:`~lgmpc.solvers.qp.QpSolver` for large stages whose R is positive definite; warm-started by multipliers.
 
     What it cannot solve (an infeasible problem, a singular R) and all problems on a machine without a C compiler are
-    PIQP's.
+    solved by PIQP.
 
     Args:
         qp: the problem.
@@ -135,7 +135,7 @@ class StructuredSolver:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.iterations = 0
         self._regulator.dx0[...] = dx0
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # a path that leads nowhere is left
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             self.took_over = not (self._ready and all_finite(dx0) and self._solve())
         if not self.took_over:
             return QpStatus.SOLVED
@@ -196,7 +196,7 @@ class StructuredSolver:
         return False
 
     def _interior_point(self) -> bool:
-        """Follow the central path until the active rows are known; False if it leads nowhere."""
+        """Follow the central path until the active rows are known; False if it does not converge."""
         r, path = self._regulator, CentralPath(self._lower, self._upper, _START * self._scale, self._rho)
         path.begin(r.weights, r.targets)
         if not self._factor():

@@ -26,7 +26,7 @@ _NAMES = {
     "lgmpc.actions": ("ContactForwardDynamics", "FreeForwardDynamics", "HoldAction", "MultibodyAction"),
     "lgmpc.config": ("load_config", "load_solve_config"),
     "lgmpc.config.execution": ("run_config",),
-    "lgmpc.config.showing": ("show",),
+    "lgmpc.config.showing": ("plot", "show"),
     "lgmpc.config.solve_execution": ("solve_config",),
     "lgmpc.costs": ("ConstraintItem", "CostItem", "Residual", "StageSymbols"),
     "lgmpc.costs.library": (
@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from lgmpc.config import load_config as load_config
     from lgmpc.config import load_solve_config as load_solve_config
     from lgmpc.config.execution import run_config as run_config
+    from lgmpc.config.showing import plot as plot
     from lgmpc.config.showing import show as show
     from lgmpc.config.solve_execution import solve_config as solve_config
     from lgmpc.costs import ConstraintItem as ConstraintItem

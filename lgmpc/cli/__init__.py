@@ -12,7 +12,7 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    # Every matrix here is small: a BLAS that wakes all cores for each of them is slower and jitters.
+    # Every matrix here is small: a BLAS that starts threads for each of them is slower and jitters.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     codecs.register_error("lgmpc.path", _bytes_or_escape)

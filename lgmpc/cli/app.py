@@ -1,4 +1,4 @@
-"""The commands: what they are called, and what they take. Examples are in :mod:`lgmpc.cli.help`."""
+"""The commands: their names, arguments and options. Examples are in :mod:`lgmpc.cli.help`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ app = typer.Typer(
 
 
 class PlantKind(str, Enum):
-    """Physics engines that ``--plant`` takes."""
+    """Physics engines that ``--plant`` accepts."""
 
     MUJOCO = "mujoco"
     PINOCCHIO = "pinocchio"
@@ -144,12 +144,9 @@ def play(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon."""
-    from lgmpc.cli.runs import find_run
+    from lgmpc.cli.runs import find_run, play_folder
 
-    folder = find_run(run, runs)
-    from lgmpc.cli.showing import play_folder
-
-    play_folder(folder, html, port)
+    play_folder(find_run(run, runs), html, port)
 
 
 @app.command(epilog=help.PLOT)
@@ -163,16 +160,13 @@ def plot(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Draw the figures of a run (motion, forces, torques, timings) or of a solved trajectory."""
-    from lgmpc.cli.runs import find_run
+    from lgmpc.cli.runs import find_run, plot_folder
 
-    folder = find_run(run, runs)
-    from lgmpc.cli.showing import plot_folder
-
-    plot_folder(folder, out)
+    plot_folder(find_run(run, runs), out)
 
 
 class FigureKind(str, Enum):
-    """Files that ``--format`` takes."""
+    """Formats of files that ``--format`` accepts."""
 
     PNG = "png"
     SVG = "svg"
@@ -190,7 +184,7 @@ def demo(
     view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
 ) -> None:
-    """Watch geometric mechanics at work: what theory predicts, and what a simulation measures.
+    """Compare predictions of geometric mechanics with simulations.
 
     Prints a table and writes it, a figure and, where there is something to see, a scene. Exit code 0 if prediction and
     measurement agree, 1 if they do not.
@@ -253,7 +247,7 @@ def configs(
 @app.command(epilog=help.DOCTOR)
 @guarded
 def doctor() -> None:
-    """Show what is installed, which compiler and cache are used, and test them.
+    """Show installed packages, compiler and compile cache, and test them.
 
     Exit code 0 if everything works, 1 if something is broken.
     """

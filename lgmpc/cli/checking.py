@@ -1,4 +1,4 @@
-"""``lgmpc check``: what a config describes, and what is worth saying about it."""
+"""``lgmpc check``: what a config describes, with notes on what was probably not meant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lgmpc.robot import Robot
 __all__ = ["show_checked"]
 
 Lines = Iterable[tuple[str, str]]
-"""What something is called, and what it is."""
+"""Names and descriptions, a pair a line."""
 
 
 def show_checked(config: Config | SolveConfig) -> None:

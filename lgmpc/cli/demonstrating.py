@@ -20,11 +20,11 @@ from lgmpc.runs.atomic import reason_of
 __all__ = ["list_demos", "show_demo"]
 
 _NARROWEST = 16
-"""Columns of text for the names of quantities, on whatever terminal."""
+"""Columns of text for the names of quantities, on a terminal of any width."""
 
 
 def list_demos() -> None:
-    """Print what there is."""
+    """Print name and summary of each demonstration."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, summary in SUMMARIES.items():
         table.add_row(Text(name, "bold"), Text(summary))

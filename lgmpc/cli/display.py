@@ -1,4 +1,4 @@
-"""What commands that take a while show meanwhile, on stderr."""
+"""Progress of commands that take a while, on stderr."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Step = TypeVar("Step", contravariant=True)
 
 
 class Display(Protocol[Step]):
-    """Shows how far something is."""
+    """Shows the progress of something."""
 
     def announce(self, message: str) -> None:
         """Show what is being prepared."""

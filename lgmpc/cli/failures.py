@@ -50,7 +50,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
         except KeyboardInterrupt as error:
             show_interrupted()
             raise typer.Exit(error.exit_code if isinstance(error, Interrupted) else EXIT_INTERRUPTED) from error
-        except BrokenPipeError:  # the reader, such as `head`, has enough
+        except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
             _silence(sys.stdout)
         except typer.Exit:
             raise
@@ -85,7 +85,7 @@ def _terminal_is_gone() -> bool:
 
 
 def _silence(stream: TextIO) -> None:
-    """Let what is still written to ``stream``, at the latest when Python ends, go nowhere."""
+    """Discard what is still written to ``stream``, at the latest when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

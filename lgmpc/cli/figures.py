@@ -1,4 +1,4 @@
-"""The table of figures: what was measured, what was allowed, and whether it was kept."""
+"""The table of figures: measured values, their limits, and whether they were kept."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Row:
 
     @property
     def kept(self) -> bool:
-        """Whether the limit was."""
+        """Whether the value is within its limit."""
         if self.value is None or self.limit is None:
             return False
         return self.value <= self.limit if self.highest else self.value >= self.limit

@@ -78,6 +78,6 @@ DOCTOR = _examples(
 SCHEMA = (
     _examples("lgmpc schema --out configs/schema.json")
     + """
-and as first line of a config: # yaml-language-server: $schema=schema.json
+As first line of a config: # yaml-language-server: $schema=schema.json
 """
 )

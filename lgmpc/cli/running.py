@@ -35,7 +35,7 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
 
 
 def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
-    """Print the figures, the verdict, and what can be done with the run."""
+    """Print the figures, the verdict, and the commands that show the run."""
     console, metrics = out(), run.session.metrics
     if metrics is not None and not quiet:
         console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))

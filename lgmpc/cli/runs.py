@@ -1,4 +1,4 @@
-"""Which run the user means."""
+"""Runs that are saved: finding one by what the user typed, ``lgmpc play``, ``lgmpc plot``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lgmpc.errors import RunFolderError, nearest
 
-__all__ = ["find_run", "run_names"]
+__all__ = ["find_run", "play_folder", "plot_folder", "run_names"]
 
 
 def find_run(text: str, runs: Path) -> Path:
@@ -37,3 +37,22 @@ def run_names(runs: Path) -> list[str]:
     if not runs.is_dir():
         return []
     return sorted(path.name for path in runs.iterdir() if (path / "run.json").is_file())
+
+
+def play_folder(folder: Path, html: Path | None, port: int) -> None:
+    """Serve the replay of a run until Ctrl-C, or write it to ``html``."""
+    from lgmpc.cli.screen import out
+    from lgmpc.config.showing import show
+
+    file = show(folder, html, port=port)
+    if file is not None:
+        out().print(f"wrote {file} ({file.stat().st_size / 1e6:.1f} MB): open it in any browser", markup=False)
+
+
+def plot_folder(folder: Path, into: Path | None) -> None:
+    """Draw the figures of a run."""
+    from lgmpc.cli.screen import out
+    from lgmpc.config.showing import plot
+
+    for figure in plot(folder, into):
+        out().print(f"wrote {figure}", markup=False)

@@ -1,4 +1,4 @@
-"""What the command line prints. Results go to stdout; progress, notes and errors to stderr."""
+"""Output of the command line. Results go to stdout; progress, notes and errors to stderr."""
 
 from __future__ import annotations
 
@@ -72,12 +72,12 @@ def _shorten(text: str, length: int) -> str:
 
 
 def show_interrupted() -> None:
-    """Say that nothing was saved."""
+    """Print that nothing was saved."""
     err().print("\nstopped; nothing was saved")
 
 
 def show_crash(error: Exception, report: Path | None) -> None:
-    """Say that lgmpc itself made a mistake, and where its details are."""
+    """Print an error of lgmpc itself, and where its details are."""
     console = err()
     summary = " ".join(str(error).split())
     console.print(Text.assemble(("internal error: ", "bold red"), f"{type(error).__name__}: {summary[:300]}"))
@@ -100,7 +100,7 @@ def print_result(path: Path, result: RunResult | SolveResult) -> None:
 
 
 def show_next(console: Console, path: Path) -> None:
-    """Print where a run is, and what can be done with it."""
+    """Print where a run is, and the commands that show it."""
     console.print(Text(f"saved in {path}"))
     argument = shlex.quote(str(path))
     console.print(Text(f"next: lgmpc play {argument}    (replay in the browser)"), style="dim")

@@ -1,4 +1,4 @@
-"""``lgmpc solve``: a table of iterations while it solves, and what came of it."""
+"""``lgmpc solve``: a table of iterations while it solves, then the result."""
 
 from __future__ import annotations
 

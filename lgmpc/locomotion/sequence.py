@@ -16,9 +16,11 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.robot import ContactPhase, ContactSchedule, Robot
+from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["FootSwing", "GaitSequence", "GaitGrid", "GaitPhase", "QuadrupedFeet"]
@@ -55,35 +57,16 @@ class QuadrupedFeet:
         quadrants = [(True, True), (True, False), (False, True), (False, False)]
         if sorted(places) != sorted(quadrants):
             expected = "four feet: front left, front right, hind left, hind right"
-            raise InputError("contact_frames", ", ".join(robot.contact_frames) or "none", expected)
+            raise InputError("robot.contact_frames", ", ".join(robot.contact_frames) or "none", expected)
         return cls(*(robot.contact_frames[places.index(quadrant)] for quadrant in quadrants))
 
 
-@dataclass(frozen=True)
-class GaitPhase:
-    """A stretch of time with the same feet in the air.
+class GaitPhase(Settings):
+    """A stretch of time with the same feet in the air."""
 
-    Attributes:
-        duration: s, finite.
-        air: contact frames in the air.
-        height: apex of their swings above the straight line from lift-off to touchdown, m.
-
-    Raises:
-        InputError: a duration or a height that cannot be.
-    """
-
-    duration: float
-    air: frozenset[str]
-    height: float
-
-    def __init__(self, duration: float, air: Iterable[str] = (), height: float = 0.0) -> None:
-        object.__setattr__(self, "duration", float(duration))
-        object.__setattr__(self, "air", frozenset([air] if isinstance(air, str) else air))
-        object.__setattr__(self, "height", float(height))
-        if not (self.duration > 0 and math.isfinite(self.duration)):
-            raise InputError("duration", duration, "a finite time above 0 s")
-        if not (self.height >= 0 and math.isfinite(self.height)):
-            raise InputError("height", height, "a finite height, at least 0 m")
+    duration_s: Positive = Field(description="How long, s.")
+    air: tuple[str, ...] = Field(default=(), description="Contact frames in the air; none: all are on the ground.")
+    height_m: NonNegative = Field(default=0.0, description="Apex of their swings above the straight line, m.")
 
 
 @dataclass(frozen=True)
@@ -122,13 +105,13 @@ class GaitSequence:
         if not self.phases:
             raise InputError("phases", "none", "at least one phase")
         for i, phase in enumerate(self.phases):
-            for name in sorted(phase.air - set(self.feet)):
-                raise InputError(f"phases[{i}].air", name, "one of the contact frames", self.feet)
+            for name in sorted(set(phase.air) - set(self.feet)):
+                raise InputError(f"phases.{i}.air", name, "one of the contact frames", self.feet)
 
     @classmethod
     def stand(cls, feet: Sequence[str], duration: float) -> GaitSequence:
         """All feet on the ground for ``duration``, s."""
-        return cls(tuple(feet), (GaitPhase(duration),))
+        return cls(tuple(feet), (GaitPhase(duration_s=duration),))
 
     @classmethod
     def alternate(
@@ -143,8 +126,10 @@ class GaitSequence:
             stance: how long all feet are on the ground after each swing, s; may be 0.
             height: of the swings, m.
         """
-        pause = (GaitPhase(stance),) if stance != 0 else ()
-        phases = [phase for group in groups for phase in (GaitPhase(swing, group, height), *pause)]
+        pause = (GaitPhase(duration_s=stance),) if stance != 0 else ()
+        phases = [
+            phase for group in groups for phase in (GaitPhase(duration_s=swing, air=group, height_m=height), *pause)
+        ]
         return cls(tuple(feet), tuple(phases))
 
     @classmethod
@@ -180,7 +165,14 @@ class GaitSequence:
     @classmethod
     def jump(cls, feet: Sequence[str], takeoff: float, flight: float, landing: float, height: float) -> GaitSequence:
         """All feet stand for ``takeoff``, fly for ``flight`` (rising by ``height``, m), stand for ``landing``, s."""
-        return cls(tuple(feet), (GaitPhase(takeoff), GaitPhase(flight, feet, height), GaitPhase(landing)))
+        return cls(
+            tuple(feet),
+            (
+                GaitPhase(duration_s=takeoff),
+                GaitPhase(duration_s=flight, air=feet, height_m=height),
+                GaitPhase(duration_s=landing),
+            ),
+        )
 
     def __add__(self, other: GaitSequence) -> GaitSequence:
         """This gait, then the other one.
@@ -207,7 +199,7 @@ class GaitSequence:
     @cached_property
     def switches(self) -> Array:
         """(phases + 1,) when the phases begin, and when the last one ends, s."""
-        return np.concatenate([[0.0], np.cumsum([phase.duration for phase in self.phases])])
+        return np.concatenate([[0.0], np.cumsum([phase.duration_s for phase in self.phases])])
 
     @property
     def duration(self) -> float:
@@ -217,7 +209,9 @@ class GaitSequence:
     def schedule(self) -> ContactSchedule:
         """Return which feet are on the ground when."""
         every = frozenset(self.feet)
-        return ContactSchedule(self.feet, tuple(ContactPhase(p.duration, every - p.air) for p in self.phases))
+        return ContactSchedule(
+            self.feet, tuple(ContactPhase(p.duration_s, every.difference(p.air)) for p in self.phases)
+        )
 
     def swings(self, foot: str) -> tuple[FootSwing, ...]:
         """Return the swings of a foot in order of time; one that spans several phases is as high as the highest.
@@ -233,7 +227,7 @@ class GaitSequence:
                 continue
             liftoff = -math.inf if i == 0 else float(self.switches[i])
             touchdown = math.inf if i == len(self.phases) - 1 else float(self.switches[i + 1])
-            height = phase.height
+            height = phase.height_m
             if i > 0 and foot in self.phases[i - 1].air:
                 before = found.pop()
                 liftoff, height = before.liftoff, max(height, before.height)
@@ -250,13 +244,13 @@ class GaitSequence:
             raise InputError("step", step, "a finite time above 0 s")
         durations, phases, landing = [], [], []
         for i, phase in enumerate(self.phases):
-            touching = self.phases[i - 1].air - phase.air if i else frozenset()
+            touching = set(self.phases[i - 1].air).difference(phase.air) if i else frozenset()
             if touching:
                 durations.append(0.0)
                 phases.append(i)
                 landing.append(touching)
-            count = max(1, round(phase.duration / step))
-            durations += [phase.duration / count] * count
+            count = max(1, round(phase.duration_s / step))
+            durations += [phase.duration_s / count] * count
             phases += [i] * count
             landing += [frozenset()] * count
         down = np.array([[foot not in self.phases[i].air for foot in self.feet] for i in phases], dtype=np.bool_)

@@ -16,17 +16,22 @@ from lgmpc.locomotion.sequence import GaitPhase
 from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
+from lgmpc.problems.kinds import AnyProblemSettings, build_problem
 from lgmpc.problems.leg_strokes import LegStrokes
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
-from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
+from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, JumpWeights, LeggedSettings, LeggedWeights
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
 from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
 from lgmpc.problems.righting import RightingSettings, RightingWeights, build_righting
-from lgmpc.problems.scenario import Controls, Scenario, Waypoint
+from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
 
 __all__ = [
+    "AnyProblemSettings",
+    "JumpWeights",
+    "ProblemSettings",
+    "build_problem",
     "BaseLeap",
     "BaseMotion",
     "BasePath",

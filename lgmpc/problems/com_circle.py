@@ -6,9 +6,10 @@ intervals of 20 ms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import CostItem
@@ -18,55 +19,40 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.kinematics import com_positions, contact_positions
 from lgmpc.problems.reactions import reactions
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
 __all__ = ["ComCircleSettings", "ComCircleWeights", "build_com_circle"]
 
 
-@dataclass(frozen=True)
-class ComCircleWeights:
-    """Weights of squared deviations, per second of the horizon.
+class ComCircleWeights(Settings):
+    """Weights of the squared deviations, per second of the horizon."""
 
-    Attributes:
-        com: centre of mass from the circle, 1/m2.
-        com_velocity: of the centre of mass, 1/(m/s)2.
-        base_orientation: base from upright, 1/rad2.
-        posture: joints from the reference posture, 1/rad2.
-        velocity: of base and joints.
-        effort: torques from those that hold the robot at rest, 1/(N.m)2.
-        cone: forces outside the friction cone, 1/N2.
-    """
-
-    com: float = 1e4
-    com_velocity: float = 0.1
-    base_orientation: float = 10.0
-    posture: float = 0.5
-    velocity: float = 0.1
-    effort: float = 0.1
-    cone: float = 1.0
+    com: Positive = Field(default=1e4, description="Centre of mass from the circle, 1/m2.")
+    com_velocity: NonNegative = Field(default=0.1, description="Velocity of the centre of mass, 1/(m/s)2.")
+    base_orientation: NonNegative = Field(default=10.0, description="Base from upright, 1/rad2.")
+    posture: NonNegative = Field(default=0.5, description="Joints from the reference posture, 1/rad2.")
+    velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
+    effort: NonNegative = Field(
+        default=0.1, description="Torques from those that hold the robot at rest under its contact forces, 1/(N.m)2."
+    )
+    cone: NonNegative = Field(default=1.0, description="Contact forces outside their friction cones, 1/N2.")
 
 
-@dataclass(frozen=True)
-class ComCircleSettings:
-    """The circle and the grid.
+class ComCircleSettings(ProblemSettings):
+    """A robot on its feet draws a horizontal circle with its centre of mass; contact forward dynamics."""
 
-    Attributes:
-        radius: of the circle, m; it begins at its foremost point.
-        frequency: turns per second, Hz.
-        nodes: number of intervals.
-        node_duration: length of each, s.
-        friction: coefficient of the cones that the contact forces are drawn into.
-        weights: of the cost.
-    """
-
-    radius: float = 0.065
-    frequency: float = 0.2
-    nodes: int = 50
-    node_duration: float = 0.02
-    friction: float = 0.6
-    weights: ComCircleWeights = ComCircleWeights()
+    kind: Literal["com_circle"] = Field(default="com_circle", description="The centre of mass follows a circle.")
+    radius_m: Positive = Field(default=0.065, description="Radius of the circle, m; it begins at its foremost point.")
+    frequency_hz: Positive = Field(default=0.2, description="Turns per second, Hz.")
+    nodes: Count = Field(default=50, description="Number of intervals.")
+    node_s: Interval = Field(default=0.02, description="Length of each interval, s.")
+    friction: Friction = Field(
+        default=0.6, description="Friction coefficient of the cones that the contact forces are drawn into."
+    )
+    weights: ComCircleWeights = Field(default=ComCircleWeights(), description="Weights of the cost.")
 
 
 def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) -> Scenario:
@@ -85,8 +71,8 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
     stance = contact_positions(robot, robot.x_reference[None])[0]
     start = com_positions(robot, robot.x_reference[None])[0]
-    phase = 2.0 * np.pi * s.frequency * s.node_duration * np.arange(s.nodes + 1)
-    circle = start + s.radius * np.column_stack([np.cos(phase) - 1.0, np.sin(phase), np.zeros_like(phase)])
+    phase = 2.0 * np.pi * s.frequency_hz * s.node_s * np.arange(s.nodes + 1)
+    circle = start + s.radius_m * np.column_stack([np.cos(phase) - 1.0, np.sin(phase), np.zeros_like(phase)])
 
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
     deviation = np.repeat([0.0, w.base_orientation, w.posture, w.velocity], [3, 3, robot.nu, robot.nv])
@@ -101,14 +87,14 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         ),
     ]
     problem = ShootingProblem(MultibodyAction("com_circle", dynamics, costs), s.nodes)
-    problem.set("duration", s.node_duration)
+    problem.set("duration", s.node_s)
     problem.set("contact_points", stance.ravel())
     problem.set("com_reference", circle)
     for name, weight in (("com", w.com), ("speed", w.com_velocity), ("posture", deviation)):
         # Terminal costs are not multiplied by a duration: the last node should count like the others.
-        problem.set(f"{name}_weight", s.node_duration * np.asarray(weight), [s.nodes])
+        problem.set(f"{name}_weight", s.node_s * np.asarray(weight), [s.nodes])
     problem.set_initial_state(robot.x_reference)
-    durations, flags = np.full(s.nodes, s.node_duration), np.ones((s.nodes, robot.nc), dtype=np.bool_)
+    durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)
 
     def forces_of(trajectory: Trajectory) -> Array:
         return reactions(robot, trajectory, durations, flags).wrenches
@@ -124,7 +110,7 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
             "friction_margin_n": float(np.min(s.friction * forces[..., 2] - np.linalg.norm(forces[..., :2], axis=-1))),
         }
 
-    quarter = 0.25 / (s.frequency * s.node_duration)
+    quarter = 0.25 / (s.frequency_hz * s.node_s)
     marks = sorted({*(round(quarter * k) for k in range(1, int(s.nodes / quarter) + 1)), s.nodes})
     return Scenario(
         name="com_circle",
@@ -135,6 +121,6 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
         figures=figures,
         contact_flags=flags,
         contact_forces=forces_of,
-        waypoints=tuple(Waypoint("centre of mass", k * s.node_duration, circle[k]) for k in marks),
+        waypoints=tuple(Waypoint("centre of mass", k * s.node_s, circle[k]) for k in marks),
         friction=s.friction,
     )

@@ -7,12 +7,13 @@ on the attitudes only, as matrices, and has no branch at any angle; the vectors 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
-from lgmpc.actions import Integrator, MultibodyAction, RungeKutta4
+from lgmpc.actions import MultibodyAction, RungeKutta4, SemiImplicitEuler
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.errors import InputError
@@ -20,69 +21,54 @@ from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between, rotation_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.settings import Interval, NonNegative, Positive, Settings, Vector3
 
 __all__ = ["FlightSettings", "FlightWaypoint", "FlightWeights", "build_flight"]
 
-
-@dataclass(frozen=True)
-class FlightWaypoint:
-    """Where to be, when.
-
-    Attributes:
-        name: shown to the user.
-        time: s; a multiple of the nodes' duration.
-        position: (3,) of the body, world axes, m.
-        rotation_deg: (3,) its attitude as a rotation vector, degrees (see the module); none if any will do.
-    """
-
-    name: str
-    time: float
-    position: tuple[float, float, float]
-    rotation_deg: tuple[float, float, float] | None = None
+_INTEGRATORS = {"rk4": RungeKutta4, "semi_implicit_euler": SemiImplicitEuler}
 
 
-@dataclass(frozen=True)
-class FlightWeights:
-    """Weights of the cost; those of ``speed`` and ``thrust`` are per second.
+class FlightWaypoint(Settings):
+    """A place and, if it matters, an attitude at a time."""
 
-    Attributes:
-        position: from a waypoint, 1/m2.
-        rotation: from a waypoint's attitude, 1/rad2 for small angles.
-        rest: velocity at the end, 1/(m/s)2 and 1/(rad/s)2.
-        speed: velocity on the way, 1/(m/s)2 and 1/(rad/s)2.
-        thrust: of each rotor from hovering, 1/N2.
-    """
-
-    position: float = 1e3
-    rotation: float = 1e3
-    rest: float = 1e2
-    speed: float = 1e-2
-    thrust: float = 1e-2
+    name: str = Field(min_length=1, description="For the replay.")
+    time_s: Positive = Field(description="When, s; a multiple of problem.node_s.")
+    position_m: Vector3 = Field(description="[x, y, z] of the body, world axes, m.")
+    rotation_deg: Vector3 | None = Field(
+        default=None,
+        description="Attitude as a rotation vector (axis times angle), degrees; null: any. More than half a turn gives "
+        "the solver's guess its direction: [0, -180, 0] and then [0, -360, 0] is a loop, nose up.",
+    )
 
 
-@dataclass(frozen=True)
-class FlightSettings:
-    """The vehicle, its way and the grid.
+class FlightWeights(Settings):
+    """Weights of the cost; those of speed and thrust are per second of the horizon."""
 
-    Attributes:
-        rotors: of the vehicle.
-        start: (3,) where it hovers at first, level, world axes, m.
-        waypoints: in the order of their times; at the last it comes to rest.
-        node_duration: length of each interval, s.
-        integrator: of the motion; Runge and Kutta's unless given. In a loop at up to 10 rad/s and 30 ms a step it ends
-            within 1 mm of the exact motion, semi-implicit Euler's method metres away, and one body's stage is so small
-            that four evaluations cost microseconds.
-        weights: of the cost.
-    """
+    position: Positive = Field(default=1e3, description="From a waypoint, 1/m2.")
+    rotation: Positive = Field(default=1e3, description="From a waypoint's attitude, 1/rad2 for small angles.")
+    rest: NonNegative = Field(default=1e2, description="Velocity at the end, 1/(m/s)2 and 1/(rad/s)2.")
+    speed: NonNegative = Field(default=1e-2, description="Velocity on the way, 1/(m/s)2 and 1/(rad/s)2.")
+    thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
 
-    rotors: MultirotorSettings
-    start: tuple[float, float, float]
-    waypoints: tuple[FlightWaypoint, ...]
-    node_duration: float = 0.03
-    integrator: Integrator = RungeKutta4()
-    weights: FlightWeights = FlightWeights()
+
+class FlightSettings(ProblemSettings):
+    """A multirotor flies through waypoints and comes to rest at the last; thrusts are bounded."""
+
+    kind: Literal["flight"] = Field(default="flight", description="A multirotor flies through waypoints.")
+    rotors: MultirotorSettings = Field(description="The rotors, of which the URDF has only the places.")
+    start_m: Vector3 = Field(description="[x, y, z] where it hovers at first, level, world axes, m.")
+    waypoints: Annotated[tuple[FlightWaypoint, ...], Field(min_length=1)] = Field(
+        description="In the order of their times."
+    )
+    node_s: Interval = Field(default=0.03, description="Length of each interval, s.")
+    integrator: Literal["rk4", "semi_implicit_euler"] = Field(
+        default="rk4",
+        description="Integrator of the motion. Over a loop at up to 10 rad/s in steps of 30 ms, rk4 (Runge and Kutta's)"
+        " ends within 1 mm of the exact motion, semi_implicit_euler metres away.",
+    )
+    weights: FlightWeights = Field(default=FlightWeights(), description="Weights of the cost.")
 
 
 def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
@@ -107,25 +93,27 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
         CostItem("thrust", Control(nu, vehicle.hover), w.thrust),
     ]
     bounds = ConstraintItem("limits", Control(nu), 0.0, vehicle.max_thrust)
-    problem = ShootingProblem(MultibodyAction("flight", vehicle.dynamics, costs, [bounds], s.integrator), n)
-    problem.set("duration", s.node_duration)
+    problem = ShootingProblem(
+        MultibodyAction("flight", vehicle.dynamics, costs, [bounds], _INTEGRATORS[s.integrator]()), n
+    )
+    problem.set("duration", s.node_s)
     for k, waypoint in zip(nodes, s.waypoints, strict=True):
         # Running costs are multiplied by the duration; a waypoint counts as much wherever it is.
-        scale = 1.0 if k == n else 1.0 / s.node_duration
-        problem.set("position_reference", waypoint.position, [k])
+        scale = 1.0 if k == n else 1.0 / s.node_s
+        problem.set("position_reference", waypoint.position_m, [k])
         problem.set("position_weight", scale * w.position, [k])
         if waypoint.rotation_deg is not None:
             rotation = so3.exp(np.radians(waypoint.rotation_deg))
             problem.set("rotation_reference", pin.Quaternion(rotation).coeffs(), [k])
             problem.set("rotation_weight", scale * w.rotation, [k])
     problem.set("velocity_weight", w.rest, [n])
-    problem.set_initial_state(np.concatenate([s.start, [0.0, 0.0, 0.0, 1.0], np.zeros(6)]))
-    durations = np.full(n, s.node_duration)
+    problem.set_initial_state(np.concatenate([s.start_m, [0.0, 0.0, 0.0, 1.0], np.zeros(6)]))
+    durations = np.full(n, s.node_s)
     marks = tuple(
         Waypoint(
             point.name,
-            point.time,
-            np.array(point.position),
+            point.time_s,
+            np.array(point.position_m),
             None if point.rotation_deg is None else so3.exp(np.radians(point.rotation_deg)),
         )
         for point in s.waypoints
@@ -147,27 +135,23 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
             **thrust_figures(vehicle, trajectory, durations),
         }
 
-    places = [(0.0, s.start), *((p.time, p.position) for p in s.waypoints)]
-    turns = [(0.0, (0.0, 0.0, 0.0)), *((p.time, p.rotation_deg) for p in s.waypoints if p.rotation_deg is not None)]
+    places = [(0.0, s.start_m), *((p.time_s, p.position_m) for p in s.waypoints)]
+    turns = [(0.0, (0.0, 0.0, 0.0)), *((p.time_s, p.rotation_deg) for p in s.waypoints if p.rotation_deg is not None)]
     guess = turning_guess(vehicle, durations, places, turns)
     return Scenario("flight", robot, problem, guess, durations, figures, waypoints=marks, controls=vehicle.controls)
 
 
 def _nodes(s: FlightSettings) -> tuple[int, ...]:
     """The node of each waypoint."""
-    if not s.waypoints:
-        raise InputError("waypoints", "none", "at least one")
-    if not s.node_duration > 0.0:
-        raise InputError("node_duration", s.node_duration, "above 0 s")
     found, last = [], 0
     for waypoint in s.waypoints:
-        node = round(waypoint.time / s.node_duration)
-        if not abs(node * s.node_duration - waypoint.time) < 1e-6:
-            expected = f"a multiple of the intervals' length, {s.node_duration:g} s"
-            raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time:g} s", expected)
+        node = round(waypoint.time_s / s.node_s)
+        if not abs(node * s.node_s - waypoint.time_s) < 1e-6:
+            expected = f"a multiple of the intervals' length, {s.node_s:g} s"
+            raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time_s:g} s", expected)
         if node <= last:
-            expected = f"later than {last * s.node_duration:g} s, the one before"
-            raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time:g} s", expected)
+            expected = f"later than {last * s.node_s:g} s, the one before"
+            raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time_s:g} s", expected)
         found.append(node)
         last = node
     return tuple(found)

@@ -9,17 +9,18 @@ the cycle encloses in the joints' space (chapter 4.16; Montgomery, "Gauge theory
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.actuators import match_joints
+from lgmpc.settings import Count, Finite, Positive, Settings
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -31,26 +32,24 @@ _SUBSTEPS = 8
 """Steps of the trunk's attitude within an interval."""
 
 
-@dataclass(frozen=True)
-class LegStrokes:
+class LegStrokes(Settings):
     """Cycles of the joints about the middle of two postures, one a quarter of a cycle after the other.
 
-    At the phase phi they are at ``(stretched + folded) / 2 + (stretched - folded) / 2 cos(phi) + sweep sin(phi)``.
-    Postures and sweep are {joint name or glob pattern: rad}; joints that are not named are at zero.
-
-    Attributes:
-        stretched: posture in which the legs swing forth.
-        folded: posture in which they swing back.
-        sweep: amplitude of the swing; its sign is that of the motion while they are stretched.
-        count: number of cycles.
-        ramp: time in which the motion grows from the reference posture, and in which it ends there, s.
+    At the phase phi they are at ``(stretched + folded) / 2 + (stretched - folded) / 2 cos(phi) + sweep sin(phi)``; the
+    sweep's sign is that of the motion while they are stretched.
     """
 
-    stretched: Mapping[str, float]
-    folded: Mapping[str, float]
-    sweep: Mapping[str, float]
-    count: int = 5
-    ramp: float = 0.12
+    stretched_rad: dict[str, Finite] = Field(
+        description="Posture in which they swing forth, {joint name or pattern: rad}; joints not named are at 0."
+    )
+    folded_rad: dict[str, Finite] = Field(description="Posture in which they swing back, {joint name or pattern: rad}.")
+    sweep_rad: dict[str, Finite] = Field(
+        description="Amplitude of the swing, {joint name or pattern: rad}; the robot turns against its sign."
+    )
+    count: Count = Field(default=5, description="Number of cycles.")
+    ramp_s: Positive = Field(
+        default=0.12, description="Time in which they begin from the reference posture, and end in it, s."
+    )
 
     def joints(self, robot: Robot, times: Array) -> CubicSpline:
         """Return the joints' path (nu,) over time, at rest in the reference posture at both ends.
@@ -65,18 +64,17 @@ class LegStrokes:
         from scipy.interpolate import CubicSpline  # not above: it takes longer to load than all problems
 
         duration = float(times[-1] - times[0])
-        if not 0.0 < 2.0 * self.ramp <= duration:
-            raise InputError("ramp", self.ramp, f"above 0, at most {duration / 2:g} s, half of the motion")
-        stretched, folded, sweep = (_by_joint(robot, name, getattr(self, name)) for name in _POSTURES)
+        if not 0.0 < 2.0 * self.ramp_s <= duration:
+            raise InputError("strokes.ramp_s", self.ramp_s, f"above 0, at most {duration / 2:g} s, half of the motion")
+        stretched, folded, sweep = (
+            _by_joint(robot, key, getattr(self, key)) for key in ("stretched_rad", "folded_rad", "sweep_rad")
+        )
         phase = 2.0 * np.pi * self.count * (times - times[0]) / duration
         cosine, sine = np.cos(phase)[:, None], np.sin(phase)[:, None]
         strokes = (stretched + folded) / 2.0 + (stretched - folded) / 2.0 * cosine + sweep * sine
-        share = np.minimum(_smooth((times - times[0]) / self.ramp), _smooth((times[-1] - times) / self.ramp))
+        share = np.minimum(_smooth((times - times[0]) / self.ramp_s), _smooth((times[-1] - times) / self.ramp_s))
         reference = robot.q_reference[robot.joint_q]
         return CubicSpline(times, reference + share[:, None] * (strokes - reference), bc_type="clamped")
-
-
-_POSTURES = ("stretched", "folded", "sweep")
 
 
 def falling_motion(robot: Robot, x0: Array, joints: CubicSpline, times: Array) -> Trajectory:
@@ -131,10 +129,10 @@ def _torques(robot: Robot, data: pin.Data, x: Array, after: Array, h: float) -> 
     return effort
 
 
-def _by_joint(robot: Robot, argument: str, values: Mapping[str, float]) -> Array:
-    given, problems = match_joints(values, robot.joint_names, argument)
+def _by_joint(robot: Robot, key: str, values: Mapping[str, float]) -> Array:
+    given, problems = match_joints(values, robot.joint_names, key)
     if problems:
-        raise InputError(argument, ", ".join(values), "names or patterns of joints", robot.joint_names)
+        raise InputError(f"strokes.{key}", ", ".join(values), "names or patterns of joints", robot.joint_names)
     return np.array([given.get(name, 0.0) for name in robot.joint_names])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -22,18 +23,21 @@ from lgmpc.typing import Array
 __all__ = ["build_gait", "build_jump", "build_legged"]
 
 
-def build_gait(robot: Robot, settings: GaitSettings | None = None) -> Scenario:
+def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
     """Return the problem of a robot that goes at a commanded velocity. Figures: :class:`LeggedFigures`.
 
     Raises:
         InputError: as :func:`build_legged`, or a ramp longer than half of the time in which feet swing.
     """
-    s = GaitSettings() if settings is None else settings
+    s = settings
     _check_robot(robot)
     gait = s.gait(robot)
-    stop = gait.duration - s.settle
-    path = BasePath.walking(s.velocity, s.yaw_rate, s.settle, stop, s.ramp)
-    return build_legged(s.pattern if isinstance(s.pattern, str) else "gait", robot, gait, path, s.common)
+    stop = gait.duration - s.settle_s
+    most = (stop - s.settle_s) / 2.0
+    if s.ramp_s > most * (1.0 + 1e-12):
+        raise InputError("ramp_s", s.ramp_s, f"at most {most:g} s, half of the time in which feet swing")
+    path = BasePath.walking(s.velocity_m_s, math.radians(s.yaw_rate_deg_s), s.settle_s, stop, s.ramp_s)
+    return build_legged(s.pattern or "gait", robot, gait, path, s)
 
 
 def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
@@ -44,8 +48,14 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
     """
     s = JumpSettings() if settings is None else settings
     _check_robot(robot)
-    leap = BaseLeap(np.array(s.displacement), s.yaw, s.takeoff, s.takeoff + s.flight, LeggedScale.of(robot).gravity)
-    return build_legged("jump", robot, s.gait(robot), leap, s.common)
+    leap = BaseLeap(
+        np.array(s.displacement_m),
+        math.radians(s.yaw_deg),
+        s.takeoff_s,
+        s.takeoff_s + s.flight_s,
+        LeggedScale.of(robot).gravity,
+    )
+    return build_legged("jump", robot, s.gait(robot), leap, s)
 
 
 def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
@@ -66,7 +76,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
     _check_robot(robot)
     if gait.feet != robot.contact_frames:
         raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
-    grid = gait.grid(settings.step)
+    grid = gait.grid(settings.step_s)
     start = contact_positions(robot, robot.x_reference[None])[0]
     steps = Footsteps.plan(gait, motion, start, robot.q_reference[:3])
     reference = _reference(robot, motion, grid.times)

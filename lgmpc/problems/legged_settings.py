@@ -2,189 +2,141 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
-from lgmpc.errors import InputError
-from lgmpc.locomotion.sequence import GaitPhase, QuadrupedFeet
-from lgmpc.locomotion.sequence import GaitSequence as Gait
+from pydantic import Field, model_validator
+
+from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
+from lgmpc.problems.scenario import ProblemSettings
 from lgmpc.robot import Robot
+from lgmpc.settings import (
+    Count,
+    Finite,
+    Fraction,
+    Friction,
+    Interval,
+    NonNegative,
+    Positive,
+    Settings,
+    Vector2,
+    Vector3,
+    problem,
+)
 
-__all__ = ["GaitSettings", "JumpSettings", "LeggedSettings", "LeggedWeights"]
+__all__ = ["GaitSettings", "JumpSettings", "JumpWeights", "LeggedSettings", "LeggedWeights"]
 
-_PATTERNS = {"walk": Gait.walk, "trot": Gait.trot, "pace": Gait.pace, "bound": Gait.bound}
+_PATTERNS = {
+    "walk": GaitSequence.walk,
+    "trot": GaitSequence.trot,
+    "pace": GaitSequence.pace,
+    "bound": GaitSequence.bound,
+}
 
 
-def _check(name: str, value: float, fits: bool, expected: str) -> None:
-    if not (math.isfinite(value) and fits):
-        raise InputError(name, value, expected)
-
-
-@dataclass(frozen=True)
-class LeggedWeights:
+class LeggedWeights(Settings):
     """Weights of squared deviations, without dimension: a robot's mass, leg length and weight are the units.
 
     So they mean the same to robots of all sizes. The running cost counts per sqrt(length / g), the time in which a
     pendulum as long as the legs swings by a radian.
-
-    Attributes:
-        position: of the base, ahead and to the left, from where it is commanded to be.
-        height: of the base.
-        rotation: of the base.
-        joints: of the joints from the reference posture.
-        velocity: of the base, linear and angular, from what is commanded.
-        joint_velocity: of the joints.
-        effort: of the torques from those that carry the robot at rest.
-        swing: of the feet in the air from their references.
-        friction: on forces outside their cone, and on such impulses.
-        limits: on joint positions and speeds beyond their limits.
-        foothold: on the places where feet come down, once each.
-        touchdown: on the speeds at which they do, once each.
-        terminal: factor of the state's weights at the end, where they count once.
-
-    Raises:
-        InputError: a weight that is negative or not finite.
     """
 
-    position: float = 0.1
-    height: float = 10.0
-    rotation: float = 10.0
-    joints: float = 0.3
-    velocity: float = 1.0
-    joint_velocity: float = 0.01
-    effort: float = 2.0
-    swing: float = 1e4
-    friction: float = 1e3
-    limits: float = 1e3
-    foothold: float = 1e5
-    touchdown: float = 1e3
-    terminal: float = 100.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            _check(f"weights.{name}", value, 0.0 <= value, "at least 0")
-
-    @classmethod
-    def jumping(cls) -> LeggedWeights:
-        """The weights for jumps: little on the way, which torques decide, all on the landing and the end."""
-        return cls(height=1.0, rotation=1.0, effort=0.2, swing=100.0, touchdown=10.0)
+    position: NonNegative = Field(default=0.1, description="Base, ahead and to the left, from where it is commanded.")
+    height: NonNegative = Field(default=10.0, description="Height of the base.")
+    rotation: NonNegative = Field(default=10.0, description="Rotation of the base.")
+    joints: NonNegative = Field(default=0.3, description="Joints from the reference posture.")
+    velocity: NonNegative = Field(default=1.0, description="Velocity of the base, linear and angular.")
+    joint_velocity: NonNegative = Field(default=0.01, description="Joint speeds.")
+    effort: Positive = Field(default=2.0, description="Torques from those that carry the robot at rest.")
+    swing: NonNegative = Field(default=1e4, description="Feet in the air from their references.")
+    friction: NonNegative = Field(default=1e3, description="Contact forces outside their cone, and such impulses.")
+    limits: NonNegative = Field(default=1e3, description="Joint positions and speeds beyond their limits.")
+    foothold: NonNegative = Field(default=1e5, description="Places where feet come down, once each.")
+    touchdown: NonNegative = Field(default=1e3, description="Speeds at which they do, once each.")
+    terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
 
 
-@dataclass(frozen=True)
-class LeggedSettings:
-    """What all legged problems have in common.
+class JumpWeights(LeggedWeights):
+    """Weights as those of a gait, with other defaults: little on the way, all on the landing and the end."""
 
-    Attributes:
-        step: about the length of an interval, s.
-        friction: coefficient of the ground.
-        friction_margin: fraction of it that forces are drawn away from.
-        least_force: normal force that feet on the ground are drawn above, as a fraction of the robot's weight.
-        weights: of the costs.
-
-    Raises:
-        InputError: a number out of its range.
-    """
-
-    step: float = 0.015
-    friction: float = 0.7
-    friction_margin: float = 0.1
-    least_force: float = 0.05
-    weights: LeggedWeights = LeggedWeights()
-
-    def __post_init__(self) -> None:
-        _check("step", self.step, 0.0 < self.step, "above 0 s")
-        _check("friction", self.friction, 0.0 < self.friction, "above 0")
-        _check("friction_margin", self.friction_margin, 0.0 <= self.friction_margin < 1.0, "0 or above, below 1")
-        _check("least_force", self.least_force, 0.0 <= self.least_force < 0.25, "0 or above, below a quarter")
+    height: NonNegative = Field(default=1.0, description="Height of the base.")
+    rotation: NonNegative = Field(default=1.0, description="Rotation of the base.")
+    effort: Positive = Field(default=0.2, description="Torques from those that carry the robot at rest.")
+    swing: NonNegative = Field(default=100.0, description="Feet in the air from their references.")
+    touchdown: NonNegative = Field(default=10.0, description="Speeds at which feet come down, once each.")
 
 
-@dataclass(frozen=True)
-class GaitSettings:
-    """A robot that stands, goes for some cycles at a commanded velocity, and stands.
+class LeggedSettings(Settings):
+    """What gaits and jumps have in common."""
 
-    Attributes:
-        pattern: of a quadruped's cycle, or the cycle's phases, for any robot with feet.
-        cycles: how many.
-        swing: how long a foot is in the air, s (of a named pattern).
-        stance: how long all feet are on the ground after each swing, s (of a named pattern).
-        height: of the swings, m (of a named pattern).
-        velocity: (ahead, left) in the base's axes, m/s.
-        yaw_rate: rad/s.
-        settle: how long the robot stands before and after, s.
-        ramp: how long the base takes to its speed and from it, s.
-        common: see there.
+    step_s: Interval = Field(default=0.015, description="About the length of an interval, s; they end on switches.")
+    friction: Friction = Field(default=0.7, description="Friction coefficient of the ground.")
+    friction_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
+        default=0.1, description="Fraction of the friction that contact forces are drawn away from."
+    )
+    least_force: Annotated[NonNegative, Field(lt=0.25)] = Field(
+        default=0.05,
+        description="Normal force that feet on the ground are drawn above, as a fraction of the robot's weight.",
+    )
+    weights: LeggedWeights = Field(default=LeggedWeights(), description="Weights of the cost.")
 
-    Raises:
-        InputError: a number out of its range, or an unknown pattern.
-    """
 
-    pattern: Literal["walk", "trot", "pace", "bound"] | tuple[GaitPhase, ...] = "trot"
-    cycles: int = 3
-    swing: float = 0.2
-    stance: float = 0.04
-    height: float = 0.05
-    velocity: tuple[float, float] = (0.3, 0.0)
-    yaw_rate: float = 0.0
-    settle: float = 0.2
-    ramp: float = 0.2
-    common: LeggedSettings = LeggedSettings()
+class GaitSettings(LeggedSettings, ProblemSettings):
+    """A robot stands, goes for some cycles at a commanded velocity, and stands."""
 
-    def __post_init__(self) -> None:
-        if isinstance(self.pattern, str) and self.pattern not in _PATTERNS:
-            raise InputError("pattern", self.pattern, "a gait's name, or its phases", tuple(_PATTERNS))
-        _check("cycles", self.cycles, self.cycles >= 1, "at least 1")
-        _check("swing", self.swing, self.swing > 0, "above 0 s")
-        _check("stance", self.stance, self.stance >= 0, "at least 0 s")
-        _check("height", self.height, self.height >= 0, "at least 0 m")
-        _check("settle", self.settle, self.settle > 0, "above 0 s")
+    kind: Literal["gait"] = Field(default="gait", description="A robot walks, trots, ... in a gait.")
+    pattern: Literal["walk", "trot", "pace", "bound"] | None = Field(
+        default=None, description="A quadruped's gait. Give this or phases."
+    )
+    phases: tuple[GaitPhase, ...] = Field(
+        default=(), description="One cycle, phase by phase, of any robot with point feet. Give this or pattern."
+    )
+    cycles: Annotated[Count, Field(le=100)] = Field(default=3, description="How many cycles, at most 100.")
+    swing_s: Positive = Field(default=0.2, description="How long a foot is in the air, s (of a pattern).")
+    stance_s: NonNegative = Field(
+        default=0.04, description="How long all feet are on the ground after each swing, s (of a pattern)."
+    )
+    height_m: NonNegative = Field(default=0.05, description="Apex of the swings, m (of a pattern).")
+    velocity_m_s: Vector2 = Field(default=(0.3, 0.0), description="[ahead, left] in the base's axes, m/s.")
+    yaw_rate_deg_s: Finite = Field(default=0.0, description="Rate of turning to the left, degrees per s.")
+    settle_s: Positive = Field(default=0.2, description="How long the robot stands before and after, s.")
+    ramp_s: NonNegative = Field(default=0.2, description="How long the base takes to its speed, and from it, s.")
 
-    def gait(self, robot: Robot) -> Gait:
+    @model_validator(mode="after")
+    def _one_gait(self) -> GaitSettings:
+        if self.pattern is None and not self.phases:
+            raise problem("walk, trot, pace or bound here, or a cycle in the key phases", key="pattern", got=None)
+        if self.pattern is not None and self.phases:
+            raise problem(f"nothing here, because pattern is given ({self.pattern})", key="phases", got=self.phases)
+        return self
+
+    def gait(self, robot: Robot) -> GaitSequence:
         """Return the gait of a robot's feet.
 
         Raises:
             InputError: a named pattern for a robot that is no quadruped, or phases with feet that it does not have.
         """
         feet = robot.contact_frames
-        still = Gait.stand(feet, self.settle)
-        if isinstance(self.pattern, str):
-            legs = QuadrupedFeet.of(robot)
-            cycle = _PATTERNS[self.pattern](feet, legs, self.swing, self.stance, self.height)
+        still = GaitSequence.stand(feet, self.settle_s)
+        if self.pattern is None:
+            cycle = GaitSequence(feet, self.phases)
         else:
-            cycle = Gait(feet, self.pattern)
+            cycle = _PATTERNS[self.pattern](feet, QuadrupedFeet.of(robot), self.swing_s, self.stance_s, self.height_m)
         return still + self.cycles * cycle + still
 
 
-@dataclass(frozen=True)
-class JumpSettings:
-    """A robot that crouches, takes off with all feet, flies, lands on all feet, and comes to rest.
+class JumpSettings(LeggedSettings, ProblemSettings):
+    """A robot crouches, takes off with all feet, flies, lands on all feet, and comes to rest."""
 
-    Attributes:
-        displacement: of the landing, (ahead, left, up), m.
-        yaw: by which it turns in the air, rad.
-        takeoff: how long it stands before the flight, s.
-        flight: s; with the rise it says how fast it takes off.
-        landing: how long it has to come to rest, s.
-        height: by which the feet rise above the straight line, m.
-        common: see there.
+    kind: Literal["jump"] = Field(default="jump", description="A robot jumps.")
+    displacement_m: Vector3 = Field(default=(0.2, 0.0, 0.0), description="Of the landing, [ahead, left, up], m.")
+    yaw_deg: Finite = Field(default=0.0, description="By which it turns to the left in the air, degrees.")
+    takeoff_s: Positive = Field(default=0.3, description="How long it stands before the flight, s.")
+    flight_s: Positive = Field(default=0.3, description="How long no foot is on the ground, s.")
+    landing_s: Positive = Field(default=0.5, description="How long it has to come to rest, s.")
+    height_m: NonNegative = Field(default=0.1, description="By which feet rise above the straight line, m.")
+    step_s: Interval = Field(default=0.01, description="About the length of an interval, s; they end on switches.")
+    weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")
 
-    Raises:
-        InputError: a number out of its range.
-    """
-
-    displacement: tuple[float, float, float] = (0.2, 0.0, 0.0)
-    yaw: float = 0.0
-    takeoff: float = 0.3
-    flight: float = 0.3
-    landing: float = 0.5
-    height: float = 0.1
-    common: LeggedSettings = field(default_factory=lambda: LeggedSettings(step=0.01, weights=LeggedWeights.jumping()))
-
-    def __post_init__(self) -> None:
-        for name in ("takeoff", "flight", "landing"):
-            _check(name, getattr(self, name), getattr(self, name) > 0, "above 0 s")
-        _check("height", self.height, self.height >= 0, "at least 0 m")
-
-    def gait(self, robot: Robot) -> Gait:
+    def gait(self, robot: Robot) -> GaitSequence:
         """Return the gait of a robot's feet."""
-        return Gait.jump(robot.contact_frames, self.takeoff, self.flight, self.landing, self.height)
+        return GaitSequence.jump(robot.contact_frames, self.takeoff_s, self.flight_s, self.landing_s, self.height_m)

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field, model_validator
 
 from lgmpc.actions import FreeForwardDynamics, thrusters
 from lgmpc.errors import InputError
@@ -15,6 +16,7 @@ from lgmpc.lie import so3
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.scenario import Controls
 from lgmpc.robot import Robot
+from lgmpc.settings import Finite, Positive, Settings, problem
 from lgmpc.typing import Array
 
 __all__ = ["Multirotor", "MultirotorSettings", "flown", "thrust_figures", "turning_guess"]
@@ -22,21 +24,21 @@ __all__ = ["Multirotor", "MultirotorSettings", "flown", "thrust_figures", "turni
 Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class MultirotorSettings:
-    """The rotors, of which a URDF holds only the places.
+class MultirotorSettings(Settings):
+    """What a URDF does not say about rotors; each pushes along its frame's z axis, from 0 to the largest thrust."""
 
-    Attributes:
-        frames: names of the rotors' frames; each pushes along its frame's z axis.
-        turning: sense of each rotor seen from above; its drag turns the body the other way.
-        max_thrust: of each rotor, N; the least is 0.
-        drag_ratio: moment about the axis per thrust, m.
-    """
+    frames: tuple[str, ...] = Field(min_length=1, description="Names of the rotors' frames.")
+    turning: tuple[Literal["ccw", "cw"], ...] = Field(
+        description="Sense of each rotor seen from above; its drag turns the body the other way."
+    )
+    max_thrust_n: Positive = Field(description="Largest thrust of each rotor, N.")
+    drag_ratio_m: Finite = Field(default=0.0, ge=0.0, description="Moment about its axis per thrust, m.")
 
-    frames: tuple[str, ...]
-    turning: tuple[Literal["ccw", "cw"], ...]
-    max_thrust: float
-    drag_ratio: float = 0.0
+    @model_validator(mode="after")
+    def _one_sense_each(self) -> MultirotorSettings:
+        if len(self.turning) != len(self.frames):
+            raise problem(f"{len(self.frames)} of ccw and cw, one a frame", key="turning", got=list(self.turning))
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,24 +71,22 @@ class Multirotor:
         """
         if not robot.floating_base or robot.nu:
             raise InputError("robot", f"{robot.name}, {robot.nv} degrees of freedom", "a single free body")
-        if len(settings.turning) != len(settings.frames):
-            raise InputError("turning", f"{len(settings.turning)} senses", f"{len(settings.frames)}, one a rotor")
         data = robot.create_data()
         neutral = pin.neutral(robot.model)
         pin.framesForwardKinematics(robot.model, data, neutral)
-        places = [data.oMf[robot.frame(name)] for name in settings.frames]
-        drag = settings.drag_ratio * np.array([-1.0 if sense == "ccw" else 1.0 for sense in settings.turning])
+        places = [data.oMf[robot.frame(name, f"rotors.frames.{i}")] for i, name in enumerate(settings.frames)]
+        drag = settings.drag_ratio_m * np.array([-1.0 if sense == "ccw" else 1.0 for sense in settings.turning])
         actuation = thrusters(
             robot.model, [place.translation for place in places], [place.rotation[:, 2] for place in places], drag
         )
         weight = pin.computeGeneralizedGravity(robot.model, data, neutral)
         hover = np.linalg.lstsq(actuation, weight, rcond=None)[0]
         held = np.allclose(actuation @ hover, weight, rtol=0.0, atol=1e-6 * robot.mass * 9.81)
-        if not (held and (hover > 0.0).all() and (hover < settings.max_thrust).all()):
+        if not (held and (hover > 0.0).all() and (hover < settings.max_thrust_n).all()):
             expected = f"above {hover.max():.3g} N" if held else "rotors about the centre of mass"
-            raise InputError("max_thrust", settings.max_thrust, f"{expected}, to hold {robot.name} level")
+            raise InputError("rotors.max_thrust_n", settings.max_thrust_n, f"{expected}, to hold {robot.name} level")
         dynamics = FreeForwardDynamics(robot.model, actuation)
-        return cls(robot, dynamics, hover, settings.max_thrust, robot.body_names[0], tuple(settings.frames))
+        return cls(robot, dynamics, hover, settings.max_thrust_n, robot.body_names[0], tuple(settings.frames))
 
     @property
     def controls(self) -> Controls:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions import FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
@@ -16,55 +17,43 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.kinematics import frame_placements
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
 
 __all__ = ["ReachSettings", "ReachWeights", "build_reach"]
 
 
-@dataclass(frozen=True)
-class ReachWeights:
-    """Weights of the cost; those of the running cost are per second of the horizon.
+class ReachWeights(Settings):
+    """Weights of the cost; those of the running cost are per second of the horizon."""
 
-    Attributes:
-        position: frame from its target at the end, 1/m2.
-        rotation: frame's rotation from its target at the end, 1/rad2.
-        rest: joint velocities at the end, 1/(rad/s)2.
-        posture: joints from the reference posture, 1/rad2.
-        velocity: joint velocities, 1/(rad/s)2.
-        effort: efforts from those that hold the robot against gravity, 1/(N.m)2.
-        limits: joints beyond their position and velocity limits, 1/rad2 and 1/(rad/s)2.
-    """
-
-    position: float = 1e5
-    rotation: float = 1e4
-    rest: float = 1e3
-    posture: float = 1.0
-    velocity: float = 1.0
-    effort: float = 1e-3
-    limits: float = 1e4
+    position: Positive = Field(default=1e5, description="Frame from its target at the end, 1/m2.")
+    rotation: NonNegative = Field(default=1e4, description="Frame's rotation from its target at the end, 1/rad2.")
+    rest: NonNegative = Field(default=1e3, description="Joint velocities at the end, 1/(rad/s)2.")
+    posture: NonNegative = Field(default=1.0, description="Joints from the reference posture, 1/rad2.")
+    velocity: NonNegative = Field(default=1.0, description="Joint velocities, 1/(rad/s)2.")
+    effort: Positive = Field(
+        default=1e-3, description="Efforts from those that hold the robot against gravity, 1/(N.m)2."
+    )
+    limits: NonNegative = Field(
+        default=1e4, description="Joints beyond their position and velocity limits, 1/rad2 and 1/(rad/s)2."
+    )
 
 
-@dataclass(frozen=True)
-class ReachSettings:
-    """The target and the grid.
+class ReachSettings(ProblemSettings):
+    """A robot with a fixed base moves a frame from where its reference posture has it to a target."""
 
-    Attributes:
-        frame: that reaches.
-        position: (3,) of its origin at the end, world axes, m.
-        rpy_deg: (3,) its rotation at the end: roll, pitch, yaw about the world's axes, in this order, degrees; none if
-            any will do.
-        nodes: number of intervals.
-        node_duration: length of each, s.
-        weights: of the cost.
-    """
-
-    frame: str
-    position: tuple[float, float, float]
-    rpy_deg: tuple[float, float, float] | None = None
-    nodes: int = 100
-    node_duration: float = 0.01
-    weights: ReachWeights = ReachWeights()
+    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a place.")
+    frame: str = Field(min_length=1, description="Name of the frame that reaches.")
+    position_m: Vector3 = Field(description="[x, y, z] where its origin should be at the end, world axes, m.")
+    rpy_deg: Vector3 | None = Field(
+        default=None,
+        description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
+        "null: any rotation.",
+    )
+    nodes: Count = Field(default=100, description="Number of intervals.")
+    node_s: Interval = Field(default=0.01, description="Length of each interval, s.")
+    weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
 
 
 def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
@@ -83,7 +72,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         raise InputError("robot", f"{robot.name}, whose base is free", "a robot with a fixed base")
     robot.frame(s.frame)  # that it is there
     target = pin.SE3(
-        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position)
+        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position_m)
     )
     dynamics = FreeForwardDynamics(robot.model)
     state = dynamics.state
@@ -106,7 +95,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     problem = ShootingProblem(
         MultibodyAction("reach", dynamics, running, [bounds]), s.nodes, MultibodyAction("reach_end", dynamics, ending)
     )
-    problem.set("duration", s.node_duration)
+    problem.set("duration", s.node_s)
     problem.set_initial_state(robot.x_reference)
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
@@ -123,7 +112,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
             "joint_velocity_violation_rad_s": float(beyond[robot.nv :].max()),
         }
 
-    duration = s.nodes * s.node_duration
+    duration = s.nodes * s.node_s
     rotation = None if s.rpy_deg is None else target.rotation
     return Scenario(
         name="reach",
@@ -132,7 +121,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         # Standing still without efforts leaves gaps, and so FDDP can shoot over many nodes; with the efforts that hold
         # the robot it would be single shooting, which takes three times as many iterations, or does not arrive.
         guess=problem.hold(),
-        durations=np.full(s.nodes, s.node_duration),
+        durations=np.full(s.nodes, s.node_s),
         figures=figures,
         waypoints=(Waypoint(s.frame, duration, target.translation, rotation),),
     )

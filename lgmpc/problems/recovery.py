@@ -8,71 +8,62 @@ jumps at pitch 90 degrees, and in the rotation vector from the goal at rotation 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions import MultibodyAction, RungeKutta4
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
-from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between, rotation_of, rpy_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
 __all__ = ["RecoverySettings", "RecoveryWeights", "build_recovery"]
 
 
-@dataclass(frozen=True)
-class RecoveryWeights:
-    """Weights of the cost on the way (per second) and at the end.
+class RecoveryWeights(Settings):
+    """Weights of the cost; all but that of the goal are per second of the horizon."""
 
-    Attributes:
-        position: from where it began, on the way, 1/m2.
-        rotation: from the attitude of the goal, on the way, 1/rad2 for small angles.
-        speed: on the way, 1/(m/s)2 and 1/(rad/s)2.
-        thrust: of each rotor from hovering, 1/N2.
-        goal: all deviations of the last state.
-    """
-
-    position: float = 1.0
-    rotation: float = 1.0
-    speed: float = 1e-2
-    thrust: float = 1e-2
-    goal: float = 1e3
+    position: NonNegative = Field(default=1.0, description="From where it began, on the way, 1/m2.")
+    rotation: NonNegative = Field(
+        default=1.0, description="From the attitude of the goal, on the way, 1/rad2 for small angles."
+    )
+    speed: NonNegative = Field(default=1e-2, description="Velocity on the way, 1/(m/s)2 and 1/(rad/s)2.")
+    thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
+    goal: Positive = Field(default=1e3, description="Position, attitude and velocity at the end.")
 
 
-@dataclass(frozen=True)
-class RecoverySettings:
-    """The vehicle, its first state and the grid.
+class RecoverySettings(ProblemSettings):
+    """A multirotor in any attitude turns upright and comes to rest where it began; thrusts are bounded."""
 
-    Attributes:
-        rotors: of the vehicle.
-        position: (3,) where it begins, and should end, world axes, m.
-        rotation_deg: (3,) its attitude at first as a rotation vector, degrees: ``[180, 0, 0]`` is upside down.
-        velocity: (3,) at first, body axes, m/s.
-        angular_velocity: (3,) at first, body axes, rad/s.
-        goal_rotation_deg: (3,) attitude at the end, degrees. Its length sets which way the guess turns: from
-            ``[0, 150, 0]`` to ``[0, 360, 0]``, which is level, it goes on over the back.
-        nodes: number of intervals.
-        node_duration: length of each, s.
-        weights: of the cost.
-    """
-
-    rotors: MultirotorSettings
-    position: tuple[float, float, float] = (0.0, 0.0, 5.0)
-    rotation_deg: tuple[float, float, float] = (0.0, 180.0, 0.0)
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    goal_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    nodes: int = 100
-    node_duration: float = 0.025
-    weights: RecoveryWeights = RecoveryWeights()
+    kind: Literal["recovery"] = Field(default="recovery", description="A multirotor recovers from any attitude.")
+    rotors: MultirotorSettings = Field(description="The rotors, of which the URDF has only the places.")
+    position_m: Vector3 = Field(
+        default=(0.0, 0.0, 5.0), description="[x, y, z] where it begins, and should end, world axes, m."
+    )
+    rotation_deg: Vector3 = Field(
+        default=(0.0, 180.0, 0.0), description="Attitude at first as a rotation vector (axis times angle), degrees."
+    )
+    velocity_m_s: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Velocity at first, body axes, m/s.")
+    angular_velocity_rad_s: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Angular velocity at first, body axes, rad/s."
+    )
+    goal_rotation_deg: Vector3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Attitude at the end, degrees. More than half a turn gives the guess its direction: from "
+        "[0, 150, 0] to [0, 360, 0], which is level, it goes on over its back.",
+    )
+    nodes: Count = Field(default=100, description="Number of intervals.")
+    node_s: Interval = Field(default=0.025, description="Length of each interval, s.")
+    weights: RecoveryWeights = Field(default=RecoveryWeights(), description="Weights of the cost.")
 
 
 def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
@@ -88,26 +79,24 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
         InputError: a robot that is no vehicle of these rotors, or no duration.
     """
     s, w = settings, settings.weights
-    if not s.node_duration > 0.0:
-        raise InputError("node_duration", s.node_duration, "above 0 s")
     vehicle = Multirotor.of(robot, s.rotors)
     goal = so3.exp(np.radians(s.goal_rotation_deg))
     nu = len(vehicle.hover)
     costs = [
-        CostItem("position", FrameTranslation(vehicle.body, s.position), w.position),
+        CostItem("position", FrameTranslation(vehicle.body, s.position_m), w.position),
         CostItem("rotation", FrameRotationMatrix(vehicle.body, pin.Quaternion(goal).coeffs()), w.rotation),
         CostItem("velocity", FrameVelocity(vehicle.body), w.speed),
         CostItem("thrust", Control(nu, vehicle.hover), w.thrust),
     ]
     bounds = ConstraintItem("limits", Control(nu), 0.0, vehicle.max_thrust)
     problem = ShootingProblem(MultibodyAction("recovery", vehicle.dynamics, costs, [bounds], RungeKutta4()), s.nodes)
-    problem.set("duration", s.node_duration)
+    problem.set("duration", s.node_s)
     for name in ("position", "rotation", "velocity"):
         problem.set(f"{name}_weight", w.goal, [s.nodes])
     turned = pin.Quaternion(so3.exp(np.radians(s.rotation_deg))).coeffs()
-    x0 = np.concatenate([s.position, turned, s.velocity, s.angular_velocity])
+    x0 = np.concatenate([s.position_m, turned, s.velocity_m_s, s.angular_velocity_rad_s])
     problem.set_initial_state(x0)
-    durations = np.full(s.nodes, s.node_duration)
+    durations = np.full(s.nodes, s.node_s)
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs, end = trajectory.xs, trajectory.xs[-1]
@@ -127,10 +116,10 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
             **thrust_figures(vehicle, trajectory, durations),
         }
 
-    end = s.nodes * s.node_duration
+    end = s.nodes * s.node_s
     turns = [(0.0, s.rotation_deg), (end / 2.0, s.goal_rotation_deg)]
-    guess = turning_guess(vehicle, durations, [(0.0, s.position)], turns)
-    mark = Waypoint("hover", end, np.array(s.position), goal)
+    guess = turning_guess(vehicle, durations, [(0.0, s.position_m)], turns)
+    mark = Waypoint("hover", end, np.array(s.position_m), goal)
     return Scenario("recovery", robot, problem, guess, durations, figures, waypoints=(mark,), controls=vehicle.controls)
 
 

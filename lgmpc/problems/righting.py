@@ -9,12 +9,12 @@ are those of an independent flight (:mod:`lgmpc.problems.free_flight`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from lgmpc.actions import FreeForwardDynamics, MultibodyAction, Variational
 from lgmpc.costs import ConstraintItem, CostItem, Parameter, Residual, StageSymbols
@@ -26,8 +26,9 @@ from lgmpc.problems.attitude import angle_between, rotation_of, tilt
 from lgmpc.problems.free_flight import clearances, refly, spins, trunk_spins
 from lgmpc.problems.kinematics import com_positions
 from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
+from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
 __all__ = ["JointMotion", "RightingSettings", "RightingWeights", "build_righting"]
@@ -36,52 +37,39 @@ _STIFFNESS, _DAMPING = 3.0, 0.05
 """Of the joints' controllers in the independent flight, N.m/rad and N.m.s/rad; moderate for Solo12's size."""
 
 
-@dataclass(frozen=True)
-class RightingWeights:
-    """Weights of the cost on the way (per second) and at the end.
+class RightingWeights(Settings):
+    """Weights of the cost; the first three are per second of the horizon."""
 
-    Attributes:
-        strokes: joints from the strokes of the guess, on the way, 1/rad2.
-        rates: joint rates from those of the strokes, on the way, 1/(rad/s)2.
-        effort: torques, 1/(N.m)2.
-        rotation: from the attitude of the goal, at the end, 1/rad2 for small angles.
-        posture: joints from the reference posture, at the end, 1/rad2.
-        rest: joint rates at the end, 1/(rad/s)2.
+    strokes: NonNegative = Field(default=1.0, description="Joints from the strokes, 1/rad2.")
+    rates: NonNegative = Field(default=1e-3, description="Joint rates from those of the strokes, 1/(rad/s)2.")
+    effort: Positive = Field(default=1e-2, description="Torques, 1/(N.m)2.")
+    rotation: Positive = Field(default=1e2, description="From the attitude of the goal, at the end, 1/rad2.")
+    posture: NonNegative = Field(default=1e2, description="Joints from the reference posture, at the end, 1/rad2.")
+    rest: NonNegative = Field(default=1.0, description="Joint rates at the end, 1/(rad/s)2.")
+
+
+class RightingSettings(ProblemSettings):
+    """A falling robot without angular momentum turns upright by moving its legs only.
+
+    Torques, joint positions and joint rates are hard constraints: a solver that takes them is needed (sqp, ipopt).
     """
 
-    strokes: float = 1.0
-    rates: float = 1e-3
-    effort: float = 1e-2
-    rotation: float = 1e2
-    posture: float = 1e2
-    rest: float = 1.0
-
-
-@dataclass(frozen=True)
-class RightingSettings:
-    """How the robot falls, how its legs move in the guess, and the grid.
-
-    Attributes:
-        strokes: of the legs; the guess.
-        position: (3,) of the base at first, world axes, m.
-        rotation_deg: (3,) its attitude at first as a rotation vector, degrees.
-        velocity: (3,) of all of the robot at first, world axes, m/s: upwards for a toss.
-        goal_rotation_deg: (3,) attitude at the end, degrees.
-        trunk_half_size: (3,) of the box that the shanks should stay out of, m; only for the figures.
-        nodes: number of intervals.
-        node_duration: length of each, s.
-        weights: of the cost.
-    """
-
-    strokes: LegStrokes
-    position: tuple[float, float, float] = (0.0, 0.0, 8.0)
-    rotation_deg: tuple[float, float, float] = (180.0, 0.0, 0.0)
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    goal_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    trunk_half_size: tuple[float, float, float] = (0.2, 0.08, 0.03)
-    nodes: int = 240
-    node_duration: float = 0.005
-    weights: RightingWeights = RightingWeights()
+    kind: Literal["righting"] = Field(default="righting", description="A falling robot lands on its feet.")
+    strokes: LegStrokes = Field(description="How the legs move in the guess.")
+    position_m: Vector3 = Field(default=(0.0, 0.0, 8.0), description="[x, y, z] of the base at first, world axes, m.")
+    rotation_deg: Vector3 = Field(
+        default=(180.0, 0.0, 0.0), description="Its attitude at first as a rotation vector (axis times angle), degrees."
+    )
+    velocity_m_s: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Velocity at first, world axes, m/s: upwards for a toss."
+    )
+    goal_rotation_deg: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Attitude at the end, degrees.")
+    trunk_half_size_m: tuple[Positive, Positive, Positive] = Field(
+        default=(0.2, 0.08, 0.03), description="Half sizes of the box from which the shanks' distance is measured, m."
+    )
+    nodes: Count = Field(default=240, description="Number of intervals.")
+    node_s: Interval = Field(default=0.005, description="Length of each interval, s.")
+    weights: RightingWeights = Field(default=RightingWeights(), description="Weights of the cost.")
 
 
 class JointMotion(Residual):
@@ -118,8 +106,6 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
             does not have, or no duration.
     """
     s, w, nu = settings, settings.weights, robot.nu
-    if not s.node_duration > 0.0:
-        raise InputError("node_duration", s.node_duration, "above 0 s")
     if not (robot.floating_base and robot.nc and robot.nq - 7 == nu):
         raise InputError("robot", f"{robot.name}", "a free base, contact_frames, and joints of one angle each")
     still = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(nu)])
@@ -137,13 +123,13 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     ]
     dynamics = FreeForwardDynamics(robot.model)
     problem = ShootingProblem(MultibodyAction("righting", dynamics, costs, limits, Variational()), s.nodes)
-    problem.set("duration", s.node_duration)
+    problem.set("duration", s.node_s)
 
     start = so3.exp(np.radians(s.rotation_deg))
-    base = np.concatenate([s.position, pin.Quaternion(start).coeffs()])
-    x0 = np.concatenate([base, still[:nu], start.T @ s.velocity, np.zeros(3), still[nu:]])
+    base = np.concatenate([s.position_m, pin.Quaternion(start).coeffs()])
+    x0 = np.concatenate([base, still[:nu], start.T @ s.velocity_m_s, np.zeros(3), still[nu:]])
     problem.set_initial_state(x0)
-    times: Array = s.node_duration * np.arange(s.nodes + 1, dtype=np.float64)
+    times: Array = s.node_s * np.arange(s.nodes + 1, dtype=np.float64)
     guess = falling_motion(robot, x0, s.strokes.joints(robot, times), times)
     strokes = np.hstack([guess.xs[:, robot.joint_q], guess.xs[:, robot.nq :][:, robot.joint_v]])
     problem.set("joints_reference", strokes)
@@ -154,7 +140,7 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
         xs, end = trajectory.xs, trajectory.xs[-1]
         motion = np.hstack([xs[:, robot.joint_q], xs[:, robot.nq :][:, robot.joint_v]])
         outside = np.maximum(lower - motion, motion - upper)[:, :nu]
-        trunk, legs = clearances(robot, xs, np.array(s.trunk_half_size))
+        trunk, legs = clearances(robot, xs, np.array(s.trunk_half_size_m))
         flown = refly(robot, trajectory, times, _STIFFNESS, _DAMPING)
         return {
             "final_tilt_deg": math.degrees(tilt(end)),
@@ -174,5 +160,5 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
         }
 
     mark = Waypoint("upright", float(times[-1]), guess.xs[-1, :3].copy(), goal)
-    durations = np.full(s.nodes, s.node_duration)
+    durations = np.full(s.nodes, s.node_s)
     return Scenario("righting", robot, problem, guess, durations, figures, waypoints=(mark,))

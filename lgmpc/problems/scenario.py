@@ -10,9 +10,16 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.settings import Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Controls", "Scenario", "Waypoint"]
+__all__ = ["Controls", "ProblemSettings", "Scenario", "Waypoint"]
+
+
+class ProblemSettings(Settings):
+    """Settings of a problem; ``kind`` is the name by which a config selects it."""
+
+    kind: str
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ its limits) are hard constraints, which SQP and ipopt keep; barriers in their pl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
 
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction, NumericContactAction
 from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
@@ -32,9 +32,10 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
 from lgmpc.problems.reactions import carry, friction_use, reactions
-from lgmpc.problems.scenario import Scenario, Waypoint
+from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.problems.soles import center_of_pressure, in_axes_of, margin_inside, sole_corners
 from lgmpc.robot import Robot
+from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, Vector3, problem
 from lgmpc.typing import Array
 
 __all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
@@ -43,57 +44,53 @@ _ROOM = 0.02
 """How far from its limits a joint is drawn, rad (m)."""
 
 
-@dataclass(frozen=True)
-class StandingReachWeights:
-    """Weights of the cost; those of the running cost are per second of the horizon.
+class StandingReachWeights(Settings):
+    """Weights of the cost; those of the running cost are per second of the horizon."""
 
-    Attributes:
-        position: hand from its target at the end, 1/m2.
-        rotation: hand's rotation from its target at the end, 1/rad2.
-        rest: all velocities at the end.
-        base: trunk from upright, 1/rad2.
-        posture: joints from the reference posture, 1/rad2.
-        velocity: of base and joints.
-        acceleration: of the joints, 1/(rad/s2)2; without it they brake in the last moment.
-        effort: squared torques, as fractions of their limits.
+    position: Positive = Field(default=1e4, description="Hand from its target at the end, 1/m2.")
+    rotation: NonNegative = Field(default=1e3, description="Hand's rotation from its target at the end, 1/rad2.")
+    rest: NonNegative = Field(default=1e2, description="All velocities at the end.")
+    base: NonNegative = Field(default=1.0, description="Trunk from upright, 1/rad2.")
+    posture: NonNegative = Field(default=0.3, description="Joints from the reference posture, 1/rad2.")
+    velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
+    acceleration: NonNegative = Field(
+        default=1e-2, description="Joint accelerations, 1/(rad/s2)2; without it the joints brake in the last moment."
+    )
+    effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
+
+
+class StandingReachSettings(ProblemSettings):
+    """A robot stands on soles at its contact frames and moves a hand from its reference posture to a target.
+
+    Hard constraints keep joints and efforts within their limits, forces in friction cones, and pressure within the
+    soles: a solver that takes constraints is needed (sqp, ipopt).
     """
 
-    position: float = 1e4
-    rotation: float = 1e3
-    rest: float = 1e2
-    base: float = 1.0
-    posture: float = 0.3
-    velocity: float = 0.1
-    acceleration: float = 1e-2
-    effort: float = 1e-1
+    kind: Literal["standing_reach"] = Field(default="standing_reach", description="A hand reaches a place, standing.")
+    frame: str = Field(min_length=1, description="Name of the hand's frame.")
+    position_m: Vector3 = Field(description="[x, y, z] where its origin should be at the end, world axes, m.")
+    rpy_deg: Vector3 | None = Field(
+        default=None,
+        description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
+        "null: any rotation.",
+    )
+    sole_half_size_m: tuple[Positive, Positive] = Field(
+        default=(0.1, 0.065), description="Half length and half width of the soles, centred at the contact frames, m."
+    )
+    sole_margin_m: NonNegative = Field(
+        default=0.02, description="How far from a sole's edge its centre of pressure is kept, m."
+    )
+    friction: Friction = Field(default=0.5, description="Coefficient of the cones that the contact forces are kept in.")
+    nodes: Count = Field(default=30, description="Number of intervals.")
+    node_s: Interval = Field(default=0.05, description="Length of each interval, s.")
+    weights: StandingReachWeights = Field(default=StandingReachWeights(), description="Weights of the cost.")
 
-
-@dataclass(frozen=True)
-class StandingReachSettings:
-    """The target, the ground and the grid.
-
-    Attributes:
-        frame: the hand.
-        position: (3,) of its origin at the end, world axes, m.
-        rpy_deg: (3,) its rotation at the end: roll, pitch, yaw about the world's axes, in this order, degrees; none if
-            any will do.
-        sole_half_size: (2,) half length and half width of the soles, centred at the contact frames, m.
-        sole_margin: the centre of pressure is kept that far from a sole's edge, m.
-        friction: coefficient of the cones that the contact forces are kept in.
-        nodes: number of intervals.
-        node_duration: length of each, s.
-        weights: of the cost.
-    """
-
-    frame: str
-    position: tuple[float, float, float]
-    rpy_deg: tuple[float, float, float] | None = None
-    sole_half_size: tuple[float, float] = (0.1, 0.065)
-    sole_margin: float = 0.02
-    friction: float = 0.5
-    nodes: int = 30
-    node_duration: float = 0.05
-    weights: StandingReachWeights = StandingReachWeights()
+    @model_validator(mode="after")
+    def _something_is_left(self) -> StandingReachSettings:
+        if self.sole_margin_m >= min(self.sole_half_size_m):
+            expected = f"less than {min(self.sole_half_size_m):g}, half of a sole's width"
+            raise problem(expected, key="sole_margin_m", got=self.sole_margin_m)
+        return self
 
 
 class Scaled(Residual):
@@ -134,12 +131,12 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     s = settings
     _check(robot, s)
     target = pin.SE3(
-        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position)
+        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position_m)
     )
     stance = [frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
-    corners = np.concatenate([sole_corners(sole, s.sole_half_size) for sole in stance])
+    corners = np.concatenate([sole_corners(sole, s.sole_half_size_m) for sole in stance])
     problem = _problem(robot, s, target, stance)
-    durations, flags = np.full(s.nodes, s.node_duration), np.ones((s.nodes, robot.nc), dtype=np.bool_)
+    durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)
     _, effort = carry(robot, flags[0], 6)
     bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
     guess = Trajectory(problem.hold().xs, np.tile(bounded, (s.nodes, 1)))
@@ -166,7 +163,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
             "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
             "zmp_margin_m": margin_inside(corners, np.array([center_of_pressure(f) for f in total])),
-            "cop_margin_m": float((np.array(s.sole_half_size) - np.abs(pressure)).min()),
+            "cop_margin_m": float((np.array(s.sole_half_size_m) - np.abs(pressure)).min()),
             "friction_ratio": float(friction_use(forces[..., :3].reshape(-1, 3), s.friction).max()),
             "slip_m": float(max(np.linalg.norm(move.translation) for move in moved)),
             "sole_turn_deg": float(np.degrees(max(np.linalg.norm(pin.log3(move.rotation)) for move in moved))),
@@ -183,7 +180,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         figures=figures,
         contact_flags=flags,
         contact_forces=lambda trajectory: wrenches(trajectory)[..., :3],
-        waypoints=(Waypoint(s.frame, s.nodes * s.node_duration, target.translation, rotation),),
+        waypoints=(Waypoint(s.frame, s.nodes * s.node_s, target.translation, rotation),),
         friction=s.friction,
     )
 
@@ -194,17 +191,13 @@ def _check(robot: Robot, s: StandingReachSettings) -> None:
     if robot.nq - robot.nv != 1:
         raise InputError("robot", f"{robot.name} with joints of more than one number", "joints with one angle each")
     robot.frame(s.frame)
-    if not s.node_duration > 0.0:
-        raise InputError("node_duration", s.node_duration, "above 0 s")
-    if not 0.0 <= s.sole_margin < min(s.sole_half_size):
-        raise InputError("sole_margin", s.sole_margin, f"at least 0, below {min(s.sole_half_size):g} m")
 
 
 def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: list[pin.SE3]) -> ShootingProblem:
     w, nu = s.weights, robot.nu
     dynamics = ContactForwardDynamics(robot.model, [Contact(frame, 6) for frame in robot.contact_frames])
-    state, (length, width) = dynamics.state, s.sole_half_size
-    reduced = (length - s.sole_margin, width - s.sole_margin)
+    state, (length, width) = dynamics.state, s.sole_half_size_m
+    reduced = (length - s.sole_margin_m, width - s.sole_margin_m)
     deviation = np.repeat([0.0, w.base, w.posture, w.velocity], [3, 3, nu, robot.nv])
     # Drawn to a point on its limit, a joint would make a constraint active that no force holds: methods of interior
     # points lose their accuracy there.
@@ -237,7 +230,7 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     action = NumericContactAction(MultibodyAction("standing_reach", dynamics, running, constraints))
     problem = ShootingProblem(action, s.nodes, MultibodyAction("standing_reach_end", dynamics, ending))
     nodes = list(range(s.nodes))
-    h = s.node_duration
+    h = s.node_s
     values: dict[str, ArrayLike] = {
         "duration": h,
         "contact_points": np.concatenate([sole.translation for sole in stance]),

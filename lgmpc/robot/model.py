@@ -168,10 +168,14 @@ class Robot:
             raise InputError("body", name, f"a moving link of {self.name}", self.body_names)
         return int(self.model.getFrameId(name, pin.BODY))
 
-    def frame(self, name: str) -> int:
+    def frame(self, name: str, key: str = "frame") -> int:
         """Return the index of frame ``name``.
+
+        Args:
+            name: of the frame.
+            key: what an error calls the argument.
 
         Raises:
             InputError: there is no such frame; the nearest are named.
         """
-        return frame_index(self.model, name)
+        return frame_index(self.model, name, key)

@@ -11,7 +11,7 @@ from lgmpc.errors import InputError
 __all__ = ["degree_names", "frame_index", "is_floating", "some"]
 
 
-def frame_index(model: pin.Model, name: str) -> int:
+def frame_index(model: pin.Model, name: str, key: str = "frame") -> int:
     """Return the index of the first frame called ``name`` (a joint and its link may share a name).
 
     Raises:
@@ -20,7 +20,7 @@ def frame_index(model: pin.Model, name: str) -> int:
     for index, frame in enumerate(model.frames):
         if frame.name == name:
             return index
-    raise InputError("frame", name, f"a frame of {model.name}", tuple(frame.name for frame in model.frames))
+    raise InputError(key, name, f"a frame of {model.name}", tuple(frame.name for frame in model.frames))
 
 
 def is_floating(model: pin.Model) -> bool:

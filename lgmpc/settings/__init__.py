@@ -6,6 +6,7 @@ from lgmpc.settings.base import (
     Finite,
     Fraction,
     Friction,
+    Interval,
     Noise,
     NonNegative,
     PerJoint,
@@ -23,6 +24,7 @@ from lgmpc.settings.base import (
 
 __all__ = [
     "LARGEST",
+    "Interval",
     "Count",
     "Finite",
     "Fraction",

@@ -24,6 +24,7 @@ __all__ = [
     "Finite",
     "Fraction",
     "Friction",
+    "Interval",
     "Noise",
     "NonNegative",
     "PerJoint",
@@ -154,6 +155,8 @@ Noise = Annotated[float, Field(strict=True, ge=0.0, le=10.0, allow_inf_nan=False
 """A standard deviation or density of a sensor's noise, from 0 to 10: what errs by more is no sensor."""
 Friction = Annotated[float, Field(strict=True, gt=0.0, le=10.0, allow_inf_nan=False)]
 """A coefficient of Coulomb friction, above 0, at most 10: rubber on dry rubber has 2."""
+Interval = Annotated[float, Field(strict=True, ge=1e-4, le=10.0, allow_inf_nan=False)]
+"""Length of an interval of an optimal control problem, s: 0.1 ms, a tenth of a control tick, to 10 s."""
 Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0, allow_inf_nan=False)]
 """A number from 0 to 1."""
 Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]

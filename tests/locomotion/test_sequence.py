@@ -34,8 +34,13 @@ def solo12() -> Robot:
 @st.composite
 def gaits(draw: st.DrawFn) -> GaitSequence:
     """Gaits that begin and end with all feet on the ground."""
-    phase = st.builds(GaitPhase, st.floats(0.01, 0.5), st.sets(st.sampled_from(FEET)), st.floats(0.0, 0.2))
-    ends = [GaitPhase(draw(st.floats(0.01, 0.5))) for _ in range(2)]
+    phase = st.builds(
+        GaitPhase,
+        duration_s=st.floats(0.01, 0.5),
+        air=st.sets(st.sampled_from(FEET)).map(tuple),
+        height_m=st.floats(0.0, 0.2),
+    )
+    ends = [GaitPhase(duration_s=draw(st.floats(0.01, 0.5))) for _ in range(2)]
     return GaitSequence(FEET, (ends[0], *draw(st.lists(phase, min_size=1, max_size=8)), ends[1]))
 
 
@@ -43,7 +48,7 @@ def gaits(draw: st.DrawFn) -> GaitSequence:
 def test_every_foot_swings_once_a_cycle(name: str) -> None:
     cycle = CYCLES[name](FEET, LEGS, swing=0.3, stance=0.1, height=0.05)
     assert Counter(foot for phase in cycle.phases for foot in phase.air) == dict.fromkeys(FEET, 1)
-    assert {phase.height for phase in cycle.phases if phase.air} == {0.05}
+    assert {phase.height_m for phase in cycle.phases if phase.air} == {0.05}
     groups = 4 if name == "walk" else 2
     assert cycle.duration == pytest.approx(groups * 0.4, abs=1e-14)
     assert (2 * cycle).duration == pytest.approx(groups * 0.8, abs=1e-14)
@@ -70,7 +75,13 @@ def test_a_quadrupeds_feet_are_assigned_by_their_places() -> None:
 
 def test_a_swing_that_spans_phases() -> None:
     gait = GaitSequence(
-        FEET, (GaitPhase(0.1), GaitPhase(0.2, ["FL"], 0.03), GaitPhase(0.3, ["FL", "HR"], 0.05), GaitPhase(0.1))
+        FEET,
+        (
+            GaitPhase(duration_s=0.1),
+            GaitPhase(duration_s=0.2, air=["FL"], height_m=0.03),
+            GaitPhase(duration_s=0.3, air=["FL", "HR"], height_m=0.05),
+            GaitPhase(duration_s=0.1),
+        ),
     )
     (swing,) = gait.swings("FL")
     assert swing == FootSwing("FL", pytest.approx(0.1), pytest.approx(0.6), 0.05)
@@ -79,8 +90,8 @@ def test_a_swing_that_spans_phases() -> None:
 
 
 def test_swings_without_beginning_or_end() -> None:
-    (first,) = GaitSequence(FEET, (GaitPhase(0.2, "FL"), GaitPhase(0.1))).swings("FL")
-    (last,) = GaitSequence(FEET, (GaitPhase(0.1), GaitPhase(0.2, "FL"))).swings("FL")
+    (first,) = GaitSequence(FEET, (GaitPhase(duration_s=0.2, air=("FL",)), GaitPhase(duration_s=0.1))).swings("FL")
+    (last,) = GaitSequence(FEET, (GaitPhase(duration_s=0.1), GaitPhase(duration_s=0.2, air=("FL",)))).swings("FL")
     assert (first.liftoff, first.touchdown) == (-math.inf, pytest.approx(0.2))
     assert (last.liftoff, last.touchdown) == (pytest.approx(0.1), math.inf)
 
@@ -122,12 +133,12 @@ def test_swings_are_those_of_the_schedule(gait: GaitSequence) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: GaitPhase(0.0), "duration"),
-        (lambda: GaitPhase(math.inf), "duration"),
-        (lambda: GaitPhase(0.1, "FL", -0.1), "height"),
-        (lambda: GaitPhase(0.1, "FL", math.nan), "height"),
+        (lambda: GaitPhase(duration_s=0.0), "duration_s"),
+        (lambda: GaitPhase(duration_s=math.inf), "duration"),
+        (lambda: GaitPhase(duration_s=0.1, air=("FL",), height_m=-0.1), "height"),
+        (lambda: GaitPhase(duration_s=0.1, air=("FL",), height_m=math.nan), "height"),
         (lambda: GaitSequence(FEET, ()), "phases"),
-        (lambda: GaitSequence(FEET, (GaitPhase(0.1, "FX"),)), "FL"),
+        (lambda: GaitSequence(FEET, (GaitPhase(duration_s=0.1, air=("FX",)),)), "FL"),
         (lambda: GaitSequence.stand(FEET, 0.1) * 0, "cycles"),
         (lambda: GaitSequence.stand(FEET, 0.1) + GaitSequence.stand(("A", "B"), 0.1), "feet"),
         (lambda: GaitSequence.stand(FEET, 0.1).swings("FX"), "foot"),

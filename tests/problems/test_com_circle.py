@@ -23,7 +23,7 @@ SPEC = RobotSpec(
 
 @lru_cache
 def scenario(turns: float = 0.2) -> Scenario:
-    return build_com_circle(load_robot(SPEC), ComCircleSettings(frequency=turns))
+    return build_com_circle(load_robot(SPEC), ComCircleSettings(frequency_hz=turns))
 
 
 @lru_cache

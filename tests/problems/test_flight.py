@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import SemiImplicitEuler
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import Trajectory
@@ -20,19 +18,28 @@ from lgmpc.problems.recovery import RecoverySettings, build_recovery
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, FddpSettings, Solution, Status
 
-ROTORS = MultirotorSettings(tuple(f"iris__rotor_{i}" for i in range(4)), ("ccw", "ccw", "cw", "cw"), 7.0, 0.06)
+ROTORS = MultirotorSettings(
+    frames=tuple(f"iris__rotor_{i}" for i in range(4)),
+    turning=("ccw", "ccw", "cw", "cw"),
+    max_thrust_n=7.0,
+    drag_ratio_m=0.06,
+)
 LOOP = FlightSettings(
-    ROTORS,
-    (0.0, 0.0, 1.0),
-    (
-        FlightWaypoint("entry", 0.75, (1.5, 0.0, 1.0)),
-        FlightWaypoint("top", 1.5, (2.0, 0.0, 2.5), (0.0, -180.0, 0.0)),
-        FlightWaypoint("exit", 2.25, (2.5, 0.0, 1.0)),
-        FlightWaypoint("end", 3.0, (4.0, 0.0, 1.0), (0.0, -360.0, 0.0)),
+    rotors=ROTORS,
+    start_m=(0.0, 0.0, 1.0),
+    waypoints=(
+        FlightWaypoint(name="entry", time_s=0.75, position_m=(1.5, 0.0, 1.0)),
+        FlightWaypoint(name="top", time_s=1.5, position_m=(2.0, 0.0, 2.5), rotation_deg=(0.0, -180.0, 0.0)),
+        FlightWaypoint(name="exit", time_s=2.25, position_m=(2.5, 0.0, 1.0)),
+        FlightWaypoint(name="end", time_s=3.0, position_m=(4.0, 0.0, 1.0), rotation_deg=(0.0, -360.0, 0.0)),
     ),
 )
+NONE = (0.0, 0.0, 0.0)
 TUMBLE = RecoverySettings(
-    ROTORS, rotation_deg=(0.0, 150.0, 0.0), angular_velocity=(0.0, 8.0, 0.0), goal_rotation_deg=(0.0, 360.0, 0.0)
+    rotors=ROTORS,
+    rotation_deg=(0.0, 150.0, 0.0),
+    angular_velocity_rad_s=(0.0, 8.0, 0.0),
+    goal_rotation_deg=(0.0, 360.0, 0.0),
 )
 
 
@@ -71,7 +78,7 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
 def test_the_thrusts_take_it_there_by_another_integrator_but_not_from_semi_implicit_steps() -> None:
     """Why the default is Runge and Kutta's method: same grid, same solver."""
     assert loop()[1]["integration_error_m"] < 1e-3
-    scenario = build_flight(iris(), replace(LOOP, integrator=SemiImplicitEuler()))
+    scenario = build_flight(iris(), LOOP.replace({"integrator": "semi_implicit_euler"}))
     solution = BoxFddp(scenario.problem).solve(scenario.guess, max_iterations=200)
     assert solution.status is Status.CONVERGED
     assert scenario.figures(solution.trajectory)["integration_error_m"] > 0.5
@@ -105,7 +112,7 @@ def test_the_tumbling_body_passes_pitch_90_and_rotation_pi_without_a_jump() -> N
     assert figures["integration_error_m"] < 5e-3
     # The attitude turns smoothly, no further from node to node than its rates allow ...
     rates = np.linalg.norm(solution.xs[:, 10:], axis=1).max()
-    assert figures["attitude_step_deg"] <= np.degrees(1.1 * rates * TUMBLE.node_duration)
+    assert figures["attitude_step_deg"] <= np.degrees(1.1 * rates * TUMBLE.node_s)
     # ... and charts of it jump: roll and yaw by half a turn, the rotation vector by nearly a whole one.
     assert figures["rpy_jump_deg"] == pytest.approx(180.0, abs=1e-3)
     assert figures["log_jump_deg"] > 340.0
@@ -127,7 +134,7 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
         return np.concatenate([yaw @ x[:3] + shift, -q.coeffs(), x[7:]])
 
     problem.set_initial_state(moved(problem.x0))
-    problem.set("position_reference", yaw @ np.array(TUMBLE.position) + shift)
+    problem.set("position_reference", yaw @ np.array(TUMBLE.position_m) + shift)
     problem.set("rotation_reference", -pin.Quaternion(yaw).coeffs())
     guess = Trajectory(np.array([moved(x) for x in scenario.guess.xs]), scenario.guess.us)
     other = BoxFddp(problem).solve(guess)
@@ -141,12 +148,14 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
 
 def test_recovers_from_random_attitudes() -> None:
     rng = np.random.default_rng(5)
-    problem = build_recovery(iris(), RecoverySettings(ROTORS)).problem
+    problem = build_recovery(iris(), RecoverySettings(rotors=ROTORS)).problem
     solver = BoxFddp(problem, FddpSettings(tolerance=1e-6))
     for _ in range(6):
         turn = rng.standard_normal(3)
         turn *= rng.uniform(60.0, 175.0) / np.linalg.norm(turn)
-        start = RecoverySettings(ROTORS, rotation_deg=tuple(turn), angular_velocity=tuple(rng.uniform(-4, 4, 3)))
+        start = RecoverySettings(
+            rotors=ROTORS, rotation_deg=tuple(turn), angular_velocity_rad_s=tuple(rng.uniform(-4, 4, 3))
+        )
         scenario = build_recovery(iris(), start)
         problem.set_initial_state(scenario.problem.x0)
         solution = solver.solve(scenario.guess, max_iterations=200)
@@ -158,14 +167,17 @@ def test_recovers_from_random_attitudes() -> None:
 
 def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() -> None:
     """Without a guess that turns it is a saddle: no thrust is better than another, and a solver stays there."""
-    scenario = build_recovery(iris(), replace(TUMBLE, rotation_deg=(180.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)))
+    scenario = build_recovery(
+        iris(), TUMBLE.replace({"rotation_deg": (180.0, 0.0, 0.0), "angular_velocity_rad_s": NONE})
+    )
     solver = BoxFddp(scenario.problem)
     for sign in (1.0, -1.0):
-        towards = replace(
-            TUMBLE,
-            rotation_deg=(180.0 * sign, 0.0, 0.0),
-            angular_velocity=(0.0, 0.0, 0.0),
-            goal_rotation_deg=(0.0, 0.0, 0.0),
+        towards = TUMBLE.replace(
+            {
+                "rotation_deg": (180.0 * sign, 0.0, 0.0),
+                "angular_velocity_rad_s": NONE,
+                "goal_rotation_deg": NONE,
+            }
         )
         solution = solver.solve(build_recovery(iris(), towards).guess, max_iterations=300)
         assert solution.status is Status.CONVERGED
@@ -176,24 +188,24 @@ def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() 
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("changes", "message"),
     [
-        ({"waypoints": ()}, "waypoints: got none"),
+        ({"waypoints": ()}, "waypoints"),
         (
-            {"waypoints": (FlightWaypoint("a", 0.1, (0.0, 0.0, 0.0)),)},
+            {"waypoints": (FlightWaypoint(name="a", time_s=0.1, position_m=NONE),)},
             "'a' at 0.1 s; expected a multiple of the intervals' length, 0.03 s",
         ),
         ({"waypoints": LOOP.waypoints[::-1]}, "'exit' at 2.25 s; expected later than 3 s"),
-        ({"node_duration": 0.0}, "node_duration"),
-        ({"rotors": replace(ROTORS, max_thrust=3.0)}, "max_thrust: got 3.0; expected above 3.76 N"),
-        ({"rotors": replace(ROTORS, turning=("ccw",))}, "turning: got 1 senses"),
-        ({"rotors": MultirotorSettings(("iris__rotor_0",), ("cw",), 99.0)}, "about the centre of mass"),
-        ({"rotors": replace(ROTORS, frames=("iris__rotor_9", *ROTORS.frames[1:]))}, "iris__rotor_9"),
+        ({"node_s": 1e-9}, "node_s: got 1e-09; expected a number not below 0.0001"),
+        ({"rotors.max_thrust_n": 3.0}, "rotors.max_thrust_n: got 3.0; expected above 3.76 N"),
+        ({"rotors.turning": ("ccw",)}, r"rotors.turning: got the list \[ccw\]; expected 4 of ccw and cw"),
+        ({"rotors.frames": ("iris__rotor_0",), "rotors.turning": ("cw",)}, "about the centre of mass"),
+        ({"rotors.frames.0": "iris__rotor_9"}, "rotors.frames.0: got iris__rotor_9; expected a frame of iris"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(change: dict[str, object], message: str) -> None:
+def test_what_cannot_be_flown_is_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_flight(iris(), replace(LOOP, **change))
+        build_flight(iris(), LOOP.replace(changes))
 
 
 def test_a_robot_with_joints_is_no_multirotor() -> None:

@@ -119,6 +119,8 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="displacement"):
         BaseLeap(np.zeros(2), 0.0, 0.0, 1.0, 9.81)
     with pytest.raises(InputError, match="in the air at an end"):
-        Footsteps.plan(GaitSequence(FEET, (GaitPhase(0.1, "FL"), GaitPhase(1.5))), PATH, START, ORIGIN)
+        Footsteps.plan(
+            GaitSequence(FEET, (GaitPhase(duration_s=0.1, air=("FL",)), GaitPhase(duration_s=1.5))), PATH, START, ORIGIN
+        )
     with pytest.raises(InputError, match="start"):
         Footsteps.plan(gait(), PATH, START[:3], ORIGIN)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,11 +10,11 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.problems import Scenario
-from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
+from lgmpc.problems.reach import ReachSettings, build_reach
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, LineSearchSqp, LineSearchSqpSettings, Solution, Status
 
-TARGET = ReachSettings("link2", (0.0290872, 0.06, 0.115), nodes=20, node_duration=0.02)
+TARGET = ReachSettings(frame="link2", position_m=(0.0290872, 0.06, 0.115), nodes=20, node_s=0.02)
 """Reached by the first joint alone: the frame is at the second one's axis, 10 cm from the first one's."""
 
 
@@ -75,7 +74,9 @@ def test_another_solver_finds_the_same() -> None:
 
 def test_the_requested_rotation_is_the_figures_and_the_waypoints() -> None:
     robot = load_robot(RobotSpec(model="panda"))
-    scenario = build_reach(robot, ReachSettings("panda_hand_tcp", (0.4, 0.0, 0.4), rpy_deg=(180.0, 0.0, 30.0)))
+    scenario = build_reach(
+        robot, ReachSettings(frame="panda_hand_tcp", position_m=(0.4, 0.0, 0.4), rpy_deg=(180.0, 0.0, 30.0))
+    )
     (place,) = scenario.waypoints
     turn = pin.rpy.rpyToMatrix(np.pi, 0.0, np.pi / 6.0)
     np.testing.assert_allclose(place.rotation, turn, atol=1e-12)
@@ -89,14 +90,14 @@ def test_the_requested_rotation_is_the_figures_and_the_waypoints() -> None:
 
 
 def test_weights_are_parameters_that_recompile_nothing() -> None:
-    one, other = (build_reach(pendulum(), replace(TARGET, weights=w)) for w in (ReachWeights(), ReachWeights(rest=7.0)))
+    one, other = (build_reach(pendulum(), TARGET.replace({"weights.rest": rest})) for rest in (1e3, 7.0))
     assert one.problem.parameters.shape == other.problem.parameters.shape
     assert not np.array_equal(one.problem.parameters, other.problem.parameters)
 
 
 def test_unfit_robots_and_frames_are_refused() -> None:
     with pytest.raises(InputError, match="link2"):
-        build_reach(pendulum(), replace(TARGET, frame="link3"))
+        build_reach(pendulum(), TARGET.replace({"frame": "link3"}))
     iris = load_robot(RobotSpec(model="iris"))
     with pytest.raises(InputError, match="fixed base"):
-        build_reach(iris, replace(TARGET, frame="iris__base"))
+        build_reach(iris, TARGET.replace({"frame": "iris__base"}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,9 +22,9 @@ from lgmpc.typing import Array
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STROKES = LegStrokes(
-    stretched={"F?_HFE": 0.05, "F?_KFE": -0.1, "H?_HFE": -0.05, "H?_KFE": 0.1},
-    folded={"F?_HFE": 1.35, "F?_KFE": -2.6, "H?_HFE": -1.35, "H?_KFE": 2.6},
-    sweep={"*_HAA": 1.2},
+    stretched_rad={"F?_HFE": 0.05, "F?_KFE": -0.1, "H?_HFE": -0.05, "H?_KFE": 0.1},
+    folded_rad={"F?_HFE": 1.35, "F?_KFE": -2.6, "H?_HFE": -1.35, "H?_KFE": 2.6},
+    sweep_rad={"*_HAA": 1.2},
 )
 TIMES: Array = 0.005 * np.arange(241, dtype=np.float64)
 SPEED = 9.81 * 0.6
@@ -50,7 +49,7 @@ def solo12(effort: float = 1.8) -> Robot:
 
 @lru_cache
 def scenario() -> Scenario:
-    return build_righting(solo12(), RightingSettings(STROKES, velocity=(0.0, 0.0, SPEED)))
+    return build_righting(solo12(), RightingSettings(strokes=STROKES, velocity_m_s=(0.0, 0.0, SPEED)))
 
 
 def upside_down(robot: Robot, speed: float = 0.0) -> Array:
@@ -94,9 +93,9 @@ def test_the_guess_falls_without_angular_momentum_and_turns_all_the_same() -> No
 def test_it_is_the_area_that_turns() -> None:
     """In one posture the way there is the way back, and the sweep takes back what it turned: no turn."""
     reference = dict(zip(solo12().joint_names, solo12().q_reference[7:].tolist(), strict=True))
-    swept = fall(replace(STROKES, stretched=reference, folded=reference))
+    swept = fall(STROKES.replace({"stretched": reference, "folded": reference}))
     assert np.ptp(swept.xs[:, 7]) > 2.0 and np.abs(turn_deg(swept)).max() < 1e-3
-    other_way = turn_deg(fall(replace(STROKES, sweep={"*_HAA": -1.2})))
+    other_way = turn_deg(fall(STROKES.replace({"sweep_rad": {"*_HAA": -1.2}})))
     assert other_way[0] > 100.0
 
 
@@ -144,20 +143,20 @@ def test_clearances_of_straight_legs_are_read_off_the_robot() -> None:
 @pytest.mark.parametrize(
     ("changes", "argument"),
     [
-        ({"node_duration": 0.0}, "node_duration"),
-        ({"nodes": 20}, "ramp"),
-        ({"strokes": replace(STROKES, sweep={"*_HIP": 1.0})}, "sweep"),
+        ({"node_s": 0.0}, "node_s"),
+        ({"nodes": 20}, "strokes.ramp_s"),
+        ({"strokes": STROKES.replace({"sweep_rad": {"*_HIP": 1.0}})}, "strokes.sweep_rad"),
     ],
 )
 def test_refusals_name_the_setting(changes: dict[str, object], argument: str) -> None:
     with pytest.raises(InputError) as caught:
-        build_righting(solo12(), replace(RightingSettings(STROKES), **changes))  # type: ignore[arg-type]
+        build_righting(solo12(), RightingSettings(strokes=STROKES).replace(changes))  # type: ignore[arg-type]
     assert caught.value.argument == argument
 
 
 def test_a_quadrotor_has_no_legs_to_turn_with() -> None:
     with pytest.raises(InputError, match="contact_frames"):
-        build_righting(load_robot(RobotSpec(model="iris")), RightingSettings(STROKES))
+        build_righting(load_robot(RobotSpec(model="iris")), RightingSettings(strokes=STROKES))
 
 
 @lru_cache

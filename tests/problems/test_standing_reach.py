@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,7 +19,7 @@ from lgmpc.solvers import LineSearchSqp, Status
 
 SOLES = ("left_sole_link", "right_sole_link")
 BOTH = np.ones((1, 2), dtype=np.bool_)
-REACH = StandingReachSettings("gripper_left_base_link", (0.7, 0.25, 1.05), (0.0, -90.0, 0.0))
+REACH = StandingReachSettings(frame="gripper_left_base_link", position_m=(0.7, 0.25, 1.05), rpy_deg=(0.0, -90.0, 0.0))
 
 
 @lru_cache
@@ -107,7 +106,7 @@ def test_figures_of_standing_still() -> None:
     data = robot.create_data()
     pin.framesForwardKinematics(robot.model, data, robot.q_reference)
     hand = data.oMf[robot.frame(REACH.frame)]
-    assert figures["position_error_m"] == pytest.approx(np.linalg.norm(hand.translation - REACH.position))
+    assert figures["position_error_m"] == pytest.approx(np.linalg.norm(hand.translation - REACH.position_m))
     com = pin.centerOfMass(robot.model, data, robot.q_reference)
     edges = [0.1 + s * (com[0] - stance()[0].translation[0]) for s in (1, -1)]
     assert figures["com_margin_m"] == pytest.approx(min(edges), abs=1e-9)
@@ -128,14 +127,14 @@ def test_talos_reaches_as_far_as_its_balance_allows() -> None:
     figures = scenario().figures(solution.trajectory)
     assert figures["position_error_m"] < 1e-3 and figures["rotation_error_deg"] < 0.1
     # The margin of the soles is what holds it back, to what the soles' own motion makes of it.
-    assert figures["zmp_margin_m"] == pytest.approx(REACH.sole_margin, abs=1e-4)
-    assert figures["cop_margin_m"] > REACH.sole_margin - 1e-4
+    assert figures["zmp_margin_m"] == pytest.approx(REACH.sole_margin_m, abs=1e-4)
+    assert figures["cop_margin_m"] > REACH.sole_margin_m - 1e-4
     assert figures["friction_ratio"] < 1.0
     assert figures["slip_m"] < 1e-3 and figures["sole_turn_deg"] < 0.1
     held = solution.xs[:-1, talos().joint_q]  # the last state, nearly at rest, is bound by no constraint
     assert (held >= talos().joint_lower - 1e-9).all() and (held <= talos().joint_upper + 1e-9).all()
     assert figures["joint_limit_violation_rad"] < 1e-4
-    joints = np.abs(np.diff(solution.xs[:, talos().nq :], axis=0))[:, 6:].max(axis=1) / REACH.node_duration
+    joints = np.abs(np.diff(solution.xs[:, talos().nq :], axis=0))[:, 6:].max(axis=1) / REACH.node_s
     assert joints.max() < 2.0 * np.median(joints) + 2.0  # rad/s2: no braking in the last moment
     assert (np.abs(solution.us) <= talos().effort_limit * (1 + 1e-6)).all()
     assert solution.residual().largest < 1e-5
@@ -143,7 +142,7 @@ def test_talos_reaches_as_far_as_its_balance_allows() -> None:
 
 @pytest.mark.slow
 def test_derivatives_of_the_whole_problem() -> None:
-    problem = build_standing_reach(talos(), replace(REACH, nodes=1)).problem
+    problem = build_standing_reach(talos(), REACH.replace({"nodes": 1})).problem
     report = check_derivatives(problem, np.random.default_rng(0), spread=0.1)
     assert report.passed, str(report)
 
@@ -162,13 +161,13 @@ def test_joint_limits_are_rows_of_the_constraint_open_only_at_the_given_state() 
     ("change", "message"),
     [
         ({"frame": "gripper_left_bas_link"}, "gripper_left_base_link"),
-        ({"sole_margin": 0.07}, "sole_margin: got 0.07; expected at least 0, below 0.065 m"),
-        ({"node_duration": 0.0}, "node_duration"),
+        ({"sole_margin_m": 0.07}, "sole_margin_m: got 0.07; expected less than 0.065"),
+        ({"node_s": 0.0}, "node_s"),
     ],
 )
 def test_what_cannot_be_reached_is_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_standing_reach(talos(), replace(REACH, **change))
+        build_standing_reach(talos(), REACH.replace(change))
 
 
 def test_a_robot_without_soles_is_refused() -> None:

@@ -242,7 +242,7 @@ def test_stiff_bounded_problems_take_as_few_iterations_as_the_sqp(effort: float,
             model="double_pendulum", effort_limit_nm=effort, velocity_limit_rad_s=20.0, position_limit_rad=(-3.0, 3.0)
         )
     )
-    settings = ReachSettings("link2", (0.0290872, 0.06, 0.115), nodes=20, node_duration=0.02)
+    settings = ReachSettings(frame="link2", position_m=(0.0290872, 0.06, 0.115), nodes=20, node_s=0.02)
     problem = build_reach(robot, settings).problem
     guess = problem.hold()
     solution = BoxFddp(problem).solve(problem.rollout(guess.us) if rolled_out else guess)

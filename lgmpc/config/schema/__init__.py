@@ -2,7 +2,6 @@
 
 from lgmpc.config.schema.documents import Config, Document, GroundTruth, SolveConfig
 from lgmpc.config.schema.plant import PlantSection
-from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.solver import SolverSection
 
 __all__ = [
@@ -10,7 +9,6 @@ __all__ = [
     "Document",
     "GroundTruth",
     "PlantSection",
-    "ProblemSection",
     "SolveConfig",
     "SolverSection",
 ]

@@ -11,13 +11,13 @@ from typing import Annotated, Literal, TypeVar, Union
 from pydantic import Field, PrivateAttr, model_validator
 
 from lgmpc.config.schema.plant import PlantSection
-from lgmpc.config.schema.problem import ProblemSection
 from lgmpc.config.schema.solver import SolverSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError
 from lgmpc.estimation import LeggedEstimatorSettings
 from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
+from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
 from lgmpc.settings import Positive, Problem, Settings, problem, problems
@@ -124,6 +124,6 @@ class Config(Document):
 class SolveConfig(Document):
     """A trajectory to optimise: a robot, a problem, a solver, and what counts as success."""
 
-    problem: ProblemSection = Field(description="What is optimised.")
+    problem: AnyProblemSettings = Field(description="What is optimised.")
     solver: SolverSection = Field(default=SolverSection(), description="How it is solved.")
     gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")

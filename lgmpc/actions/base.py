@@ -72,7 +72,7 @@ class Action(ABC):
 
     Attributes:
         name: a C identifier; part of the names of the compiled functions.
-        state: the space that x lives in.
+        state: the space of x.
         nu: dimension of the control.
         parameters: layout of p.
     """
@@ -102,7 +102,7 @@ class Action(ABC):
         """Return all expressions of the interval.
 
         An action whose expressions share work, or that defines quantities by equations (see
-        :mod:`lgmpc.actions.implicit`), overrides this and lets the other methods read it off here.
+        :mod:`lgmpc.actions.implicit`), overrides this method and derives the others from it.
         """
         return Stage(self.step(x, u, p), self.cost(x, u, p), self.constraint(x, u, p))
 

@@ -24,7 +24,7 @@ class Motion:
 
     Attributes:
         a: (nv,) acceleration.
-        tau: efforts of the actuated joints, None if the dynamics does not know them.
+        tau: efforts of the actuated joints, None if the dynamics does not compute them.
         forces: contact forces (3,) or wrenches (6,) by frame, world axes, on the robot.
         path: constraint that makes control and motion consistent.
     """

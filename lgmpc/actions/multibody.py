@@ -39,7 +39,7 @@ class ItemAction(Action):
     Args:
         name: a C identifier; part of the names of the compiled functions.
         robot: the symbolic algorithms.
-        state: the space that x lives in.
+        state: the space of x.
         nu: dimension of the control.
         parameters: the action's own, in front of those of the items.
         costs: the costs.

@@ -64,7 +64,7 @@ class NumericContactAction(Action):
 
     A problem of it takes no time to compile and several times as long to solve. Costs and constraints are interpreted,
     as functions of state, control, acceleration and forces. The expressions are the given action's; FDDP and SQP do
-    without them, solvers that want the whole problem symbolic and what measures solutions do not. Derivatives:
+    not need them, solvers of the whole symbolic problem and measures of solutions do. Derivatives:
     Carpentier and Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018.
 
     Args:
@@ -246,7 +246,7 @@ class NumericContactAction(Action):
         value, by_x, by_a, surface = [], [], [], 0
         for i, (contact, frame) in enumerate(zip(self.contacts.contacts, self._frames, strict=True)):
             v_q, a_q, a_v, jacobian = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
-            speed, felt = (
+            speed, acceleration = (
                 pin.getFrameVelocity(model, data, frame, pin.LOCAL),
                 pin.getFrameAcceleration(model, data, frame, pin.LOCAL),
             )
@@ -254,7 +254,7 @@ class NumericContactAction(Action):
             rotation = placement.rotation
             spin, sweep = pin.skew(speed.angular), pin.skew(speed.linear)
             # Classical acceleration: spatial plus omega x v, then both turned to world axes.
-            linear = felt.linear + np.cross(speed.angular, speed.linear)
+            linear = acceleration.linear + np.cross(speed.angular, speed.linear)
             linear_q = a_q[:3] + spin @ v_q[:3] - sweep @ v_q[3:] - pin.skew(linear) @ turn
             linear_v = a_v[:3] + spin @ jacobian[:3] - sweep @ turn
             rate_q = v_q[:3] - sweep @ turn
@@ -268,8 +268,8 @@ class NumericContactAction(Action):
                 goal = quaternion.to_matrix(values["contact_orientations"][4 * surface : 4 * surface + 4])
                 surface += 1
                 phi = so3.log(rotation @ goal.T)
-                value.append(rotation @ (felt.angular + damping * speed.angular) + stiffness * phi)
-                angular_q = a_q[3:] - pin.skew(felt.angular) @ turn + damping * (v_q[3:] - spin @ turn)
+                value.append(rotation @ (acceleration.angular + damping * speed.angular) + stiffness * phi)
+                angular_q = a_q[3:] - pin.skew(acceleration.angular) @ turn + damping * (v_q[3:] - spin @ turn)
                 pulled = stiffness * so3.left_jacobian_inverse(phi) @ rotation @ turn
                 by_x.append(np.hstack([rotation @ angular_q + pulled, rotation @ (a_v[3:] + damping * turn)]))
                 by_a.append(rotation @ turn)

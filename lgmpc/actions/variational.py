@@ -144,7 +144,7 @@ class _Groups:
         parts = []
         for v, group in self._blocks:
             part = covector[v]
-            moved = group is not None and part.nnz() > 0  # a free base does not pull: T knows nothing of where it is
+            moved = group is not None and part.nnz() > 0  # a free base has none: T does not depend on its placement
             parts.append(matrix(group, x[v]).T @ part if moved else part)
         return ca.vertcat(*parts)
 

@@ -1,4 +1,4 @@
-"""A cat let fall on its back lands on its feet, without any angular momentum (chapter 4.16)."""
+"""A cat dropped on its back lands on its feet, without any angular momentum (chapter 4.16)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run() -> Outcome:
             "deg",
         ),
         Row("shape at the end less shape at the start", 0.0, float(np.abs(shapes[-1] - shapes[0]).max()), 1e-12, "rad"),
-        # Differences of poses tell the velocities to second order in the interval.
+        # Differences of poses give the velocities to second order in the interval.
         Row("largest angular momentum over that of the front half", 0.0, float(spin.max() / own.max()), 1e-5),
     ]
     return Outcome(
@@ -102,7 +102,7 @@ def _turns(cat: Cat, bend: float) -> Panel:
 
 
 def _scene(halves: tuple[tuple[Array, Array], ...]) -> tuple[Body, ...]:
-    """The halves as somebody sees them who falls alongside."""
+    """The halves in a frame that falls with them."""
     every = STEPS // FRAMES
     return tuple(
         Body(name, _half(side), position[::every], rotation[::every])

@@ -1,4 +1,4 @@
-"""Which demonstrations there are; a module is read only when it is asked for."""
+"""The demonstrations; a module is imported only when it is loaded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["NAMES", "SUMMARIES", "load_demo"]
 
 SUMMARIES: Mapping[str, str] = MappingProxyType(
     {
-        "dzhanibekov": "A T-handle turns over and back, when elliptic functions say",
+        "dzhanibekov": "A T-handle turns over and back, as elliptic functions predict",
         "poinsot": "A free body's ellipsoid of inertia rolls without slipping",
         "heavy-top": "A top precesses, nods, sleeps and falls as Lagrange predicts",
         "symmetry": "What is symmetric is conserved, and no more: Noether",
@@ -25,7 +25,7 @@ SUMMARIES: Mapping[str, str] = MappingProxyType(
         "lee": "A quadrotor recovers from almost every attitude",
         "preintegration": "IMU samples as one motion on SE_2(3), with its covariance",
         "inekf": "An invariant filter finds its attitude from 45 degrees off",
-        "solo12-momentum": "Solo12 kicks in the air, and its momentum does not notice",
+        "solo12-momentum": "Solo12 kicks in the air, and its momentum does not change",
     }
 )
 """In the order in which a newcomer would watch them; a line each, that fits beside the name."""

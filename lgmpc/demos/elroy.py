@@ -1,4 +1,4 @@
-"""Elroy's beanie: what a propeller on his cap does to Elroy, who stands on ice (chapter 4.16)."""
+"""Elroy's beanie: how a propeller on his cap turns Elroy on ice (chapter 4.16)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run() -> Outcome:
         times=times,
         bodies=_scene(still),
         remarks=(
-            "Both bodies are integrated by Newton's law, a torque between them; nothing knows of the connection.",
+            "Both bodies are integrated by Newton's law, a torque between them, without the connection.",
             "Elroy turns by -I2/(I1 + I2) of the propeller's turn: it matters how far, not how fast.",
             "With momentum, the turning of the locked bodies comes on top: the dynamic phase.",
         ),

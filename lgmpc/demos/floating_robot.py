@@ -37,7 +37,7 @@ class RobotRun:
 
 
 def run_robot(integrator: Integrator, h: float, duration: float, every: int) -> RobotRun:
-    """Let a torso with two swinging arms tumble freely; the loop over the steps is one compiled call.
+    """Simulate a torso with two swinging arms that tumbles freely; the loop over the steps is one compiled call.
 
     Args:
         integrator: the method.

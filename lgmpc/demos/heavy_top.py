@@ -1,4 +1,4 @@
-"""A spinning top precesses, nods, sleeps and falls, each as Lagrange's formulas say.
+"""A spinning top precesses, nods, sleeps and falls, each as Lagrange's formulas predict.
 
 Chapter 4.17. Simulated are the Euler-Poincare equations with the direction of gravity carried along by the motion.
 """

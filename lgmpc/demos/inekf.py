@@ -36,12 +36,12 @@ SETTLED = 100
 
 @dataclass(frozen=True)
 class _Run:
-    """One filter's life.
+    """The errors of one filter on one trot.
 
     Attributes:
         tilts: (n,) angle between estimated and true vertical, deg.
         speeds: (n,) error of the velocity in the base, m/s.
-        believed: (n,) standard deviation that the filter gives its tilt, deg.
+        predicted: (n,) standard deviation of the tilt by the filter's covariance, deg.
         squares: normalised squared errors, every EVERY instants.
         freedoms: their degrees of freedom.
         poses: (n, 5, 5) estimates.
@@ -49,7 +49,7 @@ class _Run:
 
     tilts: Array
     speeds: Array
-    believed: Array
+    predicted: Array
     squares: Array
     freedoms: Array
     poses: Array
@@ -57,7 +57,7 @@ class _Run:
 
 def run() -> Outcome:
     """Compute it, in a few seconds."""
-    right, quaternion = (_live(form) for form in (RIGHT, MULTIPLICATIVE))
+    right, quaternion = (_runs(form) for form in (RIGHT, MULTIPLICATIVE))
     settled = slice(SETTLED // EVERY, None)
     freedom = int(sum(run.freedoms[settled].sum() for run in right))
     ratio = sum(run.squares[settled].sum() for run in right) / freedom
@@ -65,14 +65,14 @@ def run() -> Outcome:
     independent = freedom // len(right[0].squares[settled])
     tolerance = max(abs(chi2.ppf(p, independent) / independent - 1.0) for p in (1e-4, 1.0 - 1e-4))
     # The RMS of two angles in 16 runs spreads by an eighth of itself: three times that is allowed.
-    believed, found = (_rms(right, name) for name in ("believed", "tilts"))
+    predicted, found = (_rms(right, name) for name in ("predicted", "tilts"))
     rows = (
         Row("error off expm(A t) xi(0)", 0.0, _log_linear(), 1e-10),
         Row("left form less right form", 0.0, _left_less_right(), 1e-10),
         Row("right form: NEES / freedom", 1.0, ratio, float(tolerance)),
-        Row("right form: RMS tilt error", believed, found, 0.375 * believed, "deg"),
+        Row("right form: RMS tilt error", predicted, found, 0.375 * predicted, "deg"),
     )
-    lag = _rms(quaternion, "tilts"), _rms(quaternion, "believed")
+    lag = _rms(quaternion, "tilts"), _rms(quaternion, "predicted")
     overconfident = np.median([run.squares[settled] / run.freedoms[settled] for run in quaternion])
     return Outcome(
         rows,
@@ -80,11 +80,11 @@ def run() -> Outcome:
         _times(),
         _scene(_walk(0), right[0], quaternion[0]),
         remarks=(
-            f"From 0.5 s on, the quaternion filter is off by {lag[0]:.2g} deg (RMS) and believes {lag[1]:.2g} deg;"
+            f"From 0.5 s on, the quaternion filter is off by {lag[0]:.2g} deg (RMS) and assumes {lag[1]:.2g} deg;"
             f" its median NEES is {overconfident:.2g} times its freedom.",
-            "It linearises about a wrong attitude and then trusts what it took from there; the invariant filter's"
+            "It linearises about a wrong attitude and keeps the information gained there; the invariant filter's"
             " linearisation does not depend on the attitude.",
-            "Predicted is what the invariant filter believes of itself.",
+            "Predicted is the invariant filter's own standard deviation.",
         ),
         floor=True,
     )
@@ -94,7 +94,7 @@ def _walk(seed: int) -> SimulatedTrot:
     return simulate_trot(np.random.default_rng(seed), NOISE, duration=DURATION, slip=SLIP)
 
 
-def _live(form: ErrorForm) -> list[_Run]:
+def _runs(form: ErrorForm) -> list[_Run]:
     ekf = InvariantEkf(4, NOISE, slip=SLIP, form=form)
     return [_one(ekf, seed) for seed in range(RUNS)]
 
@@ -109,19 +109,19 @@ def _one(ekf: InvariantEkf, seed: int) -> _Run:
     errors, squares, poses = [], [], []
     for k in walk.run(ekf):
         true, rotation = walk.poses[k], ekf.rotation
-        up, believed_up = true[2, :3], rotation[2]
-        tilt = np.arctan2(np.linalg.norm(np.cross(up, believed_up)), up @ believed_up)
+        up, estimated_up = true[2, :3], rotation[2]
+        tilt = np.arctan2(np.linalg.norm(np.cross(up, estimated_up)), up @ estimated_up)
         speed = np.linalg.norm(ekf.velocity @ rotation - true[:3, 3] @ true[:3, :3])
         # The vertical's error in the body is up x (rotation error): of the world's error for the right-invariant form.
         spread = ekf.covariance[:3, :3]
-        across = np.eye(3)[:2] if ekf.form is RIGHT else so3.hat(believed_up)
+        across = np.eye(3)[:2] if ekf.form is RIGHT else so3.hat(estimated_up)
         errors.append((np.degrees(tilt), speed, np.degrees(np.sqrt(np.trace(across @ spread @ across.T)))))
         poses.append(ekf.pose[:5, :5].copy())
         if k % EVERY == 0:
             squares.append(walk.normalised_error(ekf, k))
-    tilts, speeds, believed = np.array(errors).T
+    tilts, speeds, predicted = np.array(errors).T
     ratios, freedoms = np.array(squares).T
-    return _Run(tilts, speeds, believed, ratios, freedoms, np.array(poses))
+    return _Run(tilts, speeds, predicted, ratios, freedoms, np.array(poses))
 
 
 def _rms(runs: list[_Run], name: str) -> float:

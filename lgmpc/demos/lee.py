@@ -150,20 +150,20 @@ def _lyapunov(flight: Flight) -> tuple[Row, Row]:
 
 
 def _tracking() -> tuple[Row, Panel]:
-    """Who starts on the trajectory, with the attitude and rate it implies, stays: the feed-forward is exact."""
+    """From a start on the trajectory with its attitude and rate the error stays zero: exact feed-forward."""
     curve = Lissajous()
     controller = GeometricController(_QUADROTOR, curve)
-    wanted = curve.at(0.0).position
-    state = QuadrotorState(wanted[0], wanted[1], np.eye(3), np.zeros(3))
+    desired = curve.at(0.0).position
+    state = QuadrotorState(desired[0], desired[1], np.eye(3), np.zeros(3))
     # The attitude follows from the acceleration, then the rate from the jerk, then nothing changes any more.
     for _ in range(3):
         command = controller.command(0.0, state)
-        state = QuadrotorState(wanted[0], wanted[1], command.rotation, command.rate)
+        state = QuadrotorState(desired[0], desired[1], command.rotation, command.rate)
     flight = fly(_QUADROTOR, controller, state, 3.0, 4e-3)
     goal = np.array([curve.at(float(t)).position[0] for t in flight.times])
     error = float(np.abs(flight.states.position - goal).max())
     position = flight.states.position
-    curves = (Curve("flown", position[:, 0], position[:, 1]), Curve("wanted", goal[:, 0], goal[:, 1], True))
+    curves = (Curve("flown", position[:, 0], position[:, 1]), Curve("desired", goal[:, 0], goal[:, 1], True))
     panel = Panel("On a trajectory, from above", "x, m", "y, m", curves, equal=True)
     return Row("distance from the trajectory in 3 s", 0.0, error, 1e-8, "m"), panel
 

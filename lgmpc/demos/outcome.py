@@ -103,7 +103,7 @@ class Body:
 
     Attributes:
         name: unique in the scene; bodies with the same part before a slash share an entry of the legend.
-        shapes: what it looks like.
+        shapes: its geometry in the scene.
         positions: (n, 3) world, m.
         rotations: (n, 3, 3) world from body.
     """

@@ -47,7 +47,7 @@ def run() -> Outcome:
     corrections = np.array([_correction_error(motion, size) for size in CHANGES])
     spread, squares = _monte_carlo(motion)
     tolerance = max(abs(chi2.ppf(p, 9 * RUNS) / (9 * RUNS) - 1.0) for p in (1e-4, 1.0 - 1e-4))
-    believed = np.sqrt(np.diag(motion.covariance))
+    predicted = np.sqrt(np.diag(motion.covariance))
     table = (
         Row("defect of group affinity", 0.0, _affine_defect(), 1e-12),
         Row(
@@ -61,7 +61,7 @@ def run() -> Outcome:
         Row("order of the zero-order hold", 1.0, _slope(PERIODS, errors["zero-order hold"]), 0.05),
         Row("order of the bias correction", 2.0, _slope(CHANGES, corrections), 0.05),
         Row("noise: NEES / freedom", 1.0, float(squares.mean()) / 9.0, float(tolerance)),
-        Row("noise: deviation of height", 1e3 * believed[8], 1e3 * spread[-1, 8], 0.2e3 * believed[8], "mm"),
+        Row("noise: deviation of height", 1e3 * predicted[8], 1e3 * spread[-1, 8], 0.2e3 * predicted[8], "mm"),
     )
     guide = 0.5 * errors["exact exponential"][0] * (PERIODS / PERIODS[0]) ** 2
     panels = (
@@ -104,7 +104,7 @@ def run() -> Outcome:
             "The first two orders are those for body rates that change; DOP853 is compared where they do not.",
             "The increment does not depend on where the motion began: velocity and gravity are put to it afterwards.",
             "Exact is the exponential form for body rates that are constant over a sample; the zero-order hold of"
-            " Forster et al. lets the force keep its direction in the world instead.",
+            " Forster et al. keeps the direction of the force constant in the world instead.",
         ),
     )
 
@@ -141,7 +141,7 @@ def _integrated(
 
 
 def _solved(times: Array) -> Array:
-    """Return (n, 5, 5) the motion by DOP853, which knows no increments."""
+    """Return (n, 5, 5) the motion by DOP853, without increments."""
 
     def rate(t: float, flat: Array) -> Array:
         pose = flat.reshape(5, 5).copy()
@@ -226,14 +226,14 @@ def _monte_carlo(motion: Preintegration) -> tuple[Array, Array]:
 
 def _spread_panel(rows: Array, spread: Array) -> Panel:
     times: Array = PERIOD * np.arange(1.0, len(rows) + 1.0)
-    believed = []
+    predicted = []
     motion = Preintegration(NOISE, np.zeros(3), np.zeros(3))
     for row in rows:
         motion.integrate(row[:3], row[3:], PERIOD)
-        believed.append(np.sqrt(np.diag(motion.covariance)))
+        predicted.append(np.sqrt(np.diag(motion.covariance)))
     curves = (
         Curve("found", times, 1e3 * spread[:, 8]),
-        Curve("believed", times, 1e3 * np.array(believed)[:, 8], dashed=True),
+        Curve("predicted", times, 1e3 * np.array(predicted)[:, 8], dashed=True),
     )
     return Panel(f"Noise of the height in {RUNS} runs", "time, s", "standard deviation, mm", curves)
 

@@ -79,7 +79,7 @@ def run() -> Outcome:
 
 
 def _rise(rows: list[Row]) -> Motion:
-    """The robot, 2 N light, let go at rest."""
+    """The robot, 2 N light, released at rest."""
     force = 2.0
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, LINEAR, QUADRATIC, MASS * GRAVITY + force, np.array([0.0, 0.0, 0.02]))
@@ -95,7 +95,7 @@ def _rise(rows: list[Row]) -> Motion:
 
 
 def _swing(rows: list[Row]) -> Motion:
-    """The robot, neutral and undamped, let go at a roll of 60 degrees."""
+    """The robot, neutral and undamped, released at a roll of 60 degrees."""
     weight, height, start = MASS * GRAVITY, 0.02, np.radians(60.0)
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, buoyancy=weight, center_of_buoyancy=np.array([0.0, 0.0, height]))
@@ -150,11 +150,11 @@ def _rise_panel(motion: Motion) -> Panel:
         Curve("simulated", motion.times, motion.velocities[:, 2]),
         Curve("terminal speed", ends, np.array([final, final]), dashed=True),
     )
-    return Panel("The robot, 2 N light, let go", "time, s", "speed upwards, m/s", curves)
+    return Panel("The robot, 2 N light, released", "time, s", "speed upwards, m/s", curves)
 
 
 def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:
-    index = np.round((times - times[0]) / STEP).astype(int)  # let go when the scene begins
+    index = np.round((times - times[0]) / STEP).astype(int)  # released when the scene begins
     robot = (
         Shape("box", (0.46, 0.34, 0.12), (0.0, 0.0, 0.08), 0x4C78A8),
         Shape("box", (0.4, 0.3, 0.1), (0.0, 0.0, -0.05), 0x333333),

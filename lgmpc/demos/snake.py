@@ -1,4 +1,4 @@
-"""Three links in space turn by wriggling, at zero angular momentum; how far, the area they go around tells.
+"""Three links in space turn by wriggling, at zero angular momentum, by the area that their angles enclose.
 
 Chapter 4.16.
 """

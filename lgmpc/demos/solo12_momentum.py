@@ -1,4 +1,4 @@
-"""Solo12 is thrown up, kicks about, and is pulled at one foot: its momentum knows only of gravity and of the pull.
+"""Solo12 is thrown up, kicks about, and is pulled at one foot: its momentum changes by gravity and the pull alone.
 
 Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; joint torques do not occur in it.
 """
@@ -139,8 +139,8 @@ def _fly(robot: Robot) -> _Flight:
     swing = np.tile([0.25, 0.5, 0.8], 4)
 
     def acceleration(time: float, q: Array, v: Array, pull: Array) -> Array:
-        wanted = rest + swing * (np.sin(14.0 * time + phases) - np.sin(phases))
-        load = np.concatenate([np.zeros(6), 3.0 * (wanted - q[7:]) - 0.08 * v[6:]])
+        desired = rest + swing * (np.sin(14.0 * time + phases) - np.sin(phases))
+        load = np.concatenate([np.zeros(6), 3.0 * (desired - q[7:]) - 0.08 * v[6:]])
         jacobian = pin.computeFrameJacobian(model, data, q, foot, pin.LOCAL_WORLD_ALIGNED)[:3]
         return np.array(pin.aba(model, data, q, v, load + jacobian.T @ pull))
 

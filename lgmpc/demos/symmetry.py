@@ -36,7 +36,7 @@ _STEP, _STEPS, _EVERY = 2.5e-4, 8000, 80
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A system, and what a textbook says of it."""
+    """A system, and the number of its symmetries in a textbook."""
 
     name: str
     system: LeftEulerPoincare

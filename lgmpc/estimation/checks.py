@@ -1,4 +1,4 @@
-"""What the estimators refuse at their boundary, besides what the groups do."""
+"""Validation of the estimators' input, beyond that of the groups."""
 
 from __future__ import annotations
 

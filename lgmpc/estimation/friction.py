@@ -1,4 +1,4 @@
-"""Friction that can be relied on: less while a foot slides that should stand."""
+"""Estimate of the friction coefficient: lower while a stance foot slides."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ __all__ = ["FrictionMonitor"]
 
 
 class FrictionMonitor:
-    """Lowers the believed friction coefficient while stance feet slide, and trusts the floor again slowly.
+    """Lowers the assumed friction coefficient while stance feet slide, and raises it again slowly.
 
-    A controller that believes in more friction than there is asks for forces that the floor does not give, takes what
-    is missing for a push, and asks for even more. Sliding gives it away: while any stance foot's contact point moves
+    A controller that assumes more friction than there is commands forces that the floor cannot supply, estimates the
+    difference as a push, and commands even more. Sliding shows it: while any stance foot's contact point moves
     sideways faster than ``sliding_speed``, the coefficient falls with time constant ``fall_time``; otherwise it rises
     towards ``nominal`` with ``rise_time``.
 
     Args:
-        nominal: coefficient to believe in while nothing slides.
+        nominal: coefficient while no foot slides.
         period: time between two updates, s.
         sliding_speed: m/s.
         fall_time: s.
@@ -27,7 +27,7 @@ class FrictionMonitor:
         least: the coefficient never falls below this, nor below ``nominal`` if that is smaller.
 
     Attributes:
-        coefficient: the present belief.
+        coefficient: the present estimate.
 
     Raises:
         InputError: an argument that is not positive.
@@ -60,7 +60,7 @@ class FrictionMonitor:
         self.coefficient = nominal
 
     def reset(self) -> None:
-        """Believe in the nominal coefficient."""
+        """Return to the nominal coefficient."""
         self.coefficient = self._nominal
 
     def update(self, contact_velocities: Array, stance: BoolArray) -> float:

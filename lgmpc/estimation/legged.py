@@ -182,12 +182,12 @@ class LeggedEstimator:
     def _level(self, accelerometer: Array) -> None:
         """Begin at the start pose, turned the shortest way to where the force of rest points up."""
         settings, pose = self.settings, self._start.copy()
-        felt = pose[:3, :3] @ accelerometer
-        across = np.cross(felt, self._up)
+        force = pose[:3, :3] @ accelerometer
+        across = np.cross(force, self._up)
         sine = np.linalg.norm(across)
         if sine > 0.0:
-            pose[:3, :3] = so3.exp(across / sine * math.atan2(float(sine), float(felt @ self._up))) @ pose[:3, :3]
-        # Neither the yaw nor the position is a matter of measurement: they say which world is meant.
+            pose[:3, :3] = so3.exp(across / sine * math.atan2(float(sine), float(force @ self._up))) @ pose[:3, :3]
+        # Neither the yaw nor the position is measured: they define the world's axes and origin.
         tilt = settings.start_tilt_rad * np.sqrt(np.maximum(1.0 - self._up**2, 0.0))
         others = (settings.start_velocity_m_s, 0.0, settings.gyro_bias_rad_s, settings.accelerometer_bias_m_s2)
         self.ekf.reset(pose, np.concatenate([tilt, np.repeat(others, 3)]))

@@ -1,4 +1,4 @@
-"""What joint encoders and motor currents tell about the feet: where they are, how they turn, and what they carry."""
+"""Positions, rates and forces of the feet, from joint encoders and motor currents."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["ContactDetector", "LegSensing"]
 
 _DAMPING = 1e-5
-"""m2; a stretched leg's torques say nothing of the force along it: the estimate then tends to zero, not to infinity."""
+"""m2; a stretched leg's torques do not depend on the force along it: the estimate tends to zero, not to infinity."""
 
 
 class LegSensing:
@@ -33,7 +33,7 @@ class LegSensing:
         robot: a robot with a floating base, joints of one coordinate each, and contact frames.
         encoder_noise: standard deviation of a joint angle, rad.
         foot_noise: standard deviation of the model's error of a foot position in each axis, m; above zero.
-        progress: told what is being compiled.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         positions: (nc, 3) base to contact frames, base axes, m; live, as all that follow.
@@ -117,7 +117,7 @@ class ContactDetector:
         release_force: one that carries less has lifted off, N.
 
     Attributes:
-        touching: (feet,) present belief.
+        touching: (feet,) present estimate.
 
     Raises:
         InputError: no feet, or forces that are not ``0 <= release_force <= touch_force``.
@@ -143,5 +143,5 @@ class ContactDetector:
         return self.touching
 
     def reset(self) -> None:
-        """Believe every foot in the air."""
+        """Set every foot in the air."""
         self.touching[:] = False

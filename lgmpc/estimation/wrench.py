@@ -1,4 +1,4 @@
-"""Disturbance observer: what pushes the robot, from its centroidal momentum and the contact forces."""
+"""Disturbance observer: the external wrench on the robot, from its centroidal momentum and the contact forces."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ __all__ = ["WrenchObserver"]
 class WrenchObserver:
     r"""First-order momentum observer of the external wrench about the centre of mass, world axes.
 
-    The centroidal momentum obeys ``h' = sum_i [f_i; (p_i - c) x f_i] + [m g; 0] + w``. The controller knows which rate
-    its own forces and its present estimate of ``w`` should give, ``A_G a + A_G' v`` at the acceleration ``a`` it asked
-    for; what the measured momentum did otherwise is the estimate's error, and is filtered with time constant ``T``:
-    ``w <- w + (1 - exp(-dt / T)) ((h - h_last) / dt - expected rate)``.
+    The centroidal momentum obeys ``h' = sum_i [f_i; (p_i - c) x f_i] + [m g; 0] + w``. The controller computes
+    the rate that its own forces and the present estimate of ``w`` should give, ``A_G a + A_G' v`` at the acceleration
+    ``a`` that it commands; the deviation of the measured rate is the estimate's error, and is filtered with time
+    constant ``T``: ``w <- w + (1 - exp(-dt / T)) ((h - h_last) / dt - expected rate)``.
     Same idea as the generalised-momentum observer of De Luca and Mattone (ICRA 2005), at the centroidal level.
 
     Args:
         period: time between two updates, s.
         time_constant: filter time constant, s; longer is calmer and slower.
-        force_limit: N; the estimate is scaled back to this force, so that a fault cannot ask for the impossible.
+        force_limit: N; the estimate is scaled back to this force, so that a fault cannot demand impossible forces.
 
     Attributes:
         wrench: (6,) current estimate [force; moment], N and N.m.
@@ -48,7 +48,7 @@ class WrenchObserver:
         self.wrench = np.zeros(6)
 
     def reset(self) -> None:
-        """Forget the past: the estimate is zero until a first expectation has been compared."""
+        """Clear the history: the estimate is zero until a first expectation has been compared."""
         self._expecting = False
         self.wrench[:] = 0.0
 
@@ -66,10 +66,10 @@ class WrenchObserver:
         return self.wrench
 
     def expect(self, momentum_rate: Array) -> None:
-        """Tell which momentum rate (6,) the controller expects until the next update, the estimated wrench included."""
+        """Store the momentum rate (6,) expected until the next update, the estimated wrench included."""
         self._expected_rate[:] = momentum_rate
         self._expecting = True
 
     def skip(self) -> None:
-        """Learn nothing from the time until the next update: nobody knows what acts meanwhile."""
+        """Leave the time until the next update out of the estimate, because the forces meanwhile are not known."""
         self._expecting = False

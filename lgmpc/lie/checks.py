@@ -1,4 +1,4 @@
-"""Validation at the boundary: what the public functions of the groups refuse, and how to go past it in a hot loop.
+"""Validation at the boundary: the checks of the groups' public functions, and how to skip them in a hot loop.
 
 A function decorated with :func:`checked` validates and converts its arguments; its attribute ``unchecked`` is the bare
 function, for callers whose float64 arrays are known to be good.
@@ -219,7 +219,7 @@ def _check_rotation(name: str, array: Array) -> None:
         a * c + d * f + g * i,
         b * c + e * f + h * i,
     )
-    # One column pair's cross product against the third tells a reflection.
+    # A reflection has the third column opposite to the cross product of the first two.
     handedness = (d * h - g * e) * c + (g * b - a * h) * f + (a * e - d * b) * i
     single = isinstance(a, float)
     worst = max(map(abs, defects)) if single else max(float(np.abs(defect).max(initial=0.0)) for defect in defects)

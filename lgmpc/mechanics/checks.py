@@ -1,4 +1,4 @@
-"""What mechanics asks of numbers that come from outside: positive masses, inertias that bodies can have, vectors."""
+"""Validation of input to mechanics: positive masses, inertias that bodies can have, vectors."""
 
 from __future__ import annotations
 

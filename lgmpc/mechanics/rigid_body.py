@@ -101,7 +101,7 @@ def torque_free_body(
 def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEulerPoincare:
     """A body held at a point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
 
-    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, upwards as the body sees it:
+    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, upwards in body axes:
     start at ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
 
     Args:

@@ -29,10 +29,10 @@ def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
 
 
 def check_grid(step: float, steps: int, every: int) -> None:
-    """Refuse a step that is not positive and finite, or counts that leave nothing to do.
+    """Check the length and the counts of steps.
 
     Raises:
-        InputError: as said.
+        InputError: a step that is not positive and finite, no steps, or an ``every`` that does not divide them.
     """
     if not (math.isfinite(step) and step > 0.0):
         raise InputError("step", step, "a positive length of time, s")

@@ -1,4 +1,4 @@
-"""State spaces: where trajectories live, and how to move and measure on them.
+"""State spaces: the manifolds of trajectories, with displacements and differences of their points.
 
 ``integrate(x, dx) = x (+) dx`` and ``diff(x0, x1) = x1 (-) x0`` with ``diff(x, integrate(x, dx)) = dx`` inside the
 injectivity radius (rotations below half a turn); ``Jintegrate -> (d/dx, d/ddx)``, ``Jdiff -> (d/dx0, d/dx1)``, all

@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 
 class State(ABC):
-    """A manifold with ``x (+) dx`` and ``x1 (-) x0``: where a trajectory lives.
+    """A manifold with ``x (+) dx`` and ``x1 (-) x0``: the space of the points of a trajectory.
 
     Points, tangents and Jacobians may carry leading batch axes, the same for all arguments of a call. ``integrate``,
-    ``diff`` and their Jacobians sit in inner loops: they check shapes, and trust the rest. Validate what comes from
+    ``diff`` and their Jacobians are called in inner loops: they check shapes and nothing else. Validate what comes from
     outside once, with :meth:`check` and :meth:`check_tangent`.
 
     Args:

@@ -1,4 +1,4 @@
-"""The T-handle turns over when elliptic functions say, and a handle of another make does not."""
+"""The T-handle turns over when elliptic functions predict it, and a handle of another make does not."""
 
 from __future__ import annotations
 

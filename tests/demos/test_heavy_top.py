@@ -1,4 +1,4 @@
-"""The top does as Lagrange says; a top of a little other weight does not."""
+"""The top moves as Lagrange's formulas predict; a top of a little other weight does not."""
 
 from __future__ import annotations
 

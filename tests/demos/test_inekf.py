@@ -1,4 +1,4 @@
-"""The filter is as good as it believes; one that is told of too little noise is found out."""
+"""The filter's errors agree with its covariance; a filter that assumes too little noise fails the test."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def test_it_is_log_linear_consistent_and_converges() -> None:
     assert invariant[100] < 1.0 < 5.0 < quaternion[100]  # 0.5 s on
 
 
-def test_noise_that_the_filter_was_not_told_of_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_beyond_what_the_filter_assumes_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inekf, "RUNS", 4)
     monkeypatch.setattr(inekf, "DURATION", 0.6)
-    honest = inekf.simulate_trot
+    simulate = inekf.simulate_trot
 
     def noisy(rng: np.random.Generator, noise, **keywords):
-        return honest(rng, noise.replace({"gyro_noise_rad_s_rt_hz": 10.0 * noise.gyro_noise_rad_s_rt_hz}), **keywords)
+        return simulate(rng, noise.replace({"gyro_noise_rad_s_rt_hz": 10.0 * noise.gyro_noise_rad_s_rt_hz}), **keywords)
 
     monkeypatch.setattr(inekf, "simulate_trot", noisy)
     wrong = {row.quantity for row in inekf.run().rows if not row.agrees}

@@ -1,4 +1,4 @@
-"""Preintegration is what it says; another increment in its place is found out."""
+"""Preintegration agrees with its predictions; another increment in its place does not."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_held_increment_is_not_taken_for_the_exact_one(monkeypatch: pytest.Mon
     assert "exact form less DOP853" in wrong
 
 
-def test_noise_that_was_not_told_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_beyond_what_is_assumed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     class Overconfident(preintegration.Preintegration):
         def __init__(self, noise, *arguments) -> None:
             super().__init__(

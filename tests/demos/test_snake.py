@@ -25,5 +25,5 @@ def test_the_scene_hangs_together_and_turns(outcome: Outcome) -> None:
         np.testing.assert_allclose(ends, starts, atol=1e-12)
     turn = np.degrees(np.arctan2(middle.rotations[-1, 1, 0], middle.rotations[-1, 0, 0]))
     assert abs(turn) > 20.0
-    said = next(row.measured for row in outcome.rows if row.quantity.startswith("turn after"))
-    assert turn == pytest.approx(said, abs=1e-9)
+    reported = next(row.measured for row in outcome.rows if row.quantity.startswith("turn after"))
+    assert turn == pytest.approx(reported, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Solo12 in the air: every prediction is met, and a forgotten external force is noticed."""
+"""Solo12 in the air: every prediction is met, and an external force left out is noticed."""
 
 from __future__ import annotations
 

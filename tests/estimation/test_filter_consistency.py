@@ -32,8 +32,8 @@ DEVIATIONS = np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3)
 def monte_carlo(form: str, far: bool) -> dict[str, np.ndarray]:
     """Tilt error (deg) and speed error in the body (m/s) at all instants of all runs; NEES over its freedom, sparsely.
 
-    ``far``: 45 degrees about a random horizontal axis and 1 m/s in a random direction, believed with those deviations;
-    otherwise errors drawn from DEVIATIONS.
+    ``far``: 45 degrees about a random horizontal axis and 1 m/s in a random direction, with the same standard
+    deviations; otherwise errors drawn from DEVIATIONS.
     """
     ekf = InvariantEkf(4, NOISE, slip=SLIP, form=FORMS[form])
     deviations = DEVIATIONS.copy()

@@ -1,4 +1,4 @@
-"""The friction monitor: it believes less while a foot slides, and more again slowly."""
+"""The friction monitor: a lower coefficient while a foot slides, and slowly the nominal one again."""
 
 from __future__ import annotations
 

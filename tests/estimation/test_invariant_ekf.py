@@ -48,7 +48,7 @@ def blank(form: ErrorForm, rolls: bool = True) -> InvariantEkf:
 
 
 def make(form: ErrorForm, feet: tuple[int, ...] = (0, 1, 2), rolls: bool = True) -> InvariantEkf:
-    """A filter in the midst of its life: turned, moving, biased, with correlations."""
+    """A filter after some steps: turned, moving, biased, with correlations."""
     rng = np.random.default_rng(0)
     ekf = blank(form, rolls)
     ekf.reset(sek3.exp(rng.normal(size=9)), rng.uniform(0.02, 0.1, 15), 0.1 * rng.normal(size=3), rng.normal(size=3))
@@ -99,7 +99,7 @@ def test_without_noise_and_biases_the_right_invariant_error_is_exactly_log_linea
 
 
 def test_so_is_its_covariance() -> None:
-    """P(t) = expm(A t) P(0) expm(A t)^T, whatever the IMU says."""
+    """P(t) = expm(A t) P(0) expm(A t)^T, whatever the IMU measures."""
     rng, dt = np.random.default_rng(2), 0.01
     ekf = InvariantEkf(K, SILENT, slip=0.0, gravity=GRAVITY)
     ekf.reset(sek3.exp(rng.normal(size=9)), np.concatenate([rng.uniform(0.1, 1.0, 9), np.zeros(6)]))
@@ -123,8 +123,8 @@ def test_the_mean_is_predicted_as_by_propagation_and_ball_feet_roll(form: ErrorF
     np.testing.assert_allclose(ekf.pose, expected, atol=1e-14)
 
 
-@pytest.mark.parametrize("believed", [0.1, 0.0])
-def test_a_ball_foot_carries_its_robot_along_as_it_rolls(believed: float) -> None:
+@pytest.mark.parametrize("assumed", [0.1, 0.0])
+def test_a_ball_foot_carries_its_robot_along_as_it_rolls(assumed: float) -> None:
     """A rod on a ball of 0.1 m tips by 0.5 rad: the ball rolls 50 mm, which a filter of point feet misses."""
     radius, height, dt, turns = 0.1, 0.5, 0.005, 0.5 * np.sin(np.linspace(0.0, 0.5 * np.pi, 201)) ** 2
     poses = np.tile(np.eye(5), (len(turns), 1, 1))
@@ -137,7 +137,7 @@ def test_a_ball_foot_carries_its_robot_along_as_it_rolls(believed: float) -> Non
         K,
         ImuNoise(gyro_noise_rad_s_rt_hz=1e-3, accelerometer_noise_m_s2_rt_hz=1e-1),
         slip=1e-3,
-        contact_offset=(0.0, 0.0, believed),
+        contact_offset=(0.0, 0.0, assumed),
     )
     ekf.reset(poses[0], np.concatenate([np.full(9, 1e-3), np.zeros(6)]))
     spread = np.tile(1e-8 * np.eye(3), (K, 1, 1))
@@ -148,7 +148,7 @@ def test_a_ball_foot_carries_its_robot_along_as_it_rolls(believed: float) -> Non
         ekf.predict(turn / dt, so3.left_jacobian_inverse(turn) @ gained / dt, dt)
         ekf.correct(np.tile(foot, (K, 1)), spread)
     missed = poses[-1, 0, 4] - ekf.position[0]
-    assert missed == pytest.approx(0.0 if believed else radius * turns[-1], abs=0.002)
+    assert missed == pytest.approx(0.0 if assumed else radius * turns[-1], abs=0.002)
 
 
 @forms
@@ -199,7 +199,7 @@ def test_a_correction_is_the_kalman_update_of_the_textbook(form: ErrorForm) -> N
     noise = np.zeros((6, 6))
     noise[:3, :3], noise[3:, 3:] = noises[0], noises[2]
     gain = before @ matrix.T @ np.linalg.inv(matrix @ before @ matrix.T + noise)
-    measured[1], noises[1] = 1e3, 1e-9 * np.eye(3)  # nobody may look at a foot in the air
+    measured[1], noises[1] = 1e3, 1e-9 * np.eye(3)  # a foot in the air must have no effect
     ekf.correct(measured, noises)
     error = gain @ surprise
     np.testing.assert_allclose(ekf.pose, retracted(form, pose, error[:-6]), atol=1e-9)

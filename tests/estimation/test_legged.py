@@ -82,7 +82,7 @@ def test_readings_that_are_not_finite_are_left_out_counted_and_logged_once(
     assert estimator.failures == 5 and len(caplog.records) == 1
 
 
-def test_the_start_is_where_the_user_says(solo12: Robot) -> None:
+def test_the_start_is_the_given_pose(solo12: Robot) -> None:
     start = np.array([1.0, -2.0, 0.5, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])
     estimator = LeggedEstimator(solo12, PERIOD, LeggedEstimatorSettings(form="left"), start)
     state = estimator.update(resting(solo12, so3.exp(np.array([0.0, 0.0, 0.8]))))

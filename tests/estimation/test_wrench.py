@@ -28,7 +28,7 @@ def test_a_constant_wrench_is_reached_exponentially(time_constant):
     np.testing.assert_allclose(estimates, expected, atol=1e-10)
 
 
-def test_what_is_known_is_not_taken_for_a_wrench():
+def test_expected_forces_are_not_estimated_as_a_wrench():
     def known(k):
         return np.sin(0.3 * k + np.arange(6)) * (20.0, 20.0, 30.0, 1.0, 1.0, 1.0)
 

@@ -36,7 +36,7 @@ LENGTHS = (0.0, 1.0, 3.0)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A group with what the tests need to know about it.
+    """A group with the properties that the tests use.
 
     Attributes:
         name: for the test's id.
@@ -45,7 +45,7 @@ class Case:
         dim: dimension of the tangent space.
         size: rows of an element.
         ambient: length of the vectors it acts on.
-        angular: where the rotation vector sits in the tangent.
+        angular: the entries of the rotation vector in the tangent.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What public entry points refuse, that the message says what and where, and that ``unchecked`` goes past it."""
+"""Input that public functions refuse, the messages, and ``unchecked`` without validation."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_bad_input_is_named(function, arguments, message) -> None:
         (se3.vee, lambda e: e * np.eye(4, k=-3)),
     ],
 )
-def test_a_millionth_off_is_taken_for_rounding_and_no_more(function, distorted) -> None:
+def test_errors_up_to_a_millionth_count_as_rounding(function, distorted) -> None:
     for size in (0.9e-6, -0.9e-6):
         function(distorted(size))
     for size in (1.1e-6, -1.1e-6):
@@ -108,7 +108,7 @@ def test_one_bad_element_of_a_batch_is_enough() -> None:
 
 
 def test_every_public_function_of_arrays_refuses_nan() -> None:
-    """No entry point was forgotten."""
+    """All of them, without exception."""
     for module in (so3, se3, sek3, quaternion):
         for name in module.__all__:
             function = getattr(module, name)
@@ -119,7 +119,7 @@ def test_every_public_function_of_arrays_refuses_nan() -> None:
                 function(*[np.full((4, 4), np.nan)] * parameters)
 
 
-def test_lists_and_integers_are_welcome_and_rounding_is_forgiven() -> None:
+def test_lists_integers_and_rounding_errors_are_accepted() -> None:
     assert np.array_equal(so3.exp([0, 0, 0]), EYE)
     assert so3.exp(phi=[0, 0, 1]).shape == (3, 3)
     so3.log(so3.exp([0.3, 0.2, 0.1]) + 1e-8)

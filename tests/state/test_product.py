@@ -37,7 +37,7 @@ def test_jacobians_are_block_diagonal(ball) -> None:
     assert np.array_equal(product.Jintegrate(x, dx)[1], expected)
 
 
-def test_check_says_which_factor(ball) -> None:
+def test_check_names_the_factor(ball) -> None:
     product = ProductState(StateVector(2), ball)
     x = product.neutral()
     x[5] = 2.0

@@ -1,4 +1,4 @@
-"""What an inertial measurement unit tells about motion: kinematics on SE_2(3), increments, preintegration."""
+"""Motion from an inertial measurement unit: kinematics on SE_2(3), increments, preintegration."""
 
 from lgmpc.estimation.inertial.increments import (
     Increment,

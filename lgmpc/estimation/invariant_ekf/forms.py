@@ -1,6 +1,6 @@
-r"""What an extended Kalman filter calls its error: right-invariant, left-invariant, or that of the quaternion filter.
+r"""Definitions of the error of an extended Kalman filter: right-invariant, left-invariant, of the quaternion filter.
 
-The three filters are one programme (:mod:`lgmpc.estimation.invariant_ekf.programme`); all that tells them apart is the
+The three filters are one programme (:mod:`lgmpc.estimation.invariant_ekf.programme`); they differ only in the
 error ``xi`` between estimate and truth, hence the linearisations of one motion and one measurement (biases aside):
 
 ============== ============================================ ==================== =======================

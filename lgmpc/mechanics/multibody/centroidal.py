@@ -26,7 +26,7 @@ __all__ = ["CentroidalTerms", "centroidal_terms", "wrench_about"]
 
 @dataclass(frozen=True)
 class CentroidalTerms:
-    """What the base's six rows say about the whole robot.
+    """Momentum, its rate and gravity of the whole robot, from the base's six rows.
 
     Attributes:
         mass: of the robot, kg.

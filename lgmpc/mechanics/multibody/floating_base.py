@@ -193,5 +193,5 @@ def _expressions(body: ArticulatedBody) -> list[ca.Function]:
 
 
 def _exp_first_order(delta: Any) -> Any:
-    """Return exp(delta) to first order, which is all that a gradient at zero sees."""
+    """Return exp(delta) to first order, which is exact for a gradient at zero."""
     return ca.DM.eye(4) + se3.hat(delta)

@@ -49,7 +49,7 @@ class Connection:
         curvature: r to B (dimension, n * n): column ``i n + j`` is ``dA_j/dr_i - dA_i/dr_j - [A_i, A_j]``.
 
     Raises:
-        InputError: dimensions that are not as said.
+        InputError: dimensions other than those above.
     """
 
     def __init__(self, energy: KineticEnergy, shapes: int, dimension: int) -> None:

@@ -69,13 +69,13 @@ class EulerAnglePid:
 
     def control(self, time: float, state: QuadrotorState) -> tuple[Array, Array]:
         """Return thrusts (...), N, and moments (..., 3), body axes, N.m."""
-        wanted, gains, quadrotor = self.trajectory.at(time), self.gains, self.quadrotor
-        error = wanted.position[0] - state.position
+        desired, gains, quadrotor = self.trajectory.at(time), self.gains, self.quadrotor
+        error = desired.position[0] - state.position
         self._accumulate(time, error)
-        pull = wanted.position[2] + gains.position * error + gains.velocity * (wanted.position[1] - state.velocity)
+        pull = desired.position[2] + gains.position * error + gains.velocity * (desired.position[1] - state.velocity)
         pull = pull + gains.integral * self._sum
         angles = euler_angles(state.rotation)
-        yaw = np.arctan2(wanted.heading[0, 1], wanted.heading[0, 0])
+        yaw = np.arctan2(desired.heading[0, 1], desired.heading[0, 0])
         ahead = np.cos(yaw) * pull[..., 0] + np.sin(yaw) * pull[..., 1]
         aside = np.sin(yaw) * pull[..., 0] - np.cos(yaw) * pull[..., 1]
         roll, pitch = (np.clip(each / GRAVITY, -gains.tilt, gains.tilt) for each in (aside, ahead))

@@ -146,9 +146,9 @@ class GeometricController:
         """
         return self._command(self.trajectory.at(time), state)[1]
 
-    def _command(self, wanted: FlatOutput, state: QuadrotorState) -> tuple[Array, AttitudeCommand]:
+    def _command(self, desired: FlatOutput, state: QuadrotorState) -> tuple[Array, AttitudeCommand]:
         mass, gains = self.quadrotor.mass, self.gains
-        x, v, a, j, s = wanted.position
+        x, v, a, j, s = desired.position
         axis = state.rotation[..., 2]
         axis_rate = rotate(state.rotation, cross(state.rate, _E3))
 
@@ -167,7 +167,7 @@ class GeometricController:
         if np.linalg.norm(force, axis=-1).min() < _VANISHING * self.quadrotor.weight:
             raise InputError("state", "a desired force of zero", "errors for which the desired force does not vanish")
         third = _unit(force, force1, force2)
-        h, h1, h2 = wanted.heading
+        h, h1, h2 = desired.heading
         side = cross(third[0], h)
         if np.linalg.norm(side, axis=-1).min() < _VANISHING:
             raise InputError("heading", "parallel to the desired thrust", "a heading across the desired thrust")

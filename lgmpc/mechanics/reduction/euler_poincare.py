@@ -2,7 +2,7 @@ r"""Euler-Poincare equations on any matrix group, from a reduced Lagrangian writ
 
 A Lagrangian that does not change when the pose is multiplied by a constant element, from the left or from the right,
 is a function of one velocity in the Lie algebra. With ``s = 1`` for left and ``s = -1`` for right reduction, and a
-quantity ``a`` that the motion carries along (gravity's direction as the body sees it),
+quantity ``a`` that the motion carries along (gravity's direction in body axes),
 
     g' = g xi (left),  g' = xi g (right)
     mu' = s coadjoint(xi) mu - s K(a)^T dl/da + F,    mu = dl/dxi,    F the generalised force
@@ -296,7 +296,7 @@ class EulerPoincare(ABC):
 
 
 class LeftEulerPoincare(EulerPoincare):
-    """Reduced by left translations: velocity and momentum as the body sees them (rigid bodies, chapter 4.4.7)."""
+    """Reduced by left translations: velocity and momentum in body axes (rigid bodies, chapter 4.4.7)."""
 
     sign = 1
 

@@ -1,7 +1,7 @@
 """The groups on which mechanics is written here: numbers and expressions of one group, side by side.
 
 Nothing is computed in this module that :mod:`lgmpc.lie` computes: a :class:`LieGroup` pairs a module of it with its
-CasADi twin and says what they leave open, the dimension and the shape of an element. New here are the translations of
+CasADi twin and adds the dimension and the shape of an element. New here are the translations of
 R^n, the Abelian case in which every equation of mechanics falls back to Newton's.
 
 ``ad(x) y`` is the bracket, ``coadjoint(x) = ad(x)^T`` (chapter 4.4.4), ``adjoint(g) x = g x g^{-1}``.

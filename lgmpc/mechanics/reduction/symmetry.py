@@ -1,4 +1,4 @@
-"""Noether's theorem, checked: what a system's symmetries promise, and what its momentum map does.
+"""Noether's theorem, checked: a system's symmetries, and the drift of its momentum map.
 
 For a left-reduced system, moving the whole motion by ``exp(e zeta)`` from the left changes the Lagrangian at the rate
 ``dL . zeta``; along every motion without further forces
@@ -8,7 +8,7 @@ For a left-reduced system, moving the whole motion by ``exp(e zeta)`` from the l
 so J is conserved along exactly the directions that leave L alone: all six for a body in free space, and translation in
 the plane and rotation about the vertical, three, under gravity.
 
-The chapter's table 4.13.4 says so, but for two entries: under gravity the vertical translation ("SE(2) x R") is no
+The chapter's table 4.13.4 agrees, but for two entries: under gravity the vertical translation ("SE(2) x R") is no
 symmetry, p_z falls; and "gravity and a plane" keeps three (a frictionless plane is as symmetric as gravity). One, L_z,
 is what remains where the plane is replaced by a fixed point or by a bowl of revolution. Marsden and Ratiu (1999), 11.4;
 Noether, "Invariante Variationsprobleme" (1918); chapter 4.13.
@@ -36,7 +36,7 @@ class LeftSymmetry:
     """How a left-reduced system's Lagrangian answers to left translations.
 
     Attributes:
-        system: whose Lagrangian, potential included; other forces are not looked at.
+        system: whose Lagrangian, potential included; other forces are not considered.
     """
 
     system: LeftEulerPoincare
@@ -71,7 +71,7 @@ class LeftSymmetry:
         """Return (k, dim) an orthonormal basis of the directions that are symmetries in all states of some motions.
 
         Args:
-            motions: whose states to look at: several, and general ones, as for
+            motions: whose states are examined: several, and general ones, as for
                 :func:`~lgmpc.mechanics.conserved_dimension`.
             tolerance: rate that counts as none, as a part of the largest.
 

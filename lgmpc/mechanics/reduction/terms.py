@@ -52,8 +52,8 @@ class Advected:
 
     Attributes:
         size: number of components.
-        act: (element, a) -> a, a linear action of the group from the left, as an expression. The body sees
-            ``act(g^-1, a0)`` of what is ``a0`` in the world.
+        act: (element, a) -> a, a linear action of the group from the left, as an expression. What is ``a0``
+            in the world is ``act(g^-1, a0)`` in the body.
     """
 
     size: int

@@ -1,4 +1,4 @@
-"""Heavy tops that the literature measures integrators on, with a reference that knows nothing of groups.
+"""Heavy tops that the literature measures integrators on, with a reference solution that is computed without groups.
 
 Their equations are those of chapter 4.17.
 """

@@ -80,7 +80,7 @@ def test_torques_of_a_wrench_in_three_ways() -> None:
     assert np.allclose(by_hand, transpose, atol=1e-12)
 
 
-def test_a_wrench_on_an_inner_link_asks_nothing_of_the_outer_joints() -> None:
+def test_a_wrench_on_an_inner_link_loads_no_outer_joint() -> None:
     body = ArticulatedBody.from_model(load("talos_arm").model)
     torques = f.static_torques(body, np.full(7, 0.3), 3, np.ones(6))
     assert np.all(torques[4:] == 0) and np.all(torques[:4] != 0)

@@ -98,7 +98,7 @@ def test_forward_dynamics_is_aba_and_takes_contact_forces(case) -> None:
         assert relative(got, pin.aba(model, data, q, v, load_on)) < 1e-9
 
 
-def test_blocks_of_the_mass_matrix_mean_what_the_chapter_says() -> None:
+def test_blocks_of_the_mass_matrix_are_those_of_the_chapter() -> None:
     model = two_link()
     dynamics = FloatingBaseDynamics(model)
     (q, v, _), *_ = states(model)

@@ -67,7 +67,7 @@ def test_another_body_frame_changes_connection_and_holonomy_as_a_gauge() -> None
         return ca.vertcat(0.4 * r[0], 0.3 * r[1] ** 2, 0.2 * ca.sin(r[0] + r[1]))
 
     def moved(r: Any, xi: Any, speed: Any) -> Any:
-        # g = h exp(frame): the velocity of h, which the energy knows, from that of g.
+        # g = h exp(frame): the velocity of h, which the energy depends on, from that of g.
         own = symbolic.right_jacobian(frame(r)) @ (ca.jacobian(frame(r), r) @ speed)
         return lopsided(r, symbolic.exp(frame(r)) @ (xi - own), speed)
 

@@ -88,7 +88,7 @@ def test_the_error_of_those_differences_falls_with_the_square_of_the_step() -> N
     assert np.all(np.abs(slopes - 2.0) < 0.1), (errors, slopes)
 
 
-def test_who_starts_on_the_trajectory_stays_on_it() -> None:
+def test_a_start_on_the_trajectory_stays_on_it() -> None:
     trajectory = Lissajous()
     controller = GeometricController(QUADROTOR, trajectory)
     wanted = trajectory.at(0.0).position
@@ -107,7 +107,7 @@ def test_who_starts_on_the_trajectory_stays_on_it() -> None:
 
 
 def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
-    """``J theta'' = -k_R sin theta - k_Omega theta'``, whose solution scipy knows to 1e-12."""
+    """``J theta'' = -k_R sin theta - k_Omega theta'``, which scipy solves to 1e-12."""
     starts, inertia = np.radians([30.0, 178.0, 179.99]), QUADROTOR.inertia[0, 0]
     flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 2.0, 1e-3)
     exact = solve_ivp(
@@ -124,7 +124,7 @@ def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
     assert np.all(np.abs(angles[-1]) < starts)
 
 
-def test_exactly_at_the_antipode_nothing_pulls_and_beside_it_the_error_grows() -> None:
+def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_grows() -> None:
     """Half a turn is an equilibrium, unstable: a start beside it leaves at the rate of the linearisation."""
     flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 1.0)
     psi, _ = attitude_error(flight.states.rotation, np.eye(3))
@@ -227,7 +227,7 @@ def test_it_recovers_from_almost_every_tumble_and_euler_angles_lose_some() -> No
     assert not ours.lost.any()
     assert (away(ours) < 0.05).mean() >= 0.96
     assert theirs.lost.sum() >= 4
-    # The comparison is fair: who is not lost comes back.
+    # The comparison is fair: vehicles that are not lost come back.
     assert (away(theirs)[~theirs.lost] < 0.1).mean() > 0.9
 
 
@@ -238,7 +238,7 @@ def test_both_recover_from_rest_upside_down_and_from_small_tilts(kind) -> None:
     assert (away(flight) < 0.02).all()
 
 
-def test_a_vehicle_that_spins_too_fast_is_lost_and_said_to_be() -> None:
+def test_a_vehicle_that_spins_too_fast_is_reported_as_lost() -> None:
     start = QuadrotorState(
         np.zeros((2, 3)), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.diag([1.0, 80.0, 0])[:2]
     )

@@ -35,7 +35,7 @@ def quadratic(matrix: np.ndarray) -> Callable[[Symbols], ca.SX]:
 
 
 def reference(field: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, end: float) -> np.ndarray:
-    """The state at ``end``, by an integrator that knows nothing of groups."""
+    """The state at ``end``, by an integrator that does not use groups."""
     return solve_ivp(field, (0.0, end), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 

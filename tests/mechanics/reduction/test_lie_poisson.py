@@ -86,7 +86,7 @@ def test_a_function_that_is_no_casimir_does_not_commute() -> None:
 
 
 @by_name
-def test_tensor_field_and_bracket_say_the_same(space: LiePoisson) -> None:
+def test_tensor_field_and_bracket_agree(space: LiePoisson) -> None:
     f, h = functions(space, 4, 2)
     mu = point(space)
     df, dh = (space.differential(x, mu).full().ravel() for x in (f, h))

@@ -168,7 +168,7 @@ def test_benchmarks_in_full_length(benchmark: HeavyTopBenchmark, step: float) ->
     np.testing.assert_allclose(motion.velocities, velocities, atol=1e-7)
 
 
-def test_simo_wong_top_nods_as_its_closed_form_says() -> None:
+def test_simo_wong_top_nods_as_its_closed_form_predicts() -> None:
     top = LagrangeTop(5.0, 1.0, 20.0)
     motion = SIMO_WONG_TOP.simulate(1.25e-4, 80000, 80)
     nutation = top.nutation(SIMO_WONG_TOP.rotation, SIMO_WONG_TOP.velocity)

@@ -31,7 +31,7 @@ class HoldAction(ItemAction):
     Args:
         name: a C identifier; part of the names of the compiled functions.
         model: the robot.
-        costs: of the last state, where this is the last action (they are paid once, not twice).
+        costs: of the last state, where this is the last action (they count once, not twice).
         constraints: on the state: configuration and velocity.
 
     Raises:

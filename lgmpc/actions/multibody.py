@@ -144,7 +144,7 @@ class ImpulseAction(ItemAction):
         name: a C identifier; part of the names of the compiled functions.
         model: the robot.
         contacts: names of frames (points) or contacts.
-        costs: paid once, not multiplied by any duration.
+        costs: counted once, not multiplied by any duration.
         constraints: held at the impact.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A thousand seconds of a free rigid body: what each integrator loses (chapter 4.18)."""
+"""A thousand seconds of a free rigid body: the drift of each integrator (chapter 4.18)."""
 
 from __future__ import annotations
 

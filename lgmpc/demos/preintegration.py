@@ -102,7 +102,7 @@ def run() -> Outcome:
         (Path("path", poses[:, :3, 4]),),
         (
             "The first two orders are those for body rates that change; DOP853 is compared where they do not.",
-            "The increment does not depend on where the motion began: velocity and gravity are put to it afterwards.",
+            "The increment does not depend on where the motion began: velocity and gravity are added afterwards.",
             "Exact is the exponential form for body rates that are constant over a sample; the zero-order hold of"
             " Forster et al. keeps the direction of the force constant in the world instead.",
         ),

@@ -56,13 +56,13 @@ class Rollout:
     def __call__(
         self, start: Array, step: float, steps: int, every: int, parameters: Array, begin: float = 0.0
     ) -> tuple[Array, Array]:
-        """Return the times (rows,) and the states (rows, n) of every so manieth step, the first included.
+        """Return the times (rows,) and the states (rows, n) of every ``every``-th step, the first included.
 
         Args:
             start: (n,) state at ``begin``.
             step: length of a step, s.
             steps: their number.
-            every: how many lie between two rows that are returned; divides ``steps``.
+            every: number of steps between two rows that are returned; divides ``steps``.
             parameters: (m,) of the function.
             begin: time of the start, s.
 

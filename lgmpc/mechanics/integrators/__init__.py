@@ -1,4 +1,4 @@
-"""Integrators of Euler-Poincare systems: Lie-group Runge-Kutta, variational, and what is lost without either.
+"""Integrators of Euler-Poincare systems: Lie-group Runge-Kutta, variational, and the drift without either.
 
     body = torque_free_body(np.diag([1.0, 2.0, 3.0]))
     motion = body.simulate(np.eye(3), np.array([1.0, 0.0, 0.8]), step=0.1, steps=10_000, method=moser_veselov)

@@ -1,4 +1,4 @@
-"""What each integrator loses of what the motion keeps, measured (chapter 4.18)."""
+"""Drift of what the motion conserves, measured for each integrator (chapter 4.18)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _METHODS: dict[str, Method] = {
 
 @dataclass(frozen=True)
 class Drift:
-    """How far one method strays.
+    """The drift of one method.
 
     Attributes:
         method: its name.
@@ -35,7 +35,7 @@ class Drift:
         momentum: (n,) norm of the change of the spatial angular momentum over that of its first value; of its vertical
             part alone where gravity breaks the rest of the symmetry.
         orthogonality: (n,) Frobenius norm of ``R^T R - I``.
-        seconds: that it took.
+        seconds: that it took; the first time, compilation included.
     """
 
     method: str

@@ -169,7 +169,8 @@ def correspondences(
 def static_torques(body: ArticulatedBody, joints: ArrayLike, link: int, wrench: ArrayLike) -> Array:
     """Return (n,) the load ``J^T f`` of every joint under a wrench on a link (exercise H.1).
 
-    Each joint bears the component of the wrench along its axis; on its parent the wrench is ``Ad(T^-1)^T f``: RNEA's backward pass, at rest and without gravity.
+    Each joint bears the component of the wrench along its axis; on its parent the wrench is
+    ``Ad(T^-1)^T f``: RNEA's backward pass, at rest and without gravity.
 
     Args:
         body: the tree.

@@ -238,7 +238,7 @@ class EulerPoincare(ABC):
             advected: (m,) at the start, in the Lagrangian's frame.
             step: length of a step, s.
             steps: their number.
-            every: stored is each so manieth; divides ``steps``.
+            every: number of steps between two stored ones; divides ``steps``.
             method: of :mod:`lgmpc.mechanics.integrators`; fourth order, on the group, unless given.
 
         Raises:

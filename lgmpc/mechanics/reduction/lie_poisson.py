@@ -150,7 +150,7 @@ class LiePoisson:
             mu: (dim,) at the start.
             step: length of a step, s.
             steps: their number.
-            every: stored is each so manieth; divides ``steps``.
+            every: number of steps between two stored ones; divides ``steps``.
 
         Raises:
             InputError: ``mu`` of another shape or not finite, or a step that is not positive.

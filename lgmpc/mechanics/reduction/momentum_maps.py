@@ -1,4 +1,4 @@
-"""Momentum maps of a group that acts on its own cotangent bundle by translations, and what they are good for.
+"""Momentum maps of a group that acts on its own cotangent bundle by translations, and their use.
 
 A covector at g is known by its body momentum ``mu`` (pulled back along left translation) or by its spatial momentum
 ``nu`` (along right translation), ``nu = Ad*_{g^-1} mu``, that is ``adjoint(g)^T nu = mu``. Which is the momentum map of

@@ -183,7 +183,7 @@ class LagrangeTop:
         return math.sqrt(max(0.0, square))
 
     def fall(self, spin: float) -> float:
-        """Largest tilt of an upright top that is hardly disturbed, rad: zero from the critical spin on.
+        """Largest tilt of an upright top under a vanishing disturbance, rad: zero from the critical spin on.
 
         With the sleeping top's energy and momenta the cubic is ``(1 - u)^2 (beta (1 + u) - (I3 w3 / I1)^2)``.
         """

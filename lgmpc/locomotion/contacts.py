@@ -30,13 +30,15 @@ class ContactEventSettings(Settings):
         default=0.03, description="How long a stance foot measures no contact until it counts as lost, s."
     )
     lookahead_s: Positive = Field(
-        default=0.01, description="How much later than now a foot that is late is expected to touch down, s."
+        default=0.004, description="How much later than now a foot that is late is expected to touch down, s."
     )
     max_late_s: NonNegative = Field(
         default=0.1, description="How long the schedule waits for a late foot; then it goes on without it, s."
     )
     force_share: Fraction = Field(
-        default=0.06, description="Normal force that counts as contact, as a share of the robot's weight."
+        default=0.004,
+        description="Normal force that counts as contact, as a share of the robot's weight; more than the noise of what"
+        " measures it, less than the smallest force of a stance foot.",
     )
     ramp_s: NonNegative = Field(
         default=0.025, description="Time in which the force bound of a foot opens after touchdown, s."
@@ -126,7 +128,8 @@ class ContactEvents:
         touched = touching and persists >= s.touch_time_s
         if swinging:
             if before is ContactState.LATE:
-                if touched:
+                # It is due: the first touch counts.
+                if touching:
                     clock.touch_down(foot, t)
                     return ContactState.STANCE
                 return self._wait(foot, t)

@@ -23,12 +23,12 @@ State = tuple[float, float, float]  # position, velocity, acceleration
 class SwingSettings(Settings):
     """Shape of the swings."""
 
-    clearance_m: Positive = Field(default=0.05, description="Apex above the higher one of lift-off and target, m.")
+    clearance_m: Positive = Field(default=0.03, description="Apex above the higher one of lift-off and target, m.")
     apex_share: float = Field(
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
     )
     touchdown_speed_m_s: NonNegative = Field(
-        default=0.1, description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s."
+        default=0.2, description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s."
     )
     search_depth_m: NonNegative = Field(
         default=0.04, description="How far below its target a late foot searches for the ground, m."

@@ -13,7 +13,11 @@ from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock, GaitClockSettings
 from lgmpc.locomotion.gait import Gait, quadruped_gaits
 
-GAITS = quadruped_gaits()
+GAITS = {
+    **quadruped_gaits(),
+    # With both pairs on the ground for a while between the swings:
+    "trot": Gait(name="trot", period_s=0.32, duty=0.55, offsets=(0.0, 0.5, 0.5, 0.0)),
+}
 TICK = 2e-3
 MIN_STANCE = GaitClockSettings().min_stance_s
 

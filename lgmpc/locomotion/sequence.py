@@ -23,7 +23,7 @@ from lgmpc.robot import ContactPhase, ContactSchedule, Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["FootSwing", "GaitSequence", "GaitGrid", "GaitPhase", "QuadrupedFeet"]
+__all__ = ["FootSwing", "GaitGrid", "GaitPhase", "GaitSequence", "QuadrupedFeet"]
 
 
 @dataclass(frozen=True)

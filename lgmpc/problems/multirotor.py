@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 
 
 class MultirotorSettings(Settings):
-    """What a URDF does not say about rotors; each pushes along its frame's z axis, from 0 to the largest thrust."""
+    """What a URDF does not hold of rotors; each pushes along its frame's z axis, from 0 to the largest thrust."""
 
     frames: tuple[str, ...] = Field(min_length=1, description="Names of the rotors' frames.")
     turning: tuple[Literal["ccw", "cw"], ...] = Field(

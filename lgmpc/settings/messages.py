@@ -274,10 +274,11 @@ def _kinds(section: type[Settings]) -> tuple[str, ...]:
 
 def _sections_of(annotation: Any) -> Iterator[type[Settings]]:
     """Find the sections in an annotation such as ``Settings | None`` or ``tuple[Settings, ...]``."""
-    if isinstance(annotation, type) and issubclass(annotation, Settings):
+    origin = get_origin(annotation)  # in Python 3.10 dict[str, float] counts as a type, which issubclass refuses
+    if origin is None and isinstance(annotation, type) and issubclass(annotation, Settings):
         yield annotation
-    elif get_origin(annotation) in (Union, UnionType, tuple, list):
+    elif origin in (Union, UnionType, tuple, list):
         for inner in get_args(annotation):
             yield from _sections_of(inner)
-    elif get_origin(annotation) is Annotated:
+    elif origin is Annotated:
         yield from _sections_of(get_args(annotation)[0])

@@ -15,37 +15,14 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates
-from lgmpc.simulation.parameters import PlantParameters
-from lgmpc.simulation.plant import Plant
+from lgmpc.simulation.plant import make_plant
 from lgmpc.wbc import WholeBodyController
 
 __all__ = [
     "build_controller",
-    "build_plant",
     "build_robot",
     "prepare",
 ]
-
-
-def build_plant(config: Config, robot: Robot) -> Plant:
-    """Return the simulated world of section ``plant``; the engine is imported only here."""
-    section = config.plant
-    parameters = PlantParameters(
-        timestep=1.0 / section.rate_hz,
-        friction=section.friction,
-        mass_scale=section.mass_scale,
-        base_added_mass=section.base_added_mass_kg,
-        base_com_offset=section.base_com_offset_m,
-        joint_friction=section.joint_friction_nm,
-        joint_damping=section.joint_damping_nms,
-    )
-    if section.kind == "pinocchio":
-        from lgmpc.simulation.pinocchio import PinocchioPlant
-
-        return PinocchioPlant(robot, parameters)
-    from lgmpc.simulation.mujoco import MujocoPlant
-
-    return MujocoPlant(robot, parameters)
 
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:
@@ -69,7 +46,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     """
     notify("loading the robot")
     robot = build_robot(config)
-    plant = build_plant(config, robot)
+    plant = make_plant(robot, config.plant)
     controller = build_controller(config, robot, notify)
     estimator = build_estimator(config, robot, notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)

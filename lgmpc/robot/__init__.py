@@ -1,6 +1,7 @@
 """Robots: loading, checking, and symbolic rigid-body algorithms over any ``pin.Model``."""
 
 from lgmpc.robot.checks import ModelReport
+from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
@@ -8,6 +9,10 @@ from lgmpc.robot.sources import available_models
 from lgmpc.robot.spec import RobotSpec
 
 __all__ = [
+    "Box",
+    "Capsule",
+    "CollisionShape",
+    "Sphere",
     "ContactPhase",
     "ContactSchedule",
     "ModelReport",

@@ -11,6 +11,7 @@ import pinocchio as pin
 from lgmpc.errors import ModelError
 from lgmpc.robot import checks
 from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values
+from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
 from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground, reference_posture
@@ -67,6 +68,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
     inertia_problems, inertia_notes = checks.check_inertias(model)
     frame_problems = checks.check_contact_frames(model, spec.contact_frames)
     problems = [*text.problems, *actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
+    problems += check_shapes(model, spec.collision_shapes)
     problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
@@ -95,6 +97,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
         joint_upper=upper[start:],
         armature=actuators.armature[start:],
         source=source.files,
+        given_shapes=spec.collision_shapes,
         notes=notes,
     )
     return robot, checks.ModelReport(name, tuple(problems), notes)

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
 from lgmpc.robot.names import degree_names, frame_index, is_floating
 from lgmpc.typing import Array
 
@@ -58,6 +59,7 @@ class Robot:
         armature: (nu,) reflected rotor inertia, kg.m2 (kg).
         source: the files the model came from.
         notes: what the checks found worth knowing but not wrong.
+        given_shapes: what besides the feet touches the floor; None for the URDF's collision geometry.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Robot:
     armature: Array
     source: ModelSource
     notes: tuple[str, ...] = ()
+    given_shapes: tuple[Sphere | Box | Capsule, ...] | None = None
 
     def __post_init__(self) -> None:
         for name in ("q_reference", "effort_limit", "velocity_limit", "joint_lower", "joint_upper", "armature"):
@@ -90,6 +93,15 @@ class Robot:
         from lgmpc.robot.symbolic import SymbolicModel
 
         return SymbolicModel(self.model)
+
+    @cached_property
+    def collision_shapes(self) -> tuple[CollisionShape, ...]:
+        """What besides the feet touches the floor; read from the URDF's collision geometry unless it was given.
+
+        Raises:
+            ModelError: a mesh of the collision geometry cannot be read.
+        """
+        return shapes_of(self)
 
     @property
     def nq(self) -> int:

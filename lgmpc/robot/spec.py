@@ -8,6 +8,7 @@ from typing import Annotated, Any, Union
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from lgmpc.robot.collision import AnyShape
 from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointRange, Positive, Settings, problem
 
 __all__ = ["RobotSpec"]
@@ -85,6 +86,12 @@ class RobotSpec(Settings):
         default=None,
         description="Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}. null: the SRDF's, "
         "or 0.",
+    )
+
+    collision_shapes: tuple[AnyShape, ...] | None = Field(
+        default=None,
+        description="What besides the feet touches the floor in a simulation: spheres, boxes and capsules on links."
+        " null: around each part of the URDF's collision geometry, but for bodies with a contact frame.",
     )
 
     @model_validator(mode="after")

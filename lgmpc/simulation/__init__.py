@@ -6,18 +6,16 @@ is not named here because it loads MuJoCo.
 
 from lgmpc.simulation.disturbances import Push, PushSchedule
 from lgmpc.simulation.loop import Disturbance, Rates, Sensing, Tick, simulate, true_state
-from lgmpc.simulation.parameters import SOLO12_GEOMETRY, BodyGeometry, PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant
-from lgmpc.simulation.plant import Plant, PlantSample
+from lgmpc.simulation.plant import Plant, PlantSample, make_plant
 from lgmpc.simulation.sensors import SensorNoise, Sensors
 
 __all__ = [
-    "SOLO12_GEOMETRY",
-    "BodyGeometry",
     "Disturbance",
     "PinocchioPlant",
     "Plant",
-    "PlantParameters",
+    "PlantSettings",
     "PlantSample",
     "Push",
     "PushSchedule",
@@ -26,6 +24,7 @@ __all__ = [
     "Sensing",
     "Sensors",
     "Tick",
+    "make_plant",
     "simulate",
     "true_state",
 ]

@@ -7,7 +7,6 @@ Pinocchio); everything else that is exchanged here is the same on both sides. Th
 
 from __future__ import annotations
 
-import fnmatch
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,8 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import ModelError
+from lgmpc.robot import Box, CollisionShape, Sphere
 from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
-from lgmpc.simulation.parameters import PlantParameters, body_geometry, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, simulated_model
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array, IntArray
 
@@ -35,9 +35,10 @@ _POINT = 1e-6  # m; radius that stands for a point foot
 
 
 class MujocoPlant:
-    """A robot on a flat floor in MuJoCo (elliptic friction cones, implicit-fast integration).
+    """A robot on a flat floor in MuJoCo (elliptic friction cones).
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames. Joint position limits are not modelled.
+    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the floor
+    as well. Joint position limits are not modelled.
 
     Args:
         robot: the robot; its ``effort_limit`` clips the torques.
@@ -51,8 +52,8 @@ class MujocoPlant:
         ModelError: if the model holds a joint that MuJoCo has no twin of, or inertias that MuJoCo refuses.
     """
 
-    def __init__(self, robot: Robot, params: PlantParameters | None = None) -> None:
-        params = PlantParameters() if params is None else params
+    def __init__(self, robot: Robot, params: PlantSettings | None = None) -> None:
+        params = PlantSettings() if params is None else params
         if mujoco.get_mju_user_warning() is None:
             # By itself MuJoCo prints, and writes a file into the working folder. What matters is raised by step().
             mujoco.set_mju_user_warning(_LOG.info)
@@ -60,7 +61,7 @@ class MujocoPlant:
         source = simulated_model(robot, params)
         self.model = _compile(robot, source, params)
         self.data = mujoco.MjData(self.model)
-        self._dt = params.timestep
+        self._dt = params.dt
         self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
         self._effort = robot.effort_limit
@@ -219,11 +220,11 @@ def _transpose(pairs: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
     return [a for a, _ in pairs], [b for _, b in pairs]
 
 
-def _compile(robot: Robot, model: pin.Model, params: PlantParameters) -> mujoco.MjModel:
+def _compile(robot: Robot, model: pin.Model, params: PlantSettings) -> mujoco.MjModel:
     """Make MuJoCo's model of the robot on its floor."""
     spec = mujoco.MjSpec()
-    spec.option.timestep = params.timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.timestep = params.dt
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{params.integrator.upper()}")
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
     spec.option.gravity = model.gravity.linear
@@ -235,11 +236,11 @@ def _compile(robot: Robot, model: pin.Model, params: PlantParameters) -> mujoco.
         compiled = spec.compile()
     except ValueError as error:
         raise ModelError(robot.name, [f"MuJoCo refuses it: {' '.join(str(error).split())}"]) from error
-    compiled.dof_damping[compiled.nv - robot.nu :] = params.joint_damping
+    compiled.dof_damping[compiled.nv - robot.nu :] = params.joint_damping_nms
     return compiled
 
 
-def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantParameters) -> list[Any]:
+def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantSettings) -> list[Any]:
     """Add one MuJoCo body for each Pinocchio joint; return them with the world first."""
     bodies = [spec.worldbody]
     problems = []
@@ -266,7 +267,7 @@ def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantPar
             body.add_freejoint(name=model.names[index])
         else:
             twin = body.add_joint(name=model.names[index], type=kind)
-            twin.armature, twin.frictionloss = model.armature[joint.idx_v], params.joint_friction
+            twin.armature, twin.frictionloss = model.armature[joint.idx_v], params.joint_friction_nm
             if joint.nv == 1:
                 twin.axis = subspace[:3, 0] + subspace[3:, 0]
     if problems:
@@ -287,10 +288,9 @@ def _joint_type(joint: pin.JointModel, subspace: Array) -> mujoco.mjtJoint | Non
 
 
 def _add_geometry(
-    spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model, params: PlantParameters
+    spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model, params: PlantSettings
 ) -> None:
     """Add the floor, the feet, and what else of the robot can touch the floor."""
-    sphere, box = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
     surface = {**_CONTACT, "friction": (params.friction, 0.005, 0.0001)}
     shape = {**surface, "contype": _ROBOT, "conaffinity": _FLOOR, "mass": 0.0}
     spec.worldbody.add_geom(
@@ -304,14 +304,22 @@ def _add_geometry(
     for name, index in zip(robot.contact_frames, robot.contact_ids, strict=True):
         frame, radius = model.frames[index], max(robot.contact_radius, _POINT)
         pos = frame.placement.translation
-        bodies[frame.parentJoint].add_geom(name=f"foot {name}", type=sphere, size=(radius, 0, 0), pos=pos, **shape)
-    geometry = body_geometry(robot, params)
-    for frame in model.frames:
-        if fnmatch.fnmatchcase(frame.name, geometry.sphere_frames) and frame.type == pin.FrameType.BODY:
-            size, pos = (geometry.sphere_radius, 0, 0), frame.placement.translation
-            bodies[frame.parentJoint].add_geom(name=frame.name, type=sphere, size=size, pos=pos, **shape)
-    if geometry.box_half_sizes is not None:
-        bodies[1].add_geom(name="trunk", type=box, size=geometry.box_half_sizes, **shape)
+        foot = {"name": f"foot {name}", "type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": (radius, 0, 0)}
+        bodies[frame.parentJoint].add_geom(**foot, pos=pos, **shape)
+    for part in robot.collision_shapes:
+        kind, size = _geom(part)
+        pos, quat = part.placement.translation, _wxyz(part.placement.rotation)
+        bodies[part.joint].add_geom(name=part.name, type=kind, size=size, pos=pos, quat=quat, **shape)
+
+
+def _geom(part: CollisionShape) -> tuple[mujoco.mjtGeom, tuple[float, float, float]]:
+    """Return MuJoCo's type and size of a shape."""
+    shape = part.shape
+    if isinstance(shape, Sphere):
+        return mujoco.mjtGeom.mjGEOM_SPHERE, (shape.radius_m, 0.0, 0.0)
+    if isinstance(shape, Box):
+        return mujoco.mjtGeom.mjGEOM_BOX, shape.half_size_m
+    return mujoco.mjtGeom.mjGEOM_CAPSULE, (shape.radius_m, shape.half_length_m, 0.0)
 
 
 def _wxyz(rotation: Array) -> tuple[float, float, float, float]:

@@ -17,15 +17,13 @@ friction enters the solver as bounded impulses on the joints.
 
 from __future__ import annotations
 
-import fnmatch
-import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
-from lgmpc.simulation.parameters import PlantParameters, body_geometry, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, simulated_model
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -46,28 +44,29 @@ _ADMM = (1000, 1e-7, 1e-9)
 class PinocchioPlant:
     """A robot on a flat floor with rigid, inelastic contacts: a second opinion on what the MuJoCo plant says.
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames. Joint position limits are not modelled.
+    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the floor
+    as well. Joint position limits are not modelled.
 
     Args:
         robot: the robot; its ``effort_limit`` clips the torques.
         params: the simulated world.
     """
 
-    def __init__(self, robot: Robot, params: PlantParameters | None = None) -> None:
-        params = PlantParameters() if params is None else params
+    def __init__(self, robot: Robot, params: PlantSettings | None = None) -> None:
+        params = PlantSettings() if params is None else params
         self._robot = robot
-        self._dt = params.timestep
+        self._dt = params.dt
         self._joints = robot.joint_v
         self._effort = robot.effort_limit
-        self._damping = params.joint_damping
-        self._friction = params.joint_friction
+        self._damping = params.joint_damping_nms
+        self._friction = params.joint_friction_nm
         self._wrenches = BodyWrenches(robot)
         self._model = simulated_model(robot, params)
         # (M + dt D) (v+ - v) = dt (tau - D v - h): viscous friction at the velocity of the step's end.
         inertia = self._model.armature.copy()
-        inertia[self._joints] += params.timestep * params.joint_damping
+        inertia[self._joints] += params.dt * params.joint_damping_nms
         self._model.armature = inertia
-        self._frames, self._radii = _contact_points(self._model, robot, params)
+        self._frames, self._radii = _contact_points(self._model, robot)
         self._data = self._model.createData()
         # Views into the workspace, which stays where it is: world positions of the points that may touch the floor.
         self._centres = [self._data.oMf[frame].translation for frame in self._frames]
@@ -205,13 +204,13 @@ class _ContactSolver:
         failures: solves since reset that stopped short of their tolerance.
     """
 
-    def __init__(self, model: pin.Model, params: PlantParameters, points: int, nu: int) -> None:
+    def __init__(self, model: pin.Model, params: PlantSettings, points: int, nu: int) -> None:
         self._model, self._params, self._points = model, params, points
         # Joints with friction, and their degrees of freedom; the joints of a free-flyer are not actuated.
         first = 1 if nu == model.nv else 2
-        self._actuated = list(range(first, model.njoints)) if params.joint_friction else []
-        self._joints = nu if params.joint_friction else 0
-        self._compliance = _CREEP / (params.joint_friction * params.timestep) if params.joint_friction else 0.0
+        self._actuated = list(range(first, model.njoints)) if params.joint_friction_nm else []
+        self._joints = nu if params.joint_friction_nm else 0
+        self._compliance = _CREEP / (params.joint_friction_nm * params.dt) if params.joint_friction_nm else 0.0
         self._problems: dict[int, tuple[Any, Any]] = {}
         self._settings = pin.PGSSolverSettings(), pin.ADMMSolverSettings()
         for settings, limits in zip(self._settings, (_GAUSS_SEIDEL, _ADMM), strict=True):
@@ -268,11 +267,11 @@ class _ContactSolver:
                 contact.setFriction(self._params.friction)
                 models.append(contact)
             if self._actuated:
-                bound = np.full(self._joints, self._params.joint_friction)
+                bound = np.full(self._joints, self._params.joint_friction_nm)
                 friction = pin.JointFrictionConstraintModel(self._model, self._actuated)
                 friction.setFrictionLowerLimit(-bound)
                 friction.setFrictionUpperLimit(bound)
-                friction.setTimeStep(self._params.timestep)
+                friction.setTimeStep(self._params.dt)
                 models.append(friction)
             for model in models:
                 datas.append(model.createData())
@@ -280,18 +279,12 @@ class _ContactSolver:
         return self._problems[count]
 
 
-def _contact_points(model: pin.Model, robot: Robot, params: PlantParameters) -> tuple[list[int], list[float]]:
-    """Return frames and sphere radii of what can touch the floor, feet first; frames of box corners join the model."""
-    geometry = body_geometry(robot, params)
+def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], list[float]]:
+    """Return frames and sphere radii of what can touch the floor, feet first; the shapes' corners join the model."""
     frames, radii = list(robot.contact_ids), [robot.contact_radius] * robot.nc
-    for index, frame in enumerate(model.frames):
-        if frame.type == pin.FrameType.BODY and fnmatch.fnmatchcase(frame.name, geometry.sphere_frames):
-            frames.append(index)
-            radii.append(geometry.sphere_radius)
-    if geometry.box_half_sizes is not None:
-        for signs in itertools.product((-1.0, 1.0), repeat=3):
-            corner = pin.SE3(np.eye(3), np.multiply(signs, geometry.box_half_sizes))
-            name = f"trunk corner {' '.join('+' if sign > 0 else '-' for sign in signs)}"
-            frames.append(model.addFrame(pin.Frame(name, 1, 0, corner, pin.FrameType.OP_FRAME), False))
-            radii.append(0.0)
+    for part in robot.collision_shapes:
+        for i, (placement, radius) in enumerate(part.corners):
+            corner = pin.Frame(f"{part.name}, corner {i}", part.joint, 0, placement, pin.FrameType.OP_FRAME)
+            frames.append(model.addFrame(corner, False))
+            radii.append(radius)
     return frames, radii

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Plant", "PlantSample"]
+if TYPE_CHECKING:
+    from lgmpc.robot import Robot
+    from lgmpc.simulation.parameters import PlantSettings
+
+__all__ = ["Array", "Plant", "PlantSample", "make_plant"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class PlantSample:
-    """What a plant tells about itself after a step, all in Pinocchio's conventions.
+    """State of a plant after a step, all in Pinocchio's conventions.
 
     Attributes:
         time: seconds since reset.
@@ -61,3 +65,14 @@ class Plant(Protocol):
 
     def body_point(self, body: str) -> Array:
         """Return the (3,) world position of the centre of mass of ``body``."""
+
+
+def make_plant(robot: Robot, settings: PlantSettings) -> Plant:
+    """Return the simulated world that ``settings`` describe; only its engine is loaded."""
+    if settings.kind == "pinocchio":
+        from lgmpc.simulation.pinocchio import PinocchioPlant
+
+        return PinocchioPlant(robot, settings)
+    from lgmpc.simulation.mujoco import MujocoPlant
+
+    return MujocoPlant(robot, settings)

@@ -9,11 +9,11 @@ import pytest
 from lgmpc.config.json_schema import json_schema_text
 from lgmpc.config.schema import (
     Config,
-    PlantSection,
     SolveConfig,
 )
 from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
 from lgmpc.robot import RobotSpec
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.wbc import WholeBodySettings
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "configs" / "schema.json"
@@ -74,6 +74,6 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 def test_sections_have_defaults_that_can_run() -> None:
     models = (CentroidalMpcSettings, KinodynamicMpcSettings, FullBodyMpcSettings, LqrSettings)
-    for section in (PlantSection, *models, WholeBodySettings):
+    for section in (PlantSettings, *models, WholeBodySettings):
         assert section() == section.model_validate({})
     assert RobotSpec(model="solo12").contact_radius_m == 0.0

@@ -9,11 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.robot import ModelSource, Robot, RobotSpec, load_robot
+from lgmpc.robot import Box, ModelSource, Robot, RobotSpec, Sphere, load_robot
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.simulation.pinocchio import PinocchioPlant
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+SHAPES = (Sphere(link="*_LOWER_LEG", radius_m=0.012), Box(link="base_link", half_size_m=(0.20, 0.08, 0.03)))
 
 
 @pytest.fixture(scope="session")
@@ -26,6 +27,7 @@ def solo12() -> Robot:
         velocity_limit_rad_s=30.0,
         position_limit_rad=(-3.0, 3.0),
         armature_kg_m2=3.6e-4,
+        collision_shapes=SHAPES,
         posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6},
     )
     return load_robot(spec)
@@ -54,6 +56,7 @@ def _robot(model: pin.Model, q: np.ndarray, feet: tuple[str, ...] = (), radius: 
         joint_upper=wide,
         armature=np.array(model.armature)[model.nv - nu :],
         source=ModelSource(Path("made-in-a-test.urdf")),
+        given_shapes=(),
     )
 
 

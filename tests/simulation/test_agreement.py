@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.simulation.parameters import PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant
 
 
-@pytest.fixture(params=[{}, {"joint_friction": 0.05, "joint_damping": 0.01, "mass_scale": 1.1}], ids=["plain", "other"])
+@pytest.fixture(
+    params=[{}, {"joint_friction_nm": 0.05, "joint_damping_nms": 0.01, "mass_scale": 1.1}], ids=["plain", "other"]
+)
 def plants(request, solo12):
-    params = PlantParameters(**request.param)
+    params = PlantSettings(**request.param)
     return MujocoPlant(solo12, params), PinocchioPlant(solo12, params)
 
 
@@ -20,7 +22,7 @@ def test_free_motion_agrees(zoo, random_state):
     Pinocchio moves the base along a screw, MuJoCo along a straight line.
     """
     q, v = random_state(zoo, np.random.default_rng(6))
-    params = PlantParameters(joint_damping=0.1)
+    params = PlantSettings(joint_damping_nms=0.1)
     samples = []
     for plant in (MujocoPlant(zoo, params), PinocchioPlant(zoo, params)):
         plant.reset(np.r_[q, v])

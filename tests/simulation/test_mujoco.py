@@ -7,7 +7,7 @@ import pytest
 
 from lgmpc.errors import ModelError, SolverError
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.simulation.parameters import PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 
 
 @pytest.fixture(params=["solo12", "zoo"])
@@ -90,7 +90,7 @@ def test_state_comes_back_as_it_was_given(robot, random_state):
 def test_velocity_is_the_derivative_of_the_configuration(robot, random_state):
     q, v = random_state(robot, np.random.default_rng(5))
     dt = 1e-6
-    plant = MujocoPlant(robot, PlantParameters(timestep=dt))
+    plant = MujocoPlant(robot, PlantSettings(rate_hz=1.0 / dt))
     plant.reset(np.r_[q, v])
     plant.step(np.zeros(robot.nu))
     after = plant.sense()
@@ -129,7 +129,7 @@ def test_divergence_is_raised_and_leaves_no_file(solo12, tmp_path, monkeypatch, 
 
 def test_a_foot_that_touches_without_pressing_feels_no_force(solo12) -> None:
     """At a distance of exactly 0 MuJoCo lists a contact but gives it no rows: forces must not move to other feet."""
-    plant = MujocoPlant(solo12, PlantParameters())
+    plant = MujocoPlant(solo12, PlantSettings())
     q = solo12.q_reference.copy()
     found = 0
     for _ in range(200):

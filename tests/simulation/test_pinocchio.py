@@ -1,11 +1,13 @@
 """The contact laws of the Pinocchio plant, checked at every step of a push that slides and lifts feet; and falls."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from lgmpc.errors import SolverError
-from lgmpc.simulation.parameters import BodyGeometry, PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant
 
 GRAVITY = 9.81
@@ -28,7 +30,7 @@ def contact_velocities(robot, q, v):
 @pytest.fixture(scope="module")
 def pushed(solo12):
     """Samples before and after every step of a push hard enough to slide and lift feet, and the applied wrench."""
-    plant = PinocchioPlant(solo12, PlantParameters(friction=MU))
+    plant = PinocchioPlant(solo12, PlantSettings(friction=MU))
     target, steps = solo12.q_reference[7:], []
     for k in range(700):
         wrench = np.array([10.0, 14.0, 6.0, -0.8, 0.0, 0.2]) if 300 <= k < 500 else np.zeros(6)
@@ -163,7 +165,7 @@ def test_redundant_contacts_are_solved(solo12):
 
 def test_joint_friction_is_bounded_in_contact_too(solo12, hold):
     """Standing on stuck joints: friction takes over a share of the torque that the drives no longer give."""
-    plant = PinocchioPlant(solo12, PlantParameters(joint_friction=0.05))
+    plant = PinocchioPlant(solo12, PlantSettings(joint_friction_nm=0.05))
     hold(plant, solo12, 1500)
     holding = plant.sense().tau
     start = plant.sense().q
@@ -175,7 +177,7 @@ def test_joint_friction_is_bounded_in_contact_too(solo12, hold):
 
 
 def test_divergence_is_raised(solo12):
-    plant = PinocchioPlant(solo12, PlantParameters(geometry=BodyGeometry()))
+    plant = PinocchioPlant(replace(solo12, given_shapes=()))
     x = solo12.x_reference.copy()
     x[-12:] = 1e9
     plant.reset(x)

@@ -1,14 +1,16 @@
 """What both plants promise, whatever the engine."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
+from lgmpc.robot import Box, RobotSpec, load_robot
 from lgmpc.simulation.disturbances import Push, PushSchedule
-from lgmpc.simulation.parameters import BodyGeometry, PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 
 GRAVITY = 9.81
 ANGLES = (0.0, 0.3, math.pi / 4, 2.5)
@@ -66,17 +68,17 @@ def test_settled_robot_is_carried_by_its_feet(plant_type, solo12, hold):
     assert sample.contact_forces[:, 2].min() > 4.0
 
 
-@pytest.mark.parametrize("extra", [{"mass_scale": 1.3}, {"base_added_mass": 0.8}, {"joint_friction": 0.05}])
+@pytest.mark.parametrize("extra", [{"mass_scale": 1.3}, {"base_added_mass_kg": 0.8}, {"joint_friction_nm": 0.05}])
 def test_feet_carry_the_simulated_weight(plant_type, solo12, hold, extra):
-    params = PlantParameters(**extra)
+    params = PlantSettings(**extra)
     plant = plant_type(solo12, params)
     hold(plant, solo12, 2500, kp=16.0, kd=0.4)
-    weight = (solo12.mass * params.mass_scale + params.base_added_mass) * GRAVITY
+    weight = (solo12.mass * params.mass_scale + params.base_added_mass_kg) * GRAVITY
     np.testing.assert_allclose(plant.sense().contact_forces.sum(axis=0), (0, 0, weight), rtol=0, atol=0.02)
 
 
 def test_centre_of_mass_offset_loads_the_front_feet(plant_type, solo12, hold):
-    plant = plant_type(solo12, PlantParameters(base_com_offset=(0.03, 0.0, 0.0)))
+    plant = plant_type(solo12, PlantSettings(base_com_offset_m=(0.03, 0.0, 0.0)))
     hold(plant, solo12, 2500, kp=16.0, kd=0.4)
     front, hind = plant.sense().contact_forces[:2, 2].sum(), plant.sense().contact_forces[2:, 2].sum()
     assert front > hind + 1.0
@@ -100,7 +102,7 @@ def test_torques_are_clipped_and_reported(plant_type, solo12):
 
 def test_a_wrench_changes_the_momentum_by_its_impulse(plant_type, solo12):
     dt = 1e-5
-    plant = plant_type(solo12, PlantParameters(timestep=dt))
+    plant = plant_type(solo12, PlantSettings(rate_hz=1.0 / dt))
     x = solo12.x_reference.copy()
     x[2] = 3.0
     for body in ("base_link", "FR_UPPER_LEG"):
@@ -158,7 +160,7 @@ def test_a_block_holds_below_the_friction_limit_and_slides_above(plant_type, blo
     ahead = direction(angle)
     travelled = {}
     for load in (0.95, 1.05):
-        plant = plant_type(block, PlantParameters(friction=mu))
+        plant = plant_type(block, PlantSettings(friction=mu))
         for _ in range(200):
             plant.step(np.zeros(0))
         start = plant.sense().q[:3]
@@ -175,7 +177,7 @@ def test_a_block_holds_below_the_friction_limit_and_slides_above(plant_type, blo
 @pytest.mark.parametrize("angle", ANGLES)
 def test_a_gliding_block_slows_down_by_mu_g(plant_type, block, angle):
     mu, speed, seconds = 0.5, 2.0, 0.3
-    plant = plant_type(block, PlantParameters(friction=mu))
+    plant = plant_type(block, PlantSettings(friction=mu))
     x = block.x_reference.copy()
     x[7:10] = speed * direction(angle)
     plant.reset(x)
@@ -197,7 +199,7 @@ def test_joint_friction_holds_a_joint_up_to_its_limit(plant_type, make_robot):
     model.addBodyFrame("rim", joint, pin.SE3.Identity(), 0)
     robot = make_robot(model, np.zeros(1))
     for torque, expected in ((0.9, 0.0), (2.0, 0.5)):  # 0.5 s at (2.0 - 1.0) * 0.1 / 0.1
-        plant = plant_type(robot, PlantParameters(joint_friction=0.1))
+        plant = plant_type(robot, PlantSettings(joint_friction_nm=0.1))
         for _ in range(500):
             plant.step(np.array([0.1 * torque]))
         # Both engines hold a joint by a stiff law, which lets it creep at a thousandth of a radian per second.
@@ -210,7 +212,7 @@ def test_joint_damping_brakes_exponentially(plant_type, make_robot):
     joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "axle")
     model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
     robot = make_robot(model, np.zeros(1))
-    plant = plant_type(robot, PlantParameters(joint_damping=0.2))
+    plant = plant_type(robot, PlantSettings(joint_damping_nms=0.2))
     plant.reset(np.array([0.0, 3.0]))
     for _ in range(400):
         plant.step(np.zeros(1))
@@ -226,20 +228,37 @@ def test_a_limp_robot_comes_to_lie_on_its_trunk(plant_type, solo12):
     assert np.abs(plant.sense().v[:6]).max() < 0.02
 
 
-def test_only_the_geometry_that_is_asked_for_touches(plant_type, solo12):
+def test_only_the_shapes_that_were_given_touch(plant_type, solo12):
     """On its back, legs up: the trunk carries it; if there is none it sinks until it hangs on its feet."""
     x = solo12.x_reference.copy()
     x[2], x[3:7], x[7:19] = 0.07, (1.0, 0.0, 0.0, 0.0), 0.0
     heights = []
-    for geometry in (None, BodyGeometry(box_half_sizes=(0.2, 0.1, 0.06)), BodyGeometry()):
-        plant = plant_type(solo12, PlantParameters(geometry=geometry, joint_damping=0.5))
+    flat = Box(link="base_link", half_size_m=(0.2, 0.1, 0.06))
+    for shapes in (solo12.given_shapes, (flat,), ()):
+        plant = plant_type(replace(solo12, given_shapes=shapes), PlantSettings(joint_damping_nms=0.5))
         plant.reset(x)
         for _ in range(400):
             plant.step(np.zeros(12))
         heights.append(plant.sense().q[2])
-        assert plant.sense().contact_forces.any() == (geometry == BodyGeometry())
+        assert plant.sense().contact_forces.any() == (not shapes)
     np.testing.assert_allclose(heights[:2], (0.03, 0.06), rtol=0, atol=1e-3)
     assert heights[2] < -0.25
+
+
+def test_a_fallen_anymal_lies_on_its_trunk(plant_type):
+    """On its back, with the shapes of its URDF: the trunk's lid carries it, 0.1 to 0.35 m below the base's origin."""
+    anymal = load_robot(
+        RobotSpec(model="anymal_c", contact_frames=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"), armature_kg_m2=0.1)
+    )
+    x = anymal.x_reference.copy()
+    x[2], x[3:7] = 0.5, (1.0, 0.0, 0.0, 0.0)
+    plant = plant_type(anymal, PlantSettings(joint_damping_nms=5.0, rate_hz=500.0))
+    plant.reset(x)
+    for _ in range(750):
+        plant.step(np.zeros(12))
+    lying = plant.sense()
+    assert 0.1 < lying.q[2] < 0.35
+    assert np.abs(lying.v[:6]).max() < 0.05
 
 
 def test_same_inputs_give_the_same_bits_also_after_a_reset(plant_type, solo12, hold):

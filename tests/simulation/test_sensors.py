@@ -13,7 +13,7 @@ from lgmpc.lie import quaternion
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.simulation.parameters import PlantParameters
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.simulation.sensors import SensorNoise, Sensors
 
@@ -56,7 +56,7 @@ def test_without_noise_the_imu_leads_from_state_to_state(plant_type, solo12, ran
 
 def test_the_imu_tells_what_mujocos_own_accelerometer_does(solo12, random_state) -> None:
     """At the first order of the step: MuJoCo tells the acceleration at its start, the IMU the mean over it."""
-    plant, differences = MujocoPlant(solo12, PlantParameters(timestep=1e-4)), []
+    plant, differences = MujocoPlant(solo12, PlantSettings(rate_hz=1e4)), []
     for seed in range(5):
         plant.reset(np.concatenate(random_state(solo12, np.random.default_rng(seed))))
         sensors = Sensors(solo12, SILENT, plant.dt, np.random.default_rng(0))

@@ -10,7 +10,6 @@ from typing import Annotated, Literal, TypeVar, Union
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from lgmpc.config.schema.plant import PlantSection
 from lgmpc.config.schema.solver import SolverSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
@@ -22,6 +21,7 @@ from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
 from lgmpc.settings import Positive, Problem, Settings, problem, problems
 from lgmpc.simulation.disturbances import Push
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.sensors import SensorNoise
 from lgmpc.wbc import WholeBodySettings
 
@@ -79,7 +79,7 @@ class Config(Document):
         default=0, description="Seed of all random numbers."
     )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
-    plant: PlantSection = Field(default=PlantSection(), description="The simulated world.")
+    plant: PlantSettings = Field(default=PlantSettings(), description="The simulated world.")
     sensors: SensorNoise = Field(default=SensorNoise(), description="How the simulated robot's sensors err.")
     estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007
         default=GroundTruth(), description="How the controllers learn the state."

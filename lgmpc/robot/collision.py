@@ -1,0 +1,161 @@
+"""What of a robot, besides its feet, can touch the floor: spheres, boxes and capsules fixed to its links."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal, Union
+
+import coal
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from lgmpc.errors import ModelError, nearest
+from lgmpc.settings import Positive, Settings, Vector3
+
+if TYPE_CHECKING:
+    from lgmpc.robot.model import Robot
+
+__all__ = ["AnyShape", "Box", "Capsule", "CollisionShape", "Sphere", "check_shapes", "shapes_of"]
+
+Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
+"""m: from the size of a grain to that of a crane."""
+
+
+class _Shape(Settings):
+    """A shape fixed to links."""
+
+    link: str = Field(min_length=1, description="Link that carries it; a glob pattern gives one to each that matches.")
+    center_m: Vector3 = Field(default=(0.0, 0.0, 0.0), description="[x, y, z] of its middle in the link's frame, m.")
+
+
+class Sphere(_Shape):
+    """A sphere."""
+
+    kind: Literal["sphere"] = Field(default="sphere", description="A sphere.")
+    radius_m: Size = Field(description="Radius, m.")
+
+
+class _Turned(_Shape):
+    rpy_deg: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] of its axes in the link's frame, degrees."
+    )
+
+
+class Box(_Turned):
+    """A cuboid."""
+
+    kind: Literal["box"] = Field(default="box", description="A cuboid.")
+    half_size_m: tuple[Size, Size, Size] = Field(description="Half of its size along each of its axes, m.")
+
+
+class Capsule(_Turned):
+    """A cylinder along its z axis with half spheres at its ends."""
+
+    kind: Literal["capsule"] = Field(default="capsule", description="A cylinder along its z axis with round ends.")
+    radius_m: Size = Field(description="Radius, m.")
+    half_length_m: Size = Field(description="Half of its length without the round ends, m.")
+
+
+AnyShape = Annotated[Union[Sphere, Box, Capsule], Field(discriminator="kind")]  # noqa: UP007
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionShape:
+    """A shape on a moving body.
+
+    Attributes:
+        name: for messages and engines; each shape of a robot has its own.
+        joint: index of the joint that moves it.
+        placement: of its axes in that joint's frame, m.
+        shape: what it is; its link and placement are not used.
+    """
+
+    name: str
+    joint: int
+    placement: pin.SE3
+    shape: Sphere | Box | Capsule
+
+    @property
+    def corners(self) -> tuple[tuple[pin.SE3, float], ...]:
+        """Spheres whose convex hull is the shape: placements in the joint's frame, and radii, m."""
+        shape = self.shape
+        if isinstance(shape, Sphere):
+            return ((self.placement, shape.radius_m),)
+        if isinstance(shape, Capsule):
+            offsets, radius = [np.array([0.0, 0.0, side * shape.half_length_m]) for side in (-1.0, 1.0)], shape.radius_m
+        else:
+            signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij")).reshape(3, -1).T
+            offsets, radius = list(signs * np.array(shape.half_size_m)), 0.0
+        return tuple((self.placement * pin.SE3(np.eye(3), offset), radius) for offset in offsets)
+
+
+def check_shapes(model: pin.Model, shapes: tuple[Sphere | Box | Capsule, ...] | None) -> list[str]:
+    """Return a problem for each shape on a link that the model lacks."""
+    links = [frame.name for frame in model.frames if _is_moving_link(frame)]
+    return [
+        f"collision_shapes.{i}.link: '{shape.link}' matches no moving link; there are "
+        f"{', '.join(nearest(shape.link, links) or tuple(links))}"
+        for i, shape in enumerate(shapes or ())
+        if not fnmatch.filter(links, shape.link)
+    ]
+
+
+def shapes_of(robot: Robot) -> tuple[CollisionShape, ...]:
+    """Return the shapes that the robot was given or, if it was given none, those of its URDF's collision geometry.
+
+    Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay, and all else is
+    enclosed in boxes. Bodies that carry a contact frame have none: their contact points stand for them.
+
+    Raises:
+        ModelError: a mesh of the collision geometry cannot be read.
+    """
+    if robot.given_shapes is None:
+        return tuple(_shapes_of_urdf(robot))
+    found = []
+    for i, shape in enumerate(robot.given_shapes):
+        turn = np.eye(3) if isinstance(shape, Sphere) else pin.rpy.rpyToMatrix(*np.radians(shape.rpy_deg))
+        local = pin.SE3(turn, np.array(shape.center_m))
+        found += [
+            CollisionShape(f"{shape.kind} {i} {frame.name}", int(frame.parentJoint), frame.placement * local, shape)
+            for frame in robot.model.frames
+            if _is_moving_link(frame) and fnmatch.fnmatchcase(frame.name, shape.link)
+        ]
+    return tuple(found)
+
+
+def _is_moving_link(frame: pin.Frame) -> bool:
+    return bool(frame.type == pin.FrameType.BODY and frame.parentJoint > 0)
+
+
+def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
+    feet = {int(robot.model.frames[index].parentJoint) for index in robot.contact_ids}
+    urdf, folders = str(robot.source.urdf), [str(folder) for folder in robot.source.package_dirs]
+    try:
+        geometry = pin.buildGeomFromUrdf(robot.model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+    except ValueError as error:
+        reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
+        raise ModelError(robot.name, [reason]) from error
+    for part in geometry.geometryObjects:
+        if part.parentJoint > 0 and part.parentJoint not in feet:
+            centre, shape = _enclosed(part.geometry, part.meshScale)
+            placement = part.placement * pin.SE3(np.eye(3), centre)
+            yield CollisionShape(f"{shape.kind} {part.name}", int(part.parentJoint), placement, shape)
+
+
+def _enclosed(geometry: coal.CollisionGeometry, scale: np.ndarray) -> tuple[np.ndarray, Sphere | Box | Capsule]:
+    """Return the middle of a geometry in its own axes, and the shape around it."""
+    if isinstance(geometry, coal.Sphere):
+        return np.zeros(3), Sphere(link="*", radius_m=geometry.radius)
+    if isinstance(geometry, (coal.Cylinder, coal.Capsule)):
+        ends = geometry.radius if isinstance(geometry, coal.Cylinder) else 0.0
+        if geometry.halfLength > ends:
+            length = geometry.halfLength - ends
+            return np.zeros(3), Capsule(link="*", radius_m=geometry.radius, half_length_m=max(length, 1e-4))
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    low, high = np.array(box.min_), np.array(box.max_)
+    half = np.maximum((high - low) / 2.0, 1e-4)
+    return (low + high) / 2.0, Box(link="*", half_size_m=tuple(half.tolist()))

@@ -44,9 +44,13 @@ class FootholdSettings(Settings):
     reach_share: Fraction = Field(
         default=0.92, description="Longest distance from hip to foothold, as a share of the stretched leg's length."
     )
-    side_share: Fraction = Field(
+    side_share: float = Field(
         default=0.25,
-        description="How far a foot stays on its own side of the base, as a share of its distance in the reference.",
+        strict=True,
+        ge=-1.0,
+        le=1.0,
+        description="How far a foot stays on its own side of the base, as a share of its distance in the reference;"
+        " below 0, how far it may cross to the other side.",
     )
     spacing_share: Fraction = Field(
         default=0.3, description="Shortest distance between two feet, as a share of the stretched leg's length."
@@ -100,7 +104,7 @@ class FootholdPlanner:
         self._rate = math.sqrt(_GRAVITY / legs.height)
         self._feet = [(float(x), float(y)) for x, y, _ in legs.feet]
         self._hips = [(float(x), float(y)) for x, y, _ in legs.hips]
-        self._sides = [math.copysign(s.side_share * y, y) if y else 0.0 for _, y in self._feet]
+        self._sides = [s.side_share * y for _, y in self._feet]
         drops = legs.hips[:, 2] + legs.height
         self.reach = [
             math.sqrt(max((s.reach_share * float(length)) ** 2 - float(drop) ** 2, 0.0))
@@ -174,8 +178,8 @@ class FootholdPlanner:
                 x, y = other[0] + dx * self._spacing / distance, other[1] + dy * self._spacing / distance
         # In the axes of the base at touchdown:
         x, y = _turn(x - com[0], y - com[1], -yaw)
-        side = self._sides[foot]
-        y = max(y, side) if side > 0.0 else min(y, side) if side < 0.0 else y
+        left = self._feet[foot][1]
+        y = max(y, self._sides[foot]) if left > 0.0 else min(y, self._sides[foot]) if left < 0.0 else y
         hx, hy = self._hips[foot]
         dx, dy, reach = x - hx, y - hy, self.reach[foot]
         distance = math.hypot(dx, dy)

@@ -105,11 +105,28 @@ def test_a_turn_while_moving_shifts_the_support_outward(legs: LegGeometry) -> No
     assert -centre[1] * 9.81 / legs.height == pytest.approx(omega * v, rel=0.01)
 
 
-@given(speed, speed, speed, st.floats(-3.0, 3.0), st.floats(0.0, 0.2), st.integers(0, 3), st.booleans())
+@given(
+    speed,
+    speed,
+    speed,
+    st.floats(-3.0, 3.0),
+    st.floats(0.0, 0.2),
+    st.integers(0, 3),
+    st.booleans(),
+    st.floats(-0.5, 0.5),
+)
 def test_footholds_are_within_reach_and_on_their_side(
-    legs: LegGeometry, vx: float, vy: float, rate: float, yaw: float, remaining: float, foot: int, stops: bool
+    legs: LegGeometry,
+    vx: float,
+    vy: float,
+    rate: float,
+    yaw: float,
+    remaining: float,
+    foot: int,
+    stops: bool,
+    share: float,
 ) -> None:
-    planner = FootholdPlanner(legs)
+    planner = FootholdPlanner(legs, FootholdSettings(side_share=share))
     motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate)
     x, y = planner.place(foot, motion, remaining, math.inf if stops else 0.18)
     c, s = math.cos(yaw + rate * remaining), math.sin(yaw + rate * remaining)
@@ -119,8 +136,8 @@ def test_footholds_are_within_reach_and_on_their_side(
     drop = hip[2] + legs.height
     distance = math.hypot(*(local - hip[:2]), drop)
     assert distance <= planner.settings.reach_share * legs.length[foot] + 1e-9
-    side = planner.settings.side_share * legs.feet[foot, 1]
-    assert local[1] * math.copysign(1.0, side) >= abs(side) - 1e-9
+    width = legs.feet[foot, 1]
+    assert local[1] * math.copysign(1.0, width) >= share * abs(width) - 1e-9
 
 
 def test_a_foothold_keeps_its_distance_from_another_foot(legs: LegGeometry) -> None:

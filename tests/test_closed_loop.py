@@ -20,6 +20,8 @@ from lgmpc.runs import Metrics
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
+MUJOCO_FIRST = ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)]
+"""The second plant repeats in the slow tests what the first one shows in the fast ones."""
 
 
 def run(name: str, *overrides: str) -> SessionResult:
@@ -83,14 +85,14 @@ def test_whole_body_models_survive_a_push_that_would_stretch_the_legs(model: str
     assert 5 < planner.mpc.stood_in < 60  # of 125 updates; measured 22 (MuJoCo)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_the_regulator_holds_less_tightly_but_holds(plant: str) -> None:
     metrics = measured("solo12_balance_lqr", f"plant.kind={plant}", "duration_s=4.0")
     assert metrics.max_displacement_m < 0.011  # measured 5.6 mm
     assert metrics.max_slip_m < 1.2e-3  # 0.6 mm
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str) -> None:
     metrics = measured("solo12_balance", f"plant.kind={plant}", "mpc.enabled=false")
     assert 0.02 < metrics.max_displacement_m < 0.035  # measured 29 mm: what the MPC is there for
@@ -98,20 +100,20 @@ def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str
     assert metrics.mpc_ms is None
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_a_push_as_strong_as_the_weight_is_survived_without_a_step(plant: str) -> None:
     metrics = measured("solo12_strong_push", f"plant.kind={plant}")
     assert metrics.max_displacement_m > 0.05  # it does give way: measured 0.13 m
     assert not run("solo12_strong_push", f"plant.kind={plant}", "mpc.enabled=false").verdict.passed
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_the_centre_of_mass_follows_the_circle(plant: str) -> None:
     metrics = measured("solo12_com_circle", f"plant.kind={plant}")
     assert metrics.com_rms_error_m is not None and metrics.com_rms_error_m < 1e-3  # measured 0.43 mm
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_standing_neither_drifts_nor_trembles(plant: str) -> None:
     metrics = measured("solo12_stand", f"plant.kind={plant}")
     assert metrics.max_displacement_m < 1e-4  # measured 0.01 mm in MuJoCo
@@ -126,8 +128,8 @@ def test_the_same_config_gives_the_same_bits(plant: str) -> None:
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
-@pytest.mark.parametrize("plant", [PLANTS[0], pytest.param(PLANTS[1], marks=pytest.mark.slow)])
-def test_it_balances_on_what_imu_encoders_and_currents_tell(plant: str) -> None:
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
+def test_it_balances_on_an_estimate_from_imu_encoders_and_currents(plant: str) -> None:
     metrics = measured("solo12_balance_inekf", f"plant.kind={plant}")
     assert metrics.max_displacement_m < 0.003  # measured 1.5 mm, as with the truth
     assert metrics.max_slip_m < 6e-4
@@ -190,7 +192,7 @@ def test_every_qp_solver_holds_the_robot_and_agrees(solver: str) -> None:
         "plant.joint_damping_nms=0.02",
     ],
 )
-def test_what_the_controller_does_not_know_of_the_robot_is_taken_for_a_push(mismatch: str) -> None:
+def test_a_wrong_model_is_estimated_as_a_push(mismatch: str) -> None:
     metrics = run("solo12_balance", "duration_s=4.0", mismatch).metrics
     assert metrics is not None and not metrics.fell
     assert metrics.max_displacement_m < 0.005
@@ -198,7 +200,7 @@ def test_what_the_controller_does_not_know_of_the_robot_is_taken_for_a_push(mism
     assert metrics.solver_failures == 0
 
 
-def test_a_floor_as_slippery_as_the_controller_believes_does_not_move_the_feet() -> None:
+def test_a_floor_as_slippery_as_assumed_does_not_move_the_feet() -> None:
     slippery = [f"{section}.friction=0.45" for section in ("plant", "mpc", "wbc")]
     metrics = run("solo12_balance", "duration_s=4.0", *slippery).metrics
     assert metrics is not None and not metrics.fell
@@ -207,7 +209,7 @@ def test_a_floor_as_slippery_as_the_controller_believes_does_not_move_the_feet()
 
 
 @pytest.mark.parametrize("mpc", ["true", "false"])
-def test_a_floor_more_slippery_than_believed_is_found_out_by_sliding(mpc: str) -> None:
+def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str) -> None:
     """The pushes need a friction of 0.41; the floor has 0.4, the controller believes in 0.6."""
     metrics = run("solo12_balance", "plant.friction=0.4", f"mpc.enabled={mpc}").metrics
     assert metrics is not None and not metrics.fell
@@ -247,6 +249,7 @@ def test_torques_stay_within_the_cap_when_a_push_is_too_strong_to_stay() -> None
     assert np.isfinite(result.log.tau_command).all()
 
 
+@pytest.mark.slow
 def test_the_mpc_survives_a_stronger_push_than_the_whole_body_qp_alone() -> None:
     """At friction 0.6, sideways, feet within 2 cm: see scripts/push_recovery.py for the largest pushes."""
 

@@ -1,4 +1,4 @@
-"""The examples of ``scripts/`` do what they say."""
+"""The examples of ``scripts/`` run and reach what they claim."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import importlib.util
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
 
+@pytest.mark.slow
 def test_optimise_com_circle() -> None:
     spec = importlib.util.spec_from_file_location("optimise_com_circle", SCRIPTS / "optimise_com_circle.py")
     assert spec is not None and spec.loader is not None

@@ -24,7 +24,7 @@ def complete_run(context: typer.Context, incomplete: str) -> list[str]:
     """Return ``latest`` and the names of finished runs that begin with ``incomplete``, newest first."""
     from lgmpc.cli.runs import run_names
 
-    names = ["latest", *reversed(run_names(context.params.get("runs") or Path("runs")))]
+    names = ["latest", *reversed(run_names(Path(context.params.get("runs") or "runs")))]
     return [name for name in names if name.startswith(incomplete)]
 
 

@@ -1,4 +1,7 @@
-"""Under water: a robot that rights itself and rises, and a torpedo that will not fly straight (chapter 4.12.4)."""
+"""Under water: a robot that rights itself and rises, and a torpedo whose straight motion is unstable.
+
+Chapter 4.12.4.
+"""
 
 from __future__ import annotations
 

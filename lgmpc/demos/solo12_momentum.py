@@ -121,7 +121,7 @@ def run() -> Outcome:
         tuple(_bodies(robot, flight.qs[shown])),
         (Path("centre of mass", coms[shown], 0xD55E00),),
         (
-            "The legs kick with up to a few N.m, and turn the trunk; momentum does not notice.",
+            "The legs kick with up to a few N.m, and turn the trunk; momentum does not change.",
             f"A foot is pulled with {np.linalg.norm(_FORCE):.1f} N at {_PULL[0] * _STEP:g} s, for {lasts:g} s.",
         ),
     )

@@ -20,7 +20,7 @@ def test_it_turns_over_when_predicted() -> None:
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
 
 
-def test_another_inertia_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_inertia_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     simulate = dzhanibekov._simulate
 
     def heavier(top: EulerTop, end: float) -> Motion:

@@ -22,7 +22,7 @@ def test_it_precesses_nods_sleeps_and_falls_as_predicted() -> None:
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
 
 
-def test_another_weight_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_weight_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     heavier = LagrangeTop(heavy_top._TOP.transverse, heavy_top._TOP.axial, 1.00001 * heavy_top._TOP.weight)
 
     def simulate(rotation: np.ndarray, velocity: np.ndarray, end: float, step: float = heavy_top._STEP) -> Motion:

@@ -21,7 +21,7 @@ def test_it_is_log_linear_consistent_and_converges() -> None:
     assert invariant[100] < 1.0 < 5.0 < quaternion[100]  # 0.5 s on
 
 
-def test_noise_beyond_what_the_filter_assumes_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_beyond_what_the_filter_assumes_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inekf, "RUNS", 4)
     monkeypatch.setattr(inekf, "DURATION", 0.6)
     simulate = inekf.simulate_trot

@@ -18,7 +18,7 @@ def test_every_prediction_is_met(outcome: Outcome) -> None:
     assert len(outcome.rows) >= 10
 
 
-def test_the_table_would_notice_another_body(outcome: Outcome) -> None:
+def test_the_table_detects_another_body(outcome: Outcome) -> None:
     """RK4's loss belongs to this body and step: a tenth more of it is no agreement."""
     loss = outcome.rows[0]
     assert not dataclasses.replace(loss, measured=1.1 * loss.measured).agrees

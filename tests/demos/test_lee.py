@@ -1,4 +1,4 @@
-"""Geometric control: every prediction is met, and a wrong gain in the prediction is noticed."""
+"""Geometric control: every prediction is met, and a wrong gain in the prediction is detected."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def test_it_rolls_as_predicted() -> None:
     assert plane.positions[0, 2] < 0.0, "the ellipsoid should lie on the plane"
 
 
-def test_a_small_torque_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_torque_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     def pushed(top: EulerTop) -> Motion:
         system = torque_free_body(top.inertia, body_force=lambda s: ca.DM([1e-6, 0.0, 0.0]))
         steps = poinsot._STEPS
@@ -33,7 +33,7 @@ def test_a_small_torque_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"highest point of contact from the centre", "polhode closes after a period"} <= wrong
 
 
-def test_a_slipping_ellipsoid_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slipping_ellipsoid_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Attitudes slowly turned about the plane's normal keep the contact on the plane, but no longer roll."""
     simulate = poinsot._simulate
 

@@ -26,7 +26,7 @@ def test_a_held_increment_is_not_taken_for_the_exact_one(monkeypatch: pytest.Mon
     assert "exact form less DOP853" in wrong
 
 
-def test_noise_beyond_what_is_assumed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_beyond_what_is_assumed_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     class Overconfident(preintegration.Preintegration):
         def __init__(self, noise, *arguments) -> None:
             super().__init__(

@@ -1,4 +1,4 @@
-"""Solo12 in the air: every prediction is met, and an external force left out is noticed."""
+"""Solo12 in the air: every prediction is met, and an external force left out is detected."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_momentum_is_as_predicted() -> None:
     assert np.ptp(roll) > 1.0, "the trunk should turn although momentum is conserved"
 
 
-def test_a_force_that_is_not_accounted_for_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_force_that_is_not_accounted_for_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     fly = solo12_momentum._fly
 
     def with_a_secret_pull(robot):

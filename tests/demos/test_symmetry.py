@@ -1,4 +1,4 @@
-"""As many momenta stay as there are symmetries; a symmetry that is claimed but not there is noticed."""
+"""As many momenta stay as there are symmetries; a symmetry that is claimed but not there is detected."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_what_is_symmetric_is_conserved() -> None:
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
 
 
-def test_a_force_that_is_not_in_the_lagrangian_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_force_that_is_not_in_the_lagrangian_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction breaks what the Lagrangian promises."""
     free, *others = symmetry._CASES
     rough = free_body(symmetry._BOX, spatial_force=lambda s: ca.DM([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -29,7 +29,7 @@ def test_a_force_that_is_not_in_the_lagrangian_is_noticed(monkeypatch: pytest.Mo
     assert wrong == {"free: momenta that stay", "free: relative change of these"}
 
 
-def test_a_textbook_that_is_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_textbook_that_is_wrong_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """The chapter's table counts one symmetry on a plane."""
     cases = [replace(c, symmetries=1) if "plane" in c.name else c for c in symmetry._CASES]
     monkeypatch.setattr(symmetry, "_CASES", tuple(cases))

@@ -27,7 +27,7 @@ _VANISHING = 1e-9
 """Share of the weight, or of a unit vector, that counts as none."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GeometricGains:
     """Gains of the four errors: a number for all axes alike, or three, one an axis.
 

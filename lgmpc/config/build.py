@@ -7,9 +7,12 @@ from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config
 from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.config.session import Notify, Session
-from lgmpc.control.balance import BalanceController
+from lgmpc.control.feet import gaits_of
+from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
+from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor
+from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
@@ -25,13 +28,30 @@ __all__ = [
 ]
 
 
-def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> BalanceController:
-    """Return the controller of sections ``mpc``, ``wbc`` and ``reference``."""
+def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedController:
+    """Return the controller of sections ``mpc``, ``wbc``, ``locomotion``, ``commands`` and ``reference``.
+
+    Raises:
+        ConfigError: a command names a gait that does not exist, or a gait has not one offset for each foot.
+    """
     period = 1.0 / config.wbc.rate_hz
+    try:
+        gaits = gaits_of(robot, config.locomotion)
+        commands = CommandTimeline(config.commands, gaits=gaits)
+    except InputError as error:
+        raise config.error(error.argument, error.got, error.expected, error.choices) from error
     mpc = make_mpc(robot, config.mpc, notify) if config.mpc.enabled else None
-    planner = Planner(robot, mpc, config.reference, period) if mpc is not None else None
-    floor = FrictionMonitor(config.wbc.friction, period)
-    return BalanceController(robot, WholeBodyController(robot, config.wbc), config.reference, floor, planner)
+    return LeggedController(
+        robot,
+        WholeBodyController(robot, config.wbc),
+        FrictionMonitor(config.wbc.friction, period),
+        Planner(robot, mpc, period) if mpc is not None else None,
+        commands=commands,
+        offset=config.reference,
+        locomotion=config.locomotion,
+        gaits=gaits,
+        period=period,
+    )
 
 
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:

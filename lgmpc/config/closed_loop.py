@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from time import perf_counter
 
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
-from lgmpc.control.balance import BalanceController
+from lgmpc.control.legged import LeggedController
 from lgmpc.errors import SolverError
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.robot import Robot
@@ -34,7 +34,7 @@ class ClosedLoopSession:
     Attributes:
         robot: the controller's model.
         plant: the simulated world.
-        controller: the balance controller.
+        controller: the controller.
         pushes: the disturbances.
         rates: steps and ticks.
         recorder: empty.
@@ -46,7 +46,7 @@ class ClosedLoopSession:
 
     robot: Robot
     plant: Plant
-    controller: BalanceController
+    controller: LeggedController
     pushes: PushSchedule
     rates: Rates
     recorder: Recorder

@@ -6,7 +6,6 @@ from time import perf_counter
 
 import numpy as np
 
-from lgmpc.control.reference import ComReference
 from lgmpc.errors import InputError
 from lgmpc.estimation import WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -33,20 +32,21 @@ class Planner:
     Args:
         robot: the controller's model.
         mpc: the predictive controller.
-        reference: offset of the centre of mass over time.
         period: time between two ticks, s.
 
     Attributes:
         mpc: as given.
         observer: estimates the external wrench.
-        planned: whether the last update made a plan.
-        spent: duration of the last update's planning, s (0 where it only sampled).
+        contacts: over the horizon, to be written before :meth:`plan_from`.
+        motion: desired motion over the horizon, to be written before :meth:`plan_from`.
+        planned: whether a plan was made at the last tick.
+        spent: duration of the last tick's planning, s (0 where it only sampled).
 
     Raises:
-        InputError: the MPC's rate is no whole fraction of the ticks' rate.
+        InputError: the MPC's rate is above that of the ticks.
     """
 
-    def __init__(self, robot: Robot, mpc: Mpc, reference: ComReference, period: float) -> None:
+    def __init__(self, robot: Robot, mpc: Mpc, period: float) -> None:
         settings = mpc.settings
         self.mpc = mpc
         self.observer = WrenchObserver(period, settings.observer_time_s, force_limit=_CREDIBLE_PUSH * robot.mass * 9.81)
@@ -54,18 +54,13 @@ class Planner:
         self.spent = 0.0
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:
-            raise InputError(
-                "mpc.rate_hz", settings.rate_hz, f"a rate not above that of the ticks ({1.0 / period:g} Hz)"
-            )
+            raise InputError("mpc.rate_hz", settings.rate_hz, f"at most the ticks' {1.0 / period:g} Hz")
+        self._period = period
         self._sampler = PlanSampler(period, self._every)
-        self._reference = reference
-        self._node_times: Array = settings.node_s * np.arange(settings.nodes + 1, dtype=np.float64)
-        self._fading = np.exp(-self._node_times[:-1] / settings.wrench_decay_s)[:, None]
-        self._contacts = ContactHorizon.allocate(settings.nodes, robot.nc)
-        self._motion = MotionReference.standing(robot, settings.nodes, np.zeros(3))
-        self._start_com = np.zeros(3)
-        self._base_rotation, self._joint_position = np.eye(3), np.zeros(0)
-        self._tick = 0
+        node_times = settings.node_s * np.arange(settings.nodes)
+        self._fading = np.exp(-node_times / settings.wrench_decay_s)[:, None]
+        self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc)
+        self.motion = MotionReference.standing(robot, settings.nodes, np.zeros(3))
 
     @property
     def plan(self) -> Plan | None:
@@ -77,15 +72,51 @@ class Planner:
         """Status of the last plan, None before the first update."""
         return None if self.plan is None else self.plan.status
 
-    def begin(self, wbc: WholeBodyController) -> None:
-        """Start afresh: the reference is relative to the present centre of mass, the posture is the tracked one."""
-        self._start_com[:] = wbc.terms.com
-        self._base_rotation = wbc.tasks["base_orientation"].target.rotation.copy()
-        self._joint_position = wbc.tasks["posture"].target.position.copy()
-        self._tick = 0
+    def reset(self) -> None:
+        """Start afresh."""
         self._sampler.clear()
         self.mpc.reset()
         self.observer.reset()
+
+    def due(self, time: float) -> bool:
+        """Return whether the MPC should plan at ``time``."""
+        plan_time = self._sampler.start
+        return self.plan is None or time - plan_time > (self._every - 0.5) * self._period
+
+    def plan_from(self, time: float, terms: WholeBodyTerms) -> None:
+        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`."""
+        started = perf_counter()
+        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
+        plan = self.mpc.update(state, self.contacts, self.motion, self._fading * self.observer.wrench)
+        self._sampler.load(plan, time)
+        self.spent = perf_counter() - started
+        self.planned = True
+
+    def follow(self, time: float, wbc: WholeBodyController) -> None:
+        """Write the plan's targets, unless it is stale."""
+        if self.plan is None or self.status is MpcStatus.STALE:
+            return
+        row, motion, posture = self._sampler.row(time), self._sampler.motion, self._sampler.posture
+        assert motion is not None
+        com, turning = wbc.tasks["com"].target, wbc.tasks["angular_momentum"].target
+        com.position[:] = motion.com[row]
+        com.velocity[:] = motion.com_velocity[row]
+        com.acceleration[:] = motion.com_acceleration[row]
+        turning.momentum[:] = motion.angular_momentum[row]
+        turning.rate[:] = motion.angular_momentum_rate[row]
+        wbc.contacts.target_forces[:] = motion.forces[row]
+        if posture is not None:
+            base, joints = wbc.tasks["base_orientation"].target, wbc.tasks["posture"].target
+            base.rotation[:] = posture.base_rotation[row]
+            base.angular_velocity[:] = posture.base_angular_velocity[row]
+            joints.position[:] = posture.joint_position[row]
+            joints.velocity[:] = posture.joint_velocity[row]
+
+    def observe(self, terms: WholeBodyTerms) -> Array:
+        """Return (6,) the external wrench estimated from the momentum; call once a tick."""
+        self.planned = False
+        self.spent = 0.0
+        return self.observer.update(terms.momentum)
 
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
         """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in."""
@@ -94,57 +125,3 @@ class Planner:
     def skip(self) -> None:
         """Leave the time until the next tick out of the observation: the torques are a fall-back's."""
         self.observer.skip()
-
-    def update(self, time: float, wbc: WholeBodyController) -> None:
-        """Observe, plan if it is time to, and write the targets that the whole-body QP follows."""
-        wrench = self.observer.update(wbc.terms.momentum)
-        wbc.external_wrench[:] = wrench
-        self.planned = self._tick % self._every == 0
-        self._tick += 1
-        self.spent = 0.0
-        if self.planned:
-            started = perf_counter()
-            self._sampler.load(self._plan(time, wbc, wrench), time)
-            self.spent = perf_counter() - started
-        self._stand(wbc)
-        if self.status is not MpcStatus.STALE:
-            self._follow(time, wbc)
-
-    def _plan(self, time: float, wbc: WholeBodyController, wrench: Array) -> Plan:
-        terms, contacts = wbc.terms, wbc.contacts
-        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
-        self._contacts.hold(terms.contact_points, contacts.stance, float(contacts.friction.min()))
-        offset, velocity, _ = self._reference.sample(time + self._node_times)
-        np.add(self._start_com, offset, out=self._motion.com)
-        self._motion.com_velocity[:] = velocity
-        return self.mpc.update(state, self._contacts, self._motion, self._fading * wrench)
-
-    def _stand(self, wbc: WholeBodyController) -> None:
-        """Track the posture where it began, at rest: the targets of what a plan does not have."""
-        base, posture, momentum = (
-            wbc.tasks[name].target for name in ("base_orientation", "posture", "angular_momentum")
-        )
-        momentum.momentum[:] = 0.0
-        momentum.rate[:] = 0.0
-        base.rotation[:] = self._base_rotation
-        base.angular_velocity[:] = 0.0
-        posture.position[:] = self._joint_position
-        posture.velocity[:] = 0.0
-
-    def _follow(self, time: float, wbc: WholeBodyController) -> None:
-        """Track the plan."""
-        row, motion, sample = self._sampler.row(time), self._sampler.motion, self._sampler.posture
-        assert motion is not None
-        com, momentum = (wbc.tasks[name].target for name in ("com", "angular_momentum"))
-        com.position[:] = motion.com[row]
-        com.velocity[:] = motion.com_velocity[row]
-        com.acceleration[:] = motion.com_acceleration[row]
-        momentum.momentum[:] = motion.angular_momentum[row]
-        momentum.rate[:] = motion.angular_momentum_rate[row]
-        wbc.contacts.target_forces[:] = motion.forces[row]
-        if sample is not None:
-            base, posture = (wbc.tasks[name].target for name in ("base_orientation", "posture"))
-            base.rotation[:] = sample.base_rotation[row]
-            base.angular_velocity[:] = sample.base_angular_velocity[row]
-            posture.position[:] = sample.joint_position[row]
-            posture.velocity[:] = sample.joint_velocity[row]

@@ -54,14 +54,17 @@ class ReferenceBuilder:
         """Begin where the robot is: centre of mass (3,) and heading."""
         self.x, self.y, self.yaw = float(com[0]), float(com[1]), yaw
 
-    def advance(self, dt: float, command: MotionCommand, com: Array, yaw: float) -> None:
-        """Move on by ``dt``, s, with the limited command, on the leash of the measured centre of mass (3,) and yaw."""
-        s = self.settings
+    def advance(self, dt: float, command: MotionCommand) -> None:
+        """Move on by ``dt``, s, with the limited command."""
         middle = self.yaw + 0.5 * dt * command.yaw_rate
         c, n = math.cos(middle), math.sin(middle)
         self.x += dt * (c * command.vx - n * command.vy)
         self.y += dt * (n * command.vx + c * command.vy)
         self.yaw += dt * command.yaw_rate
+
+    def shorten(self, com: Array, yaw: float) -> None:
+        """Move the desired position and heading to within the leash of the measured centre of mass (3,) and yaw."""
+        s = self.settings
         dx, dy = self.x - float(com[0]), self.y - float(com[1])
         distance = math.hypot(dx, dy)
         if distance > s.leash_m:

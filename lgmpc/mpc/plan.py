@@ -182,6 +182,7 @@ class PlanSampler:
 
     Attributes:
         plan: the latest plan, None before the first.
+        start: time of the first row, s.
         motion: samples of its motion, a row a tick.
         posture: samples of its posture, None where the plan has none.
     """
@@ -189,7 +190,7 @@ class PlanSampler:
     def __init__(self, period: float, ticks: int) -> None:
         self._period = period
         self._offsets: Array = period * np.arange(ticks, dtype=np.float64)
-        self._start = 0.0
+        self.start = 0.0
         self.plan: Plan | None = None
         self.motion: MotionSample | None = None
         self.posture: PostureSample | None = None
@@ -200,7 +201,7 @@ class PlanSampler:
 
     def load(self, plan: Plan, time: float) -> None:
         """Sample ``plan`` from ``time`` (s) on."""
-        self.plan, self._start = plan, time
+        self.plan, self.start = plan, time
         times = time + self._offsets
         self.motion = plan.sample_at(times)
         self.posture = None if plan.posture is None else plan.posture.sample_at(times)
@@ -213,7 +214,7 @@ class PlanSampler:
         """
         if self.plan is None:
             raise ValueError("no plan was loaded")
-        row = round((time - self._start) / self._period)
+        row = round((time - self.start) / self._period)
         if not 0 <= row < len(self._offsets):
             self.load(self.plan, time)
             return 0

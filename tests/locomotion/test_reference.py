@@ -59,7 +59,7 @@ def test_positions_are_the_integral_of_velocities_in_a_turn(solo12: Robot, legs:
     for k in range(N):
         np.testing.assert_allclose([builder.x, builder.y], reference.com[k, :2], atol=1e-4)
         for _ in range(20):
-            builder.advance(1e-3, command, com, builder.yaw)
+            builder.advance(1e-3, command)
             com[:2] = builder.x, builder.y
 
 
@@ -69,11 +69,13 @@ def test_the_desired_position_stays_on_its_leash(solo12: Robot, legs: LegGeometr
     com = np.array([0.0, 0.0, 0.2])
     builder.begin(com, 0.0)
     for _ in range(1000):  # held in place against a command
-        builder.advance(1e-3, MotionCommand(vx=0.5, yaw_rate=1.0), com, 0.0)
+        builder.advance(1e-3, MotionCommand(vx=0.5, yaw_rate=1.0))
+        builder.shorten(com, 0.0)
     assert math.hypot(builder.x, builder.y) == pytest.approx(0.04)
     assert builder.yaw == pytest.approx(0.2)
     com[:2] = 1.0, -1.0  # pushed far away
-    builder.advance(1e-3, MotionCommand(), com, 0.0)
+    builder.advance(1e-3, MotionCommand())
+    builder.shorten(com, 0.0)
     assert math.hypot(builder.x - 1.0, builder.y + 1.0) == pytest.approx(0.04)
 
 
@@ -82,7 +84,8 @@ def test_the_heading_counts_turns(solo12: Robot, legs: LegGeometry) -> None:
     builder.begin(np.zeros(3), 3.0)
     for k in range(1, 3001):
         measured = math.remainder(3.0 + 2e-3 * k, 2.0 * math.pi)
-        builder.advance(1e-3, MotionCommand(yaw_rate=2.0), np.zeros(3), measured)
+        builder.advance(1e-3, MotionCommand(yaw_rate=2.0))
+        builder.shorten(np.zeros(3), measured)
     assert builder.yaw == pytest.approx(9.0)
 
 

@@ -15,6 +15,8 @@ from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError
 from lgmpc.estimation import LeggedEstimatorSettings
+from lgmpc.locomotion.command import Timeline
+from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
 from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
@@ -87,8 +89,10 @@ class Config(Document):
     mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
     wbc: WholeBodySettings = Field(default=WholeBodySettings(), description="The whole-body controller.")
     reference: Annotated[Union[StandReference, CircleReference], Field(discriminator="kind")] = Field(  # noqa: UP007
-        default=StandReference(), description="What the robot should do."
+        default=StandReference(), description="Motion of the centre of mass relative to where commands lead it."
     )
+    commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
+    locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="How the robot steps.")
     pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
     gate: Gate = Field(default=Gate(), description="What counts as success.")
     log: LogSettings = Field(default=LogSettings(), description="What is recorded.")
@@ -107,6 +111,9 @@ class Config(Document):
             ratio = fast / slow
             if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
+        if self.commands and not self.mpc.enabled:
+            words = "no command while mpc.enabled is false: without a plan the robot only stands"
+            found.append(Problem("commands", f"{len(self.commands)} commands", words))
         if found:
             raise problems(found)
         return self

@@ -1,0 +1,173 @@
+"""What the feet do at every tick: contacts, footholds and swings, and the contacts ahead of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.contacts import ContactEvents, ContactState
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
+from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
+from lgmpc.locomotion.horizon import ContactHorizon
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.locomotion.swing import SwingTrajectory
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Feet", "gaits_of"]
+
+_SETTLED_S = 0.03
+"""s after its touchdown from which a foot's sliding is evidence about the floor."""
+
+
+class Feet:
+    """Steps of all feet: gait clock, contact events, footholds and swing trajectories as one.
+
+    Args:
+        robot: the controller's model.
+        settings: of locomotion.
+        gaits: by name, as commands choose them.
+
+    Attributes:
+        legs: geometry of the legs.
+        clock: the schedule.
+        events: measured contacts compared with the schedule.
+        stance: (nc,) which feet carry at this tick.
+        position: (nc, 3) targets of the feet in the air, world, m.
+        velocity: (nc, 3) m/s.
+        acceleration: (nc, 3) m/s2.
+        footholds: (nc, 3) where each foot stands or will touch down next, world, m.
+    """
+
+    def __init__(self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
+        self.legs = LegGeometry.of(robot)
+        self._settings, self._gaits = settings, gaits
+        self._weight = -robot.mass * float(robot.gravity[2])
+        self._planner = FootholdPlanner(self.legs, settings.footholds)
+        self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
+        self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
+        self.footholds = np.zeros((robot.nc, 3))
+        self._stood = np.ones(robot.nc, dtype=np.bool_)
+        self.begin(0.0, np.zeros((robot.nc, 3)), None)
+
+    def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
+        """Begin to stand at ``points`` (nc, 3); feet without contact are put down first."""
+        self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
+        self.events = ContactEvents(self.clock, self._weight, self._settings.contacts)
+        self.stance = self.events.stance
+        self._stood[:] = True
+        self.footholds[:] = points
+        self.position[:] = points
+
+    @property
+    def standing(self) -> bool:
+        """Whether all feet are on the ground, and none is to lift off."""
+        clock = self.clock
+        return bool(self.stance.all()) and all(
+            math.isinf(clock.next_liftoff(foot, clock.time)) for foot in range(clock.nc)
+        )
+
+    @property
+    def settled(self) -> BoolArray:
+        """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
+        ready = np.array([self.clock.time - since > _SETTLED_S for since in self.events.since])
+        settled: BoolArray = self.stance & ready
+        return settled
+
+    def follow(self, time: float, command: MotionCommand) -> None:
+        """Follow the gait of a command; without velocity, stand."""
+        self.clock.follow(time, find_gait(self._gaits, command.gait), command.moves)
+
+    def update(
+        self, time: float, points: Array, velocities: Array, contacts: BoolArray | None, motion: BaseMotion
+    ) -> None:
+        """Advance to ``time``: decide which feet carry, and where the others go.
+
+        Args:
+            time: s.
+            points: (nc, 3) measured contact points, world, m.
+            velocities: (nc, 3) of the feet, m/s.
+            contacts: (nc,) measured contacts; None where nothing is measured.
+            motion: of the robot in the plane.
+        """
+        stance = self.events.update(time, contacts)
+        for foot, (carries, carried) in enumerate(zip(stance.tolist(), self._stood.tolist(), strict=True)):
+            if carries:
+                self.footholds[foot] = points[foot]
+                self.position[foot] = points[foot]
+                self.velocity[foot] = self.acceleration[foot] = 0.0
+                continue
+            if carried:
+                self._lift(foot, time, points[foot], velocities[foot], motion)
+            self._move(foot, time, motion)
+        self._stood[:] = stance
+
+    def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
+        swing = self.clock.swing(foot, time)
+        if swing is None or self.events.states[foot] is ContactState.LOST:
+            self._swings[foot].search(time, point)
+            return
+        self._aim(foot, time, swing.touchdown, motion)
+        self._swings[foot].lift_off(time, swing.touchdown, point, velocity, self.footholds[foot])
+
+    def _move(self, foot: int, time: float, motion: BaseMotion) -> None:
+        path = self._swings[foot]
+        if not self.events.searching(foot):
+            self._aim(foot, time, path.touchdown, motion)
+            path.retarget(time, self.footholds[foot])
+        path.sample(time, self.position[foot], self.velocity[foot], self.acceleration[foot])
+        self.footholds[foot] = path.target
+
+    def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
+        """Write the foothold of the present swing."""
+        stance = self.clock.stance_duration(foot, time)
+        others = [
+            (float(self.footholds[other, 0]), float(self.footholds[other, 1]))
+            for other in range(len(self.footholds))
+            if other != foot
+        ]
+        self.footholds[foot, :2] = self._planner.place(foot, motion, max(touchdown - time, 0.0), stance, others)
+        self.footholds[foot, 2] = 0.0
+
+    def loading(self, time: float, shares: Array) -> None:
+        """Write (nc,) the share of its largest force that each foot may carry now."""
+        for foot in range(len(shares)):
+            shares[foot] = self.events.loading(foot, time)
+
+    def write_horizon(
+        self, time: float, dt: float, motion: BaseMotion, friction: float, horizon: ContactHorizon
+    ) -> None:
+        """Write flags, contact points and friction of the intervals that begin at ``time``, each ``dt``, s."""
+        self.clock.horizon(time, dt, horizon.flags)
+        self.events.correct(horizon.flags, dt)
+        self._planner.horizon(self.clock, motion, time, dt, self.footholds, horizon.points)
+        horizon.friction[:] = friction
+
+
+def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
+    """Return the gaits that commands can choose, by name: the usual ones for this robot's height, and the user's.
+
+    Feet of a quadruped are sorted by where they are: front left, front right, hind left, hind right. A robot with
+    another number of feet stands, and follows the user's gaits.
+
+    Raises:
+        InputError: a user's gait of another number of feet.
+    """
+    from lgmpc.errors import InputError
+
+    gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nc)}
+    if robot.nc == 4:
+        legs = LegGeometry.of(robot)
+        order = sorted(range(4), key=lambda foot: (-math.copysign(1.0, legs.feet[foot, 0]), -legs.feet[foot, 1]))
+        place = [order.index(foot) for foot in range(4)]
+        gaits |= {name: gait.reordered(place) for name, gait in quadruped_gaits(legs.height).items()}
+    for i, gait in enumerate(settings.gaits):
+        if gait.nc != robot.nc:
+            raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nc}, one for each foot")
+        gaits[gait.name] = gait
+    return gaits

@@ -23,7 +23,10 @@ from lgmpc.robot import ContactPhase, ContactSchedule, Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["FootSwing", "GaitGrid", "GaitPhase", "GaitSequence", "QuadrupedFeet"]
+__all__ = ["MOST_INTERVALS", "FootSwing", "GaitGrid", "GaitPhase", "GaitSequence", "QuadrupedFeet"]
+
+MOST_INTERVALS = 10_000
+"""Intervals of the finest grid."""
 
 
 @dataclass(frozen=True)
@@ -238,10 +241,14 @@ class GaitSequence:
         """Return intervals of about ``step``, s, that end at every switch, with an impact wherever feet touch down.
 
         Raises:
-            InputError: a step that is not above 0.
+            InputError: a step that is not above 0, or that makes more than :data:`MOST_INTERVALS`.
         """
         if not (step > 0 and math.isfinite(step)):
             raise InputError("step", step, "a finite time above 0 s")
+        whole = float(sum(phase.duration for phase in self.phases))
+        if whole > MOST_INTERVALS * step:
+            shortest = whole / MOST_INTERVALS
+            raise InputError("step", step, f"at least {shortest:.3g} s: {MOST_INTERVALS} intervals for {whole:.3g} s")
         durations, phases, landing = [], [], []
         for i, phase in enumerate(self.phases):
             touching = set(self.phases[i - 1].air).difference(phase.air) if i else frozenset()

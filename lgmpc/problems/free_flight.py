@@ -8,11 +8,15 @@ from itertools import combinations
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.errors import InputError
 from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["Flown", "clearances", "refly", "spins", "trunk_spins"]
+__all__ = ["MOST_STEPS", "Flown", "clearances", "refly", "spins", "trunk_spins"]
+
+MOST_STEPS = 40_000
+"""Steps of the longest simulated flight: 10 s in steps of 0.25 ms, a fall of 490 m."""
 
 _SAMPLES = 5
 """Spheres along a shank, knee and foot included."""
@@ -49,7 +53,12 @@ def refly(
         stiffness: of the joints' controllers, N.m/rad.
         damping: of the joints' controllers, N.m.s/rad.
         step: longest, s.
+
+    Raises:
+        InputError: a flight of more than :data:`MOST_STEPS`.
     """
+    if times[-1] - times[0] > MOST_STEPS * step:
+        raise InputError("times", f"a flight of {times[-1] - times[0]:g} s", f"at most {MOST_STEPS * step:g} s")
     from scipy.interpolate import CubicHermiteSpline  # not above: it takes longer to load than all problems
 
     model, data, nq = robot.model, robot.create_data(), robot.nq

@@ -143,6 +143,8 @@ def test_swings_are_those_of_the_schedule(gait: GaitSequence) -> None:
         (lambda: GaitSequence.stand(FEET, 0.1) + GaitSequence.stand(("A", "B"), 0.1), "feet"),
         (lambda: GaitSequence.stand(FEET, 0.1).swings("FX"), "foot"),
         (lambda: GaitSequence.stand(FEET, 0.1).grid(0.0), "step"),
+        (lambda: GaitSequence.stand(FEET, 0.1).grid(1e-9), "step: got 1e-09; expected at least 1e-05 s"),
+        (lambda: GaitSequence.stand(FEET, 0.1).grid(1e-320), "step"),
         (lambda: GaitSequence.trot(FEET, LEGS, 0.2, -0.1, 0.05), "duration"),
     ],
 )

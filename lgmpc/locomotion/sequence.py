@@ -245,7 +245,7 @@ class GaitSequence:
         """
         if not (step > 0 and math.isfinite(step)):
             raise InputError("step", step, "a finite time above 0 s")
-        whole = float(sum(phase.duration for phase in self.phases))
+        whole = float(sum(phase.duration_s for phase in self.phases))
         if whole > MOST_INTERVALS * step:
             shortest = whole / MOST_INTERVALS
             raise InputError("step", step, f"at least {shortest:.3g} s: {MOST_INTERVALS} intervals for {whole:.3g} s")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -23,6 +25,21 @@ from lgmpc.runs.trajectory import TrajectoryLog
 __all__ = ["CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
 
 T = TypeVar("T")
+
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    EOFError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    struct.error,
+    zlib.error,
+    zipfile.BadZipFile,
+)
+"""What NumPy, zipfile and zlib raise for files whose headers or contents were changed."""
 
 _OTHER_FILES = 1_000_000
 """Bytes for config, result and the arrays' headers: more than they ever take."""
@@ -200,8 +217,8 @@ def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T
             arrays = {name: archive[name] for name in archive.files}
     except OSError as error:
         raise RunFolderError(f"cannot read {path}: {reason_of(error)}") from error
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise RunFolderError(f"{path} is damaged: {error}") from error
+    except _DAMAGE as error:
+        raise RunFolderError(f"{path} is damaged: {type(error).__name__} {error}") from error
     try:
         return build(arrays)
     except RunFolderError as error:

@@ -30,6 +30,22 @@ class Channel:
     dtype: type[np.generic] = np.float64
 
 
+def single(name: str, array: NDArray[Any], kinds: str) -> Any:
+    """Return the one value that an entry of a log file holds.
+
+    Args:
+        name: of the entry.
+        array: the entry.
+        kinds: NumPy's letters for what it may hold: text, truth values, whole numbers, numbers.
+
+    Raises:
+        RunFolderError: it holds several, or something else.
+    """
+    if array.shape != () or array.dtype.kind not in kinds:
+        raise RunFolderError(f"entry '{name}' has shape {array.shape} and holds {array.dtype}, expected one value")
+    return array.item()
+
+
 def _tick(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
     """Declare a channel with one entry per logged control tick."""
     return field(metadata={"tick": Channel(axes, dtype)})
@@ -121,6 +137,13 @@ class RunLog:
     floating_base: bool = True
 
     def __post_init__(self) -> None:
+        for name, kind in (("contact_frames", "U"), ("joint_names", "U"), ("effort_limit", "f")):
+            array = getattr(self, name)
+            if array.ndim != 1 or array.dtype.kind != kind:
+                raise RunFolderError(f"log entry '{name}' has shape {array.shape} and holds {array.dtype}")
+        for name in ("time", "mpc_time"):
+            if getattr(self, name).ndim != 1:
+                raise RunFolderError(f"log channel '{name}' has {getattr(self, name).ndim} axes, expected 1")
         dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
         for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
             for name, channel in table.items():
@@ -209,10 +232,9 @@ class RunLog:
         if missing:
             raise RunFolderError(f"log lacks {', '.join(missing)}")
         values: dict[str, Any] = {name: arrays[name] for name in names}
-        for name in ("friction", "contact_radius", "control_period_s", "mpc_period_s", "floating_base"):
-            if values[name].shape != ():
-                raise RunFolderError(f"log entry '{name}' has shape {values[name].shape}, expected one number")
-            values[name] = values[name].item()
+        for name in ("friction", "contact_radius", "control_period_s", "mpc_period_s"):
+            values[name] = single(name, values[name], "f")
+        values["floating_base"] = single("floating_base", values["floating_base"], "b")
         return cls(**values)
 
 

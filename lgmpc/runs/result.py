@@ -71,11 +71,12 @@ class _Result:
         if kind != cls.kind:
             raise RunFolderError(f"{source} is of a {_words(kind)}, not of a {_words(cls.kind)}")
         try:
-            common: dict[str, Any] = {name: content[name] for name in ("name", "created", "versions")}
-            common["verdict"] = Verdict(Outcome(content["verdict"]), tuple(content["reasons"]))
+            common: dict[str, Any] = {name: str(content[name]) for name in ("name", "created")}
+            common["versions"] = dict(content["versions"])
+            common["verdict"] = Verdict(Outcome(content["verdict"]), tuple(map(str, content["reasons"])))
             common["host"] = HostInfo(**content["host"])
             return cls._read(content, common)
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise RunFolderError(f"{source} is damaged: {type(error).__name__} {error}") from error
 
     def _own(self) -> dict[str, Any]:
@@ -207,5 +208,19 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
         ("estimator", EstimatorErrors),
     ):
         if values.get(name) is not None:
-            values[name] = kind(**values[name])
-    return Metrics(**values)
+            values[name] = kind(**{key: _number(value) for key, value in values[name].items()})
+    return Metrics(**{name: _number(value) for name, value in values.items()})
+
+
+def _number(value: Any) -> Any:
+    """Return a metric as it is.
+
+    Raises:
+        TypeError: it is neither a number nor a truth value, nor a group of metrics, nor None.
+        OverflowError: it is a whole number beyond all floating-point numbers.
+    """
+    if isinstance(value, (int, float)):
+        float(value)
+    elif not (value is None or isinstance(value, (Timing, EstimatorErrors))):
+        raise TypeError(f"a metric is {type(value).__name__}")
+    return value

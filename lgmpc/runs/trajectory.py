@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
+from lgmpc.runs.log import single
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]
@@ -132,10 +133,8 @@ class TrajectoryLog:
         if missing:
             raise RunFolderError(f"{', '.join(missing)} missing")
         values: dict[str, Any] = {name: arrays[name] for name in names}
-        for name in ("control_unit", "nq", "floating_base", "friction"):
-            if values[name].shape != ():
-                raise RunFolderError(f"'{name}' has shape {values[name].shape}, expected one value")
-            values[name] = values[name].item()
+        for name, kinds in (("control_unit", "U"), ("nq", "iu"), ("floating_base", "b"), ("friction", "f")):
+            values[name] = single(name, values[name], kinds)
         return cls(**values)
 
 

@@ -58,7 +58,7 @@ def diagnose() -> tuple[Check, ...]:
 
 
 def iterate_checks() -> Iterator[Check]:
-    """Do one check after the other, each as it is asked for, so that a caller can show progress."""
+    """Do one check after the other, each when the iterator reaches it, so that a caller can show progress."""
     yield _guarded("python", _check_python, "")
     yield from _check_dependencies()
     yield _guarded("compiler", _check_compiler, "apt install gcc")
@@ -93,7 +93,7 @@ def _check_python() -> Check:
 
 
 def _check_dependencies() -> Iterator[Check]:
-    """One check for every package that lgmpc's metadata asks for, against the range that it was tested with."""
+    """One check for every package that lgmpc's metadata requires, against the range that it was tested with."""
     try:
         from packaging.requirements import Requirement
 

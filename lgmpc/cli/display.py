@@ -22,7 +22,7 @@ class Display(Protocol[Step]):
     def announce(self, message: str) -> None:
         """Show what is being prepared."""
 
-    def move(self, now: Step) -> None:
+    def advance(self, now: Step) -> None:
         """Show a step of it."""
 
 
@@ -32,7 +32,7 @@ class Silent:
     def announce(self, message: str) -> None:
         """Do nothing."""
 
-    def move(self, now: object) -> None:
+    def advance(self, now: object) -> None:
         """Do nothing."""
 
 

@@ -26,7 +26,7 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
     """Run ``config``, showing its progress, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
-        finished = run_config(config, folder, notify=display.announce, progress=display.move)
+        finished = run_config(config, folder, notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
@@ -74,7 +74,7 @@ class _Lines:
     def announce(self, message: str) -> None:
         self._console.print(message, markup=False)
 
-    def move(self, now: Progress) -> None:
+    def advance(self, now: Progress) -> None:
         if not self._simulating:
             self._simulating = True
             self.announce(f"simulating {now.duration_s:g} s")
@@ -90,7 +90,7 @@ class _Moving:
     def announce(self, message: str) -> None:
         self._bar.update(self._task, description=message)
 
-    def move(self, now: Progress) -> None:
+    def advance(self, now: Progress) -> None:
         state = f"  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
         self._bar.update(self._task, description="simulating", completed=now.time_s, state=state)
 

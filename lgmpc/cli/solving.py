@@ -33,7 +33,7 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
     """Solve the problem of ``config``, showing the iterations, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config, quiet=quiet) as display, warnings_on(console):
-        finished = solve_config(config, folder, notify=display.announce, progress=display.move)
+        finished = solve_config(config, folder, notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
@@ -73,7 +73,7 @@ class _Lines:
     def announce(self, message: str) -> None:
         self._console.print(message, markup=False)
 
-    def move(self, now: Iteration) -> None:
+    def advance(self, now: Iteration) -> None:
         if self._count % 20 == 0:
             self._console.print("".join(f"{name:>14}" for name in self._columns), markup=False)
         self._count += 1
@@ -93,7 +93,7 @@ class _Moving:
         self._spinner.update(text=Text(message))
         self._draw()
 
-    def move(self, now: Iteration) -> None:
+    def advance(self, now: Iteration) -> None:
         self._rows.append(now)
         self._draw()
 

@@ -40,8 +40,8 @@ class ClosedLoopSession:
         recorder: empty.
         log_every: control ticks per logged tick in the saved log.
         gate: what counts as success.
-        sensors: of the simulated robot; None, as the estimator, if the plant tells the controller the truth.
-        estimator: tells the controller the state from what the sensors say.
+        sensors: of the simulated robot; None, as the estimator, if the controller receives the plant's true state.
+        estimator: of the state from what the sensors measure.
     """
 
     robot: Robot
@@ -86,14 +86,14 @@ class ClosedLoopSession:
 
 
 class _Observer:
-    """Record every control tick, tell the progress now and then, and end a run soon after the robot fell."""
+    """Record every control tick, report the progress now and then, and end a run soon after the robot fell."""
 
     def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
         self._record_estimate = session.recorder.record_estimate
         self._estimator = session.estimator
-        # Whoever judges a run measures the truth, not what the controller takes for it.
+        # Runs are judged by the true state, not by the estimate.
         self._truth = None if session.estimator is None else WholeBodyTerms(session.robot)
         self._controller = session.controller
         self._progress = progress

@@ -44,7 +44,7 @@ ProgressReport = Callable[[Progress], None]
 """Called by a session every few ticks. It may raise KeyboardInterrupt to stop the run there."""
 
 Notify = Callable[[str], None]
-"""Called with one line about what is being prepared, such as "compiling the MPC"."""
+"""Called with one line that says what is being prepared, such as "compiling the MPC"."""
 
 
 @dataclass(frozen=True)

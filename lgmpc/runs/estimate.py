@@ -1,4 +1,4 @@
-"""How far the estimate that a controller worked with was from the truth."""
+"""Errors of the estimate that a controller received."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CONTACT_FORCE_N = 0.1
 class EstimatorErrors:
     """Differences between estimate and truth over a run.
 
-    Position and yaw are not observable from inside a robot: they drift, and what is told of them is that drift.
+    Position and yaw are not observable from inside a robot: they drift, and their errors here are that drift.
 
     Attributes:
         max_position_m: largest distance between estimated and true base position.
@@ -29,7 +29,7 @@ class EstimatorErrors:
         final_yaw_deg: its size at the end.
         rms_velocity_m_s: RMS size of the error of the base's linear velocity, base axes.
         max_velocity_m_s: largest such size.
-        wrong_contact_fraction: fraction of feet and ticks whose contact was believed wrongly.
+        wrong_contact_fraction: fraction of feet and ticks whose contact was classified wrongly.
     """
 
     max_position_m: float

@@ -28,7 +28,7 @@ _SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin",
 """Last words, before the unit, of figures that can be negative."""
 
 _SMALL = 1e-3
-"""What is smaller, in its unit, is shown as no more than that: nobody reads 2.8e-05 deg."""
+"""What is smaller, in its unit, is shown as less than that: 2.8e-05 deg informs no reader."""
 
 
 def figure_of(bound: str) -> str:

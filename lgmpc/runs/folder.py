@@ -91,7 +91,7 @@ class RunFolder:
     def create(cls, out: Path | str, name: str, now: datetime | None = None) -> RunFolder:
         """Make ``out/<UTC time>-<name>/`` and prove that it can be written.
 
-        Called before a run starts, so that nobody waits for a result that has nowhere to go. Two runs that start in
+        Called before a run starts, so that a folder that cannot be written is reported at once. Two runs that start in
         the same second get two folders.
 
         Args:
@@ -126,7 +126,7 @@ class RunFolder:
         return cls(path)
 
     def check_space(self, log_bytes: int) -> None:
-        """Check that the disk has room for a run's arrays, before anybody waits for them.
+        """Check that the disk has room for a run's arrays, before the run starts.
 
         Args:
             log_bytes: size of the arrays, an estimate.

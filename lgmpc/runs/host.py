@@ -21,7 +21,7 @@ class HostInfo:
     Attributes:
         system: operating system and its release.
         machine: architecture.
-        cpu: processor's name, as the system tells it.
+        cpu: processor's name, as the system reports it.
         cores: processors that this process may use.
         threads: the thread cap of numerical libraries (OMP_NUM_THREADS), empty if not set.
     """

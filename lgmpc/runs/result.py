@@ -1,4 +1,4 @@
-"""``run.json``: what came of a run, and what it ran on. There are two kinds, of closed loops and of solved problems."""
+"""``run.json``: the result of a run, and its host. There are two kinds, of closed loops and of solved problems."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class SolveResult(_Result):
         verdict: pass, fail or interrupted, with reasons.
         method: the solver.
         status: how it ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
-        explanation: what held it back, in a few lines; empty if nothing did.
+        explanation: why it did not converge, in a few lines; empty if it did.
         figures: by name, the unit at its end; NaN where one could not be measured.
         created: when it was made, UTC, ISO 8601.
         versions: versions of Python and packages.

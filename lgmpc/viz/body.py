@@ -1,4 +1,4 @@
-"""The robot's looks: its visual meshes, or a stick figure where it has none, moved by its joints."""
+"""The robot as it is drawn: its visual meshes, or a stick figure where it has none, moved by its joints."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Part:
         name: its name, unique.
         mesh: triangles in its own frame.
         placement: its frame in the joint's.
-        material: how it looks.
+        material: colour, opacity and shine.
     """
 
     joint: int

@@ -15,7 +15,7 @@ from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["COLORS", "Arrow", "Scale", "add_ball", "add_cone", "add_path", "add_place", "add_plumb_line"]
 
-# Okabe and Ito's palette: told apart by colour-blind eyes too.
+# Okabe and Ito's palette: distinct to colour-blind eyes too.
 COLORS = {
     "forces": 0x009E73,
     "planned": 0x56B4E9,

@@ -149,7 +149,7 @@ class PageServer:
         content = page.encode("utf-8")
 
         class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:  # the name that the standard library asks for
+            def do_GET(self) -> None:  # the name that the standard library requires
                 found = self.path in ("/", "/index.html")
                 body = content if found else b"not found"
                 self.send_response(200 if found else 404)

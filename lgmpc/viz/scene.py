@@ -30,7 +30,7 @@ _ROTATION_STEP = 2e-5
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface looks.
+    """Appearance of a surface.
 
     Attributes:
         color: 0xRRGGBB.

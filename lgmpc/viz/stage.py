@@ -31,7 +31,7 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
         travel: (k, 3) base positions, m.
 
     Returns:
-        Distances from the camera at which fog begins and has swallowed everything, m.
+        Distances from the camera at which fog begins and is opaque, m.
     """
     size = float(np.linalg.norm(highest - lowest))
     middle = 0.5 * (travel.min(axis=0) + travel.max(axis=0))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EXTRA", "INK", "LIMIT", "PALETTE", "PUSH", "SOFT", "X", "Y", "Z", "figure_maker"]
 
-X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: told apart by colour-blind eyes too
+X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: distinct to colour-blind eyes too
 LIMIT, PUSH, EXTRA = "#D55E00", "#D55E00", "#CC79A7"
 INK, SOFT = "#1d2733", "#5b6877"
 PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")

@@ -1,6 +1,6 @@
 "use strict";
 // Puts the packed scene into the meshcat viewer and drives its animation from the time line.
-const lgmpc = { ready: start().catch(tell) };
+const lgmpc = { ready: start().catch(report) };
 window.lgmpc = lgmpc;
 
 async function start() {
@@ -70,7 +70,7 @@ class Player {
     this.playing = false;
     this.speed = 1;
     for (const animation of animations) animation.path = animation.path.split("/").filter((part) => part);
-    // The viewer's own clock stays stopped: this one knows about speed, looping and dragging.
+    // The viewer's own clock stays stopped: this one has a speed, repeats, and can be dragged.
     viewer.set_animation(animations, { play: true, repetitions: 1 });
     viewer.animator.pause();
     for (const action of viewer.animator.actions) action.setLoop(MeshCat.THREE.LoopRepeat, Infinity);
@@ -284,7 +284,7 @@ function seeThrough(root, on) {
   });
 }
 
-function tell(error) {
+function report(error) {
   const trouble = document.getElementById("trouble");
   trouble.textContent = error.message;
   trouble.hidden = false;

@@ -7,10 +7,14 @@ Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 n
                 |M_j a + h_j - J_cj^T f| <= tau_max              (torque limits)
                 friction pyramid inscribed in the cone           (each foot)
                 bounds on joint accelerations and normal forces  (joint limits, contact)
+
+The same function computes the minimiser under the equalities alone, with no force on feet in the air. While no limit is
+active, which is most of the time, that is the solution of the QP, and no solver has to be called.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +25,7 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
-from lgmpc.robot.friction import friction_pyramid
+from lgmpc.robot.friction import friction_margins, friction_pyramid, pyramid_half_width
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import contact_points as points
 from lgmpc.wbc.settings import WholeBodySettings
@@ -80,6 +84,8 @@ class WholeBodyQp:
     Attributes:
         contacts: see :class:`Contacts`.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
+        free_solution: (n,) minimiser under the equalities alone.
+        free_torques: (nu,) its joint torques, N.m.
     """
 
     def __init__(
@@ -101,7 +107,8 @@ class WholeBodyQp:
         self._friction: list[float] = []
         self._nu, self._base = nu, base
         self.bias = np.zeros(nu)
-        self._magnitude = np.zeros(1)
+        self._magnitude, self._excess = np.zeros(1), np.zeros(1)
+        self.free_solution, self.free_torques = np.zeros(solver.size), np.zeros(nu)
         limits = np.array(
             [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
         )
@@ -114,11 +121,12 @@ class WholeBodyQp:
         self._normal_column = nv + 2
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
         s.upper[nu:] = 0.0
-        self._run = StageKernel(_data(robot, symbolic, solver.size)).bind(
+        self._run = StageKernel(_data(robot, symbolic, settings.friction_facets)).bind(
             1,
             q=terms.q,
             v=terms.v,
             stance=self._flags,
+            friction=self.contacts.friction,
             target_forces=self.contacts.target_forces.reshape(-1),
             lowest_normal=self.contacts.lowest_normal,
             highest_normal=self.contacts.highest_normal,
@@ -138,6 +146,9 @@ class WholeBodyQp:
             box_upper=s.box_upper[base:],
             bias=self.bias,
             magnitude=self._magnitude,
+            free_solution=self.free_solution,
+            free_torques=self.free_torques,
+            excess=self._excess,
         )
 
     def update(self) -> float:
@@ -152,6 +163,11 @@ class WholeBodyQp:
             self._write_friction(friction)
         self._run()
         return float(self._magnitude[0]) + sum(map(self._add, self._numeric))
+
+    @property
+    def free_excess(self) -> float:
+        """How far :attr:`free_solution` is from solving the QP: its largest residual or transgression of a limit."""
+        return math.inf if self._numeric else float(self._excess[0])
 
     def torques(self, solution: Array) -> Array:
         """Joint torques (nu,) that produce the QP's accelerations and forces: ``M_j a + h_j - J_cj^T f``."""
@@ -174,12 +190,13 @@ class WholeBodyQp:
         return float(rhs @ rhs)
 
 
-def _data(robot: Robot, tasks: Sequence[SymbolicTask], n: int) -> ca.Function:
+def _data(robot: Robot, tasks: Sequence[SymbolicTask], facets: int) -> ca.Function:
     """The data as a function; matrices are stored row by row, as the solver has them."""
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu
-    sizes = {"q": robot.nq, "v": nv, "stance": nc, "target_forces": 3 * nc, "lowest_normal": nc, "highest_normal": nc}
-    sizes |= {"external_wrench": 6, "limits": 4 * nu, "horizon": 2, "weights": 2}
+    sizes = {"q": robot.nq, "v": nv, "stance": nc, "friction": nc, "target_forces": 3 * nc}
+    sizes |= {"lowest_normal": nc, "highest_normal": nc, "external_wrench": 6}
+    sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2}
     sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v = given["q"], given["v"]
@@ -195,6 +212,7 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask], n: int) -> ca.Function:
         weighted = ca.mtimes(ca.diag(rows.weight), rows.jacobian)
         hessian += ca.triu(ca.mtimes(weighted.T, rows.jacobian))
         gradient -= ca.mtimes(weighted.T, rows.rhs)
+    hessian = ca.triu2symm(hessian)
     gradient = ca.vertcat(gradient, -given["weights"][0] * given["target_forces"])
 
     dynamics, bias = ca.horzcat(model.crba(q), -points.contact_jacobian(s, robot).T), model.nle(q, v)
@@ -206,21 +224,67 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask], n: int) -> ca.Function:
     equality_rhs, lower, upper = on_base - bias[:base], -effort - bias[base:], effort - bias[base:]
     joints = _joint_bounds(q[robot.joint_q], v[robot.joint_v], lowest, highest, fastest, given["horizon"])
     forces = _force_bounds(given["stance"], given["lowest_normal"], given["highest_normal"])
+    box_lower, box_upper = ca.vertcat(joints[0], forces[0]), ca.vertcat(joints[1], forces[1])
+    in_contact = ca.vec(ca.repmat(given["stance"].T, 3, 1))
+    free, residual = _equality_minimiser(
+        hessian, gradient, given["weights"][0], dynamics[:base, :], equality_rhs, in_contact
+    )
+    torques = ca.mtimes(dynamics[base:, :], free) + bias[base:]
+    margins = [
+        margin
+        for foot, mu in enumerate(ca.vertsplit(given["friction"]))
+        for margin in friction_margins(free[nv + 3 * foot : nv + 3 * foot + 3], pyramid_half_width(mu, facets), facets)
+    ]
+    excess = ca.mmax(
+        ca.vertcat(
+            residual,
+            torques - effort,
+            -effort - torques,
+            box_lower - free[base:],
+            free[base:] - box_upper,
+            *(-margin for margin in margins),
+        )
+    )
     magnitude = sum(ca.sumsqr(part) for part in (q, v, gradient, equality_rhs, lower))
     outputs = {
-        "hessian": ca.vertcat(ca.triu2symm(hessian), ca.SX(n - nv, nv)),
+        "hessian": ca.vertcat(hessian, ca.SX(3 * nc, nv)),
         "gradient": gradient,
         "equality": dynamics[:base, :].T,
         "equality_rhs": equality_rhs,
         "torque_rows": dynamics[base:, :].T,
         "lower": lower,
         "upper": upper,
-        "box_lower": ca.vertcat(joints[0], forces[0]),
-        "box_upper": ca.vertcat(joints[1], forces[1]),
+        "box_lower": box_lower,
+        "box_upper": box_upper,
         "bias": bias[base:],
         "magnitude": magnitude,
+        "free_solution": free,
+        "free_torques": torques,
+        "excess": excess,
     }
     return ca.Function("wbc_qp", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
+
+
+def _equality_minimiser(
+    hessian: Any, gradient: Any, force_weight: Any, equality: Any, rhs: Any, in_contact: Any
+) -> tuple[Any, Any]:
+    """Return the minimiser (n,) under the equalities alone with no force where ``in_contact`` is 0, and its residuals.
+
+    It solves the optimality conditions in the order forces, accelerations, multipliers, in which their LDL^T keeps the
+    forces' zeros.
+    """
+    nv, nf, ne = hessian.shape[0], in_contact.shape[0], rhs.shape[0]
+    on_accelerations, on_forces = equality[:, :nv], ca.mtimes(equality[:, nv:], ca.diag(in_contact))
+    kkt = ca.blockcat(
+        [
+            [force_weight * ca.SX.eye(nf), ca.SX(nf, nv), on_forces.T],
+            [ca.SX(nv, nf), hessian, on_accelerations.T],
+            [on_forces, on_accelerations, ca.SX(ne, ne)],
+        ]
+    )
+    right = ca.vertcat(-in_contact * gradient[nv:], -gradient[:nv], rhs)
+    solution = ca.ldl_solve(right, *ca.ldl(kkt, False))
+    return ca.vertcat(solution[nf : nf + nv], solution[:nf]), ca.fabs(ca.mtimes(kkt, solution) - right)
 
 
 def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horizon: Any) -> tuple[Any, Any]:

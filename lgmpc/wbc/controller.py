@@ -94,23 +94,30 @@ class WholeBodyController:
     def solve(self) -> TickStatus:
         """Solve the QP at the sensed state; :attr:`tau`, :attr:`forces` and :attr:`acceleration` hold the result."""
         solved_before = self.status is TickStatus.SOLVED
-        if math.isfinite(self.qp.update()):
-            self.status = self.solver.solve()
-        else:
+        if not math.isfinite(self.qp.update()):
             self.solver.reset()
             self.status = TickStatus.NOT_FINITE
+        elif self.qp.free_excess <= self.settings.tolerance:
+            self.solver.reset()  # its multipliers are of an earlier tick; no limit is active now
+            self.status = TickStatus.SOLVED
+            self._take(self.qp.free_solution, self.qp.free_torques)
+        else:
+            self.status = self.solver.solve()
+            if self.status is TickStatus.SOLVED:
+                self._take(self.solver.solution, self.qp.torques(self.solver.solution))
         if self.status is not TickStatus.SOLVED:
             self.failures += 1
             if solved_before:
                 _LOG.warning(
                     "whole-body QP %s: last torques with joint damping until it solves again", self.status.name
                 )
-            return self.status
-        solution, nv = self.solver.solution, self.robot.nv
+        return self.status
+
+    def _take(self, solution: Array, torques: Array) -> None:
+        nv = self.robot.nv
         self.acceleration[:] = solution[:nv]
         self.forces.reshape(-1)[:] = solution[nv:]
-        self.tau[:] = self.qp.torques(solution)
-        return self.status
+        self.tau[:] = torques
 
     @property
     def damping(self) -> float:

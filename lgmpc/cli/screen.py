@@ -29,8 +29,8 @@ __all__ = [
 MOST_PROBLEMS = 10
 """How many problems of one config are shown: a screen's worth."""
 
-MOST_CHARACTERS = 1500
-"""How many characters all problems of one config may take together: a screen's worth too."""
+MOST_LINES = 20
+"""How many lines of 80 characters all problems of one config may take together: a screen's worth too."""
 
 ISSUES_URL = "the project's issue tracker"
 
@@ -50,8 +50,9 @@ def show_error(error: LgmpcError) -> None:
     console = err()
     head, problems = _parts(error)
     console.print(Text.assemble(("error: ", "bold red"), head))
+    length = 80 * (MOST_LINES // max(1, min(len(problems), MOST_PROBLEMS))) - 4
     for problem in problems[:MOST_PROBLEMS]:
-        console.print(Text(f"  - {_shorten(problem, MOST_CHARACTERS // min(len(problems), MOST_PROBLEMS))}"))
+        console.print(Text(f"  - {_shorten(problem, length)}"))
     if len(problems) > MOST_PROBLEMS:
         console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
     if isinstance(error, RunFolderError) and "does not exist" in str(error):

@@ -32,7 +32,7 @@ CASES = {
     "limits that never bind": (["robot.effort_limit_nm=null"], "never binds (1000 N.m)", "give effort_limit_nm"),
     "a pattern without joints": (["robot.effort_limit_nm={'*_HAB': 1}"], "effort_limit_nm: '*_HAB'", "no joint"),
     "zero friction": (["plant.friction=0"], "--set: plant.friction: got 0", "greater than 0"),
-    "a negative mass": (["plant.mass_scale=-1"], "--set: plant.mass_scale: got -1", "greater than 0"),
+    "a negative mass": (["plant.mass_scale=-1"], "--set: plant.mass_scale: got -1", "not below 0.01"),
     "a push on an unknown body": (["pushes.0.body=base_lnk"], "--set: pushes.0.body: got base_lnk", "base_link"),
     "NaN in a reference": (
         ["reference={kind: com_circle, radius_m: .nan}"],

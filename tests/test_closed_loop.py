@@ -62,7 +62,7 @@ def test_whole_body_models_hold_at_least_as_well(model: str, plant: str) -> None
     assert metrics.rms_joint_velocity_rad_s is not None and metrics.rms_joint_velocity_rad_s < 0.07  # 0.035
 
 
-@pytest.mark.parametrize("model", ["full_body", "kinodynamic"])
+@pytest.mark.parametrize("model", [pytest.param("full_body", marks=pytest.mark.slow), "kinodynamic"])
 def test_whole_body_models_meet_a_push(model: str) -> None:
     metrics = run(f"solo12_balance_{model}", "duration_s=0.8", "pushes.0.time_s=0.3").metrics
     assert metrics is not None and not metrics.fell and metrics.solver_failures == 0

@@ -191,6 +191,7 @@ def test_refusals() -> None:
             settings()
 
 
+@pytest.mark.slow
 def test_a_trot_goes_where_it_should_within_all_limits() -> None:
     """Compiles the stage, once for all tests of this file."""
     assert trotted().status is Status.CONVERGED and trotted().iterations < 40

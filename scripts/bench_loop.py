@@ -1,7 +1,8 @@
-"""How fast the closed loop is: plant step, whole-body tick, MPC update, real-time factor, time to a first command.
+"""How fast the closed loop is: real-time factor, the share of each part, time to a first command.
 
 Runs the balance config in this process several times and prints medians with the machine and the versions beside them;
-then starts fresh processes to time what a user waits for, with an empty compile cache and with a warm one.
+once more with a stopwatch around every part; then starts fresh processes to time what a user waits for, with an empty
+compile cache and with a warm one.
 
     python scripts/bench_loop.py [--model centroidal|kinodynamic|full_body|lqr] [--repeats 5] [--skip-start]
 """
@@ -17,13 +18,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lgmpc.config.build import build_plant, prepare
+from lgmpc.config.build import prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
-from lgmpc.config.robots import build_robot
 from lgmpc.runs import host_info, versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -37,24 +40,54 @@ session.run(lambda progress: None)
 """
 
 
-def plant_step_us(config_file: Path, overrides: list[str]) -> tuple[float, float]:
-    """Return median microseconds of a plant step and of sensing, standing under the joint torques of a stiff PD."""
-    config = load_config(config_file, overrides)
-    robot = build_robot(config)
-    plant = build_plant(config, robot)
-    plant.reset(robot.x_reference)
-    steps, senses = [], []
-    for _ in range(3000):
-        start = time.perf_counter()
-        sample = plant.sense()
-        sensed = time.perf_counter()
-        joints, rates = sample.q[robot.joint_q], sample.v[robot.joint_v]
-        torque = 20.0 * (robot.q_reference[robot.joint_q] - joints) - 0.3 * rates
-        begin = time.perf_counter()
-        plant.step(torque)
-        steps.append(time.perf_counter() - begin)
-        senses.append(sensed - start)
-    return 1e6 * float(np.median(steps)), 1e6 * float(np.median(senses))
+class Stopwatch:
+    """Adds up the time within methods, each without the time within the others that it calls.
+
+    Attributes:
+        spent: s, by part.
+    """
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = {}
+        self._within = 0.0
+
+    def watch(self, part: str, owner: Any, *names: str) -> None:
+        """Count the time within these methods of ``owner`` as ``part``."""
+        self.spent.setdefault(part, 0.0)
+        for name in names:
+            setattr(owner, name, self._timed(part, getattr(owner, name)))
+
+    def _timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            before, self._within = self._within, 0.0
+            started = time.perf_counter()
+            result = method(*args, **kwargs)
+            elapsed = time.perf_counter() - started
+            self.spent[part] += elapsed - self._within
+            self._within = before + elapsed
+            return result
+
+        return call
+
+
+def part_shares(config_file: Path, overrides: list[str]) -> tuple[dict[str, float], int]:
+    """Return the seconds that a run spends in each part, the rest as the interpreter's, and its ticks."""
+    session = prepare(load_config(config_file, overrides))
+    assert isinstance(session, ClosedLoopSession)
+    stopwatch, wbc, planner = Stopwatch(), session.controller.wbc, session.controller.planner
+    stopwatch.watch("plant step", session.plant, "step")
+    stopwatch.watch("plant access", session.plant, "sense", "set_wrench")
+    stopwatch.watch("recording", session.recorder, "record", "record_mpc")
+    stopwatch.watch("sense", wbc, "sense")
+    stopwatch.watch("QP data", wbc.qp, "update")
+    stopwatch.watch("ProxQP", wbc.solver, "solve")
+    if planner is not None:
+        stopwatch.watch("MPC", planner.mpc, "update")
+        stopwatch.watch("plan sampling", planner, "plan_from", "follow")
+    started = time.perf_counter()
+    session.run(lambda progress: None)
+    elapsed = time.perf_counter() - started
+    return {**stopwatch.spent, "interpreter": elapsed - sum(stopwatch.spent.values())}, session.rates.ticks
 
 
 def first_command_s(config_file: Path, cache: str) -> float:
@@ -80,8 +113,6 @@ def main() -> None:
     print(", ".join(f"{name} {version}" for name, version in versions().items()))
     config_file = CONFIGS / f"solo12_balance{MODELS[arguments.model]}.yaml"
     overrides = [f"plant.kind={arguments.plant}"]
-    step, sense = plant_step_us(config_file, overrides)
-    print(f"plant ({arguments.plant})       step {step:6.1f} us   sense {sense:6.1f} us")
     found = [
         prepare(load_config(config_file, overrides)).run(lambda progress: None).metrics
         for _ in range(arguments.repeats)
@@ -94,6 +125,11 @@ def main() -> None:
         print(f"{name:22s} median {1e3 * p50:6.0f} us   99th percentile {1e3 * p99:6.0f} us")
     factors = [m.real_time_factor for m in runs]
     print(f"real-time factor       median {np.median(factors):6.2f}      of {len(factors)} runs of 10 s, one process")
+    shares, ticks = part_shares(config_file, overrides)
+    print("\npart                us a tick   share")
+    for part, spent in sorted(shares.items(), key=lambda item: -item[1]):
+        print(f"{part:18s} {1e6 * spent / ticks:10.1f} {100 * spent / sum(shares.values()):6.1f} %")
+    print()
     if not arguments.skip_start:
         with tempfile.TemporaryDirectory() as cache:
             cold = first_command_s(config_file, cache)

@@ -47,25 +47,18 @@ class Target:
 
     def __init__(self, task: str, buffers: Mapping[str, Array]) -> None:
         self._task = task
-        self._buffers = dict(buffers)
+        self._names = tuple(buffers)
+        self.__dict__.update(buffers)
 
     def __getattr__(self, name: str) -> Array:
-        """Return the buffer of this name.
+        """Raise for the name of a target that the task does not have.
 
         Raises:
-            InputError: the task has no such target; names the nearest.
+            InputError: names the nearest target.
         """
         if name.startswith("_"):
             raise AttributeError(name)
-        try:
-            return self._buffers[name]
-        except KeyError:
-            raise InputError(
-                f"target of task '{self._task}'", name, "one of its targets", tuple(self._buffers)
-            ) from None
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._buffers]
+        raise InputError(f"target of task '{self._task}'", name, "one of its targets", self._names)
 
 
 class Task(ABC):

@@ -59,7 +59,7 @@ class WholeBodySolver:
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
         settings.max_iter = max_iterations
-        # Rarely more than 3 are of use; at the default 1500, a wild target could stall a tick for seconds.
+        # Rarely more than 3 are of use; at the default 1500, a far-off target could stall a tick for seconds.
         settings.max_iter_in = _NEWTON_STEPS
         # In SI units this problem is scaled well enough: equilibrated, it takes more iterations.
         settings.compute_preconditioner = False

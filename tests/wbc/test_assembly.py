@@ -176,6 +176,18 @@ def test_friction_given_at_a_tick_keeps_the_forces_inside_that_cone(solo12, face
         assert (along / width).max() == pytest.approx(1.0, abs=1e-4)
 
 
+def test_without_the_solver_too_the_forces_stay_inside_the_inscribed_pyramid(solo12):
+    """A force inside the cone but outside its inscribed pyramid of four sides is not accepted."""
+    controller = WholeBodyController(solo12, WholeBodySettings(friction_facets=4))
+    controller.contacts.friction[:] = 0.3
+    for share, free in ((0.5, True), (0.7, False)):
+        controller.tasks["com"].target.acceleration[0] = share * 0.3 * 9.81
+        assert controller.solve() is TickStatus.SOLVED
+        assert (controller.qp.free_excess <= 1e-5) == free
+        inside = 0.3 * np.cos(np.pi / 4) * controller.forces[:, 2] - np.abs(controller.forces[:, 0])
+        assert inside.min() > (0.0 if free else -1e-4)
+
+
 def test_normal_forces_keep_the_bounds_that_each_foot_has_at_a_tick(solo12, controller):
     contacts = controller.contacts
     contacts.highest_normal[0] = 2.0

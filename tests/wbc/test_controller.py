@@ -139,11 +139,15 @@ def test_same_inputs_after_a_reset_give_the_same_bits(solo12, random_state):
     np.testing.assert_array_equal(commands(other, states), first)
 
 
-def test_a_failed_tick_leaves_no_trace_in_the_next_solution(controller):
-    """After a state that is not finite the solver starts anew, as the first tick did."""
+def test_after_a_failed_tick_the_solver_starts_anew(controller):
+    """As at the first tick: with torques at their limits, so that ProxQP is called, and its warm start counts."""
+    acceleration = controller.tasks["com"].target.acceleration
+    acceleration[2] = 200.0
     assert controller.solve() is TickStatus.SOLVED
     first = controller.tau.copy()
-    assert controller.solve() is TickStatus.SOLVED  # warm
+    acceleration[0] = 100.0
+    assert controller.solve() is TickStatus.SOLVED
+    acceleration[0] = 0.0
     controller.external_wrench[0] = np.nan
     assert controller.solve() is TickStatus.NOT_FINITE
     controller.external_wrench[0] = 0.0

@@ -11,8 +11,10 @@ from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.errors import SolverError
 from lgmpc.estimation import LeggedEstimator
+from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, compute_metrics, judge
+from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.metrics import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
@@ -24,6 +26,7 @@ __all__ = ["ClosedLoopSession"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
+_STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
 _AFTERMATH = 0.5  # s that a fall is still watched: long enough for the replay, and nothing is learnt from more
 
 
@@ -91,6 +94,7 @@ class _Observer:
     def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
+        self._record_steps = session.recorder.record_steps
         self._record_estimate = session.recorder.record_estimate
         self._estimator = session.estimator
         # Runs are judged by the true state, not by the estimate.
@@ -112,6 +116,15 @@ class _Observer:
             terms = self._truth
             terms.update(sample.q, sample.v)
             self._record_estimate(tick.state.q, tick.state.v, estimator.contacts, 1e3 * estimator.spent)
+        feet, command = controller.feet, controller.command
+        self._record_steps(
+            command=(command.vx, command.vy, command.yaw_rate),
+            gait_period_s=feet.clock.gait.period_s,
+            stance=feet.stance,
+            contact_states=[_STATE_CODES[state] for state in feet.events.states],
+            swing_targets=feet.position,
+            footholds=feet.footholds,
+        )
         self._record(
             time=sample.time,
             q=sample.q,

@@ -13,6 +13,7 @@ from lgmpc.runs.recorder import LogSettings, Recorder
 from lgmpc.runs.result import RunResult, SolveResult
 from lgmpc.runs.trajectory import TrajectoryLog
 from lgmpc.runs.verdict import Outcome, Verdict, judge, measured
+from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = [
     "Change",
@@ -34,6 +35,7 @@ __all__ = [
     "Timing",
     "TrajectoryLog",
     "Verdict",
+    "WalkingMetrics",
     "atomic_write",
     "compare",
     "compute_metrics",

@@ -26,18 +26,20 @@ class Gate(Settings):
     )
     max_tilt_deg: NonNegative | None = Field(default=20.0, description="Largest tilt of the base, degrees.")
     max_displacement_m: NonNegative | None = Field(
-        default=None, description="Largest distance of the base from its start, m."
+        default=None, description="Largest distance of the base from its start, or from where commands lead it, m."
     )
     min_base_height_m: NonNegative | None = Field(default=None, description="Lowest height of the base, m.")
     min_base_height_fraction: Fraction | None = Field(
         default=0.7, description="Lowest height of the base as a share of its first height, 0 to 1."
     )
     max_final_position_error_m: NonNegative | None = Field(
-        default=None, description="Distance of the base from its start at the end, m."
+        default=None, description="Distance of the base from its start, or from where commands lead it, at the end, m."
     )
     max_final_tilt_deg: NonNegative | None = Field(default=None, description="Tilt of the base at the end, degrees.")
     max_final_rotation_deg: NonNegative | None = Field(
-        default=None, description="Rotation of the base from its start, yaw included, at the end, degrees."
+        default=None,
+        description="Rotation of the base from its start, or from where commands lead it, at the end, yaw included,"
+        " degrees.",
     )
     max_slip_m: NonNegative | None = Field(
         default=None, description="Largest distance that a foot slides while it is in contact, m."
@@ -71,6 +73,45 @@ class Gate(Settings):
     max_wbc_p50_ms: NonNegative | None = Field(default=None, description="Median duration of a whole-body tick, ms.")
     min_real_time_factor: NonNegative | None = Field(
         default=None, description="Simulated seconds per second of computing."
+    )
+    max_velocity_rmse_m_s: NonNegative | None = Field(
+        default=None,
+        description="RMS error of the velocity averaged over a stride at constant commands, m/s.",
+    )
+    max_raw_velocity_rmse_m_s: NonNegative | None = Field(
+        default=None, description="RMS error of the momentary velocity at constant commands, m/s."
+    )
+    max_velocity_bias_m_s: NonNegative | None = Field(
+        default=None, description="Mean velocity error at any constant command, m/s."
+    )
+    max_yaw_rate_rmse_rad_s: NonNegative | None = Field(
+        default=None,
+        description="RMS error of the yaw rate averaged over a stride at constant commands, rad/s.",
+    )
+    max_height_rmse_m: NonNegative | None = Field(
+        default=None, description="RMS error of the base's height at constant commands, m."
+    )
+    max_height_std_m: NonNegative | None = Field(
+        default=None, description="Standard deviation of the base's height at any constant command, m."
+    )
+    max_cost_of_transport: NonNegative | None = Field(
+        default=None, description="Sum of |torque x joint speed| over weight x way."
+    )
+    min_steps: Number | None = Field(default=None, description="Touchdowns of all feet.")
+    max_walking_tilt_deg: NonNegative | None = Field(
+        default=None, description="Largest tilt of the base while it walks, degrees."
+    )
+    max_scuff_m: NonNegative | None = Field(
+        default=None, description="Longest way that a foot slides over the floor within one swing, m."
+    )
+    max_recovery_time_s: NonNegative | None = Field(
+        default=None, description="Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
+    )
+    max_stop_strides: NonNegative | None = Field(
+        default=None, description="Time from the command's coming to rest until the robot stands, in gait cycles."
+    )
+    max_final_foot_error_m: NonNegative | None = Field(
+        default=None, description="Distance of a foot, at the end, from where it was relative to the base at first, m."
     )
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -12,9 +13,22 @@ from numpy.typing import NDArray
 from lgmpc.errors import RunFolderError
 from lgmpc.typing import Array
 
-__all__ = ["CHANNELS", "ESTIMATE_CHANNELS", "MPC_CHANNELS", "Channel", "PushInterval", "RunLog", "push_intervals"]
+__all__ = [
+    "CHANNELS",
+    "CONTACT_STATES",
+    "ESTIMATE_CHANNELS",
+    "MPC_CHANNELS",
+    "STEP_CHANNELS",
+    "Channel",
+    "PushInterval",
+    "RunLog",
+    "push_intervals",
+]
 
 StatusArray = NDArray[np.int8]
+
+CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
+"""What a foot does, compared with the schedule: the channel ``contact_states`` holds indices into this."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +75,11 @@ def _estimate(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
     return field(default=None, metadata={"estimate": Channel(axes, dtype)})
 
 
+def _step(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+    """Declare a channel with one entry per logged control tick of runs whose steps are recorded; absent otherwise."""
+    return field(default=None, metadata={"step": Channel(axes, dtype)})
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunLog:
     """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
@@ -95,11 +114,19 @@ class RunLog:
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
+        mass_kg: mass of the simulated robot; NaN where it was not recorded.
         estimate_q: (n, nq) configuration that the controller received; None, as all of the estimate, if it was the
             true one.
         estimate_v: (n, nv) velocity that it received.
         estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing.
         estimate_ms: (n,) duration of the estimator's tick, ms.
+        command: (n, 3) limited motion command [velocity ahead, to the left, m/s; yaw rate, rad/s] in the horizontal
+            frame that turns with the base; None, as all of the steps, where they were not recorded.
+        gait_period_s: (n,) duration of one cycle of the gait that the schedule follows, s.
+        stance: (n, nc) 1 = the controller counts on the foot to carry.
+        contact_states: (n, nc) what each foot does, as index into :data:`CONTACT_STATES`.
+        swing_targets: (n, nc, 3) where a foot in the air should be, a standing one its contact point, m.
+        footholds: (n, nc, 3) where each foot stands or is to touch down next, m.
     """
 
     time: Array = _tick()
@@ -127,6 +154,12 @@ class RunLog:
     estimate_v: Array | None = _estimate("nv")
     estimate_contacts: StatusArray | None = _estimate("nc", dtype=np.int8)
     estimate_ms: Array | None = _estimate()
+    command: Array | None = _step(3)
+    gait_period_s: Array | None = _step()
+    stance: StatusArray | None = _step("nc", dtype=np.int8)
+    contact_states: StatusArray | None = _step("nc", dtype=np.int8)
+    swing_targets: Array | None = _step("nc", 3)
+    footholds: Array | None = _step("nc", 3)
     contact_frames: NDArray[np.str_]
     joint_names: NDArray[np.str_]
     effort_limit: Array
@@ -135,6 +168,7 @@ class RunLog:
     control_period_s: float
     mpc_period_s: float
     floating_base: bool = True
+    mass_kg: float = math.nan
 
     def __post_init__(self) -> None:
         for name, kind in (("contact_frames", "U"), ("joint_names", "U"), ("effort_limit", "f")):
@@ -148,11 +182,12 @@ class RunLog:
         for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
             for name, channel in table.items():
                 self._check(name, getattr(self, name), channel, length, dims)
-        missing = [name for name in ESTIMATE_CHANNELS if getattr(self, name) is None]
-        if missing and self.estimated:
-            raise RunFolderError(f"log lacks {', '.join(missing)}")
-        for name, channel in ESTIMATE_CHANNELS.items() if self.estimated else ():
-            self._check(name, getattr(self, name), channel, len(self.time), dims)
+        for table in self._optional_tables():
+            missing = [name for name in table if getattr(self, name) is None]
+            if missing:
+                raise RunFolderError(f"log lacks {', '.join(missing)}")
+            for name, channel in table.items():
+                self._check(name, getattr(self, name), channel, len(self.time), dims)
         for array in (self.contact_frames, self.joint_names, self.effort_limit):
             array.setflags(write=False)
         if self.joint_names.shape != (dims["nu"],):
@@ -188,6 +223,16 @@ class RunLog:
         return any(getattr(self, name) is not None for name in ESTIMATE_CHANNELS)
 
     @property
+    def commanded(self) -> bool:
+        """Whether the robot was commanded to move at some time."""
+        return self.command is not None and bool(self.command.any())
+
+    def _optional_tables(self) -> list[Mapping[str, Channel]]:
+        """The tables of channels that some runs lack, of which this one has a channel."""
+        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS)
+        return [table for table in tables if any(getattr(self, name) is not None for name in table)]
+
+    @property
     def base_pose(self) -> Array:
         """(n, 7) base pose [position, quaternion x y z w]; the identity where the base is fixed."""
         if self.floating_base:
@@ -208,7 +253,7 @@ class RunLog:
         if every <= 1 or self.ticks == 0:
             return self
         starts = np.arange(0, self.ticks, every)
-        names = [*CHANNELS, *(ESTIMATE_CHANNELS if self.estimated else ())]
+        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
         kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in names}
         worst = np.maximum.reduceat(np.abs(self.wbc_status.astype(np.int16)), starts)
         kept["wbc_status"] = worst.astype(np.int8)
@@ -226,13 +271,14 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        absent = [name for name in ESTIMATE_CHANNELS if name not in arrays]
+        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, "mass_kg"]
+        absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
         if missing:
             raise RunFolderError(f"log lacks {', '.join(missing)}")
         values: dict[str, Any] = {name: arrays[name] for name in names}
-        for name in ("friction", "contact_radius", "control_period_s", "mpc_period_s"):
+        for name in {"friction", "contact_radius", "control_period_s", "mpc_period_s", "mass_kg"} & values.keys():
             values[name] = single(name, values[name], "f")
         values["floating_base"] = single("floating_base", values["floating_base"], "b")
         return cls(**values)
@@ -242,8 +288,9 @@ def _table(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
-CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS = _table("tick"), _table("update"), _table("estimate")
-"""Channels by what has an entry in them: control ticks, MPC updates, and control ticks of runs with an estimator."""
+CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS = map(_table, ("tick", "update", "estimate", "step"))
+"""Channels by what has an entry in them: control ticks, MPC updates, control ticks of runs with an estimator, and of
+runs whose steps are recorded."""
 
 
 @dataclass(frozen=True)

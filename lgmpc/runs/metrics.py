@@ -13,6 +13,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
 from lgmpc.runs.log import RunLog
+from lgmpc.runs.walking import WalkingMetrics, walking_metrics
 from lgmpc.typing import Array, BoolArray
 
 __all__ = [
@@ -58,11 +59,13 @@ class Metrics:
         fell: whether it fell.
         max_tilt_deg: largest angle between the base's upright axis and the vertical. The upright axis is the one that
             is vertical in the reference posture, so yaw does not count.
-        max_displacement_m: largest distance of the base's position from where it began.
+        max_displacement_m: largest distance of the base's position from where it began or, in a run with motion
+            commands, from where they lead it (the target base pose).
         min_base_height_m: lowest base height.
-        final_position_error_m: distance of the last base position from the first.
+        final_position_error_m: distance of the last base position from the first, or from the target.
         final_tilt_deg: tilt at the end.
-        final_rotation_deg: angle of the rotation from the first base orientation to the last, yaw included.
+        final_rotation_deg: angle of the rotation from the first base orientation, or from the last target, to the
+            last one, yaw included.
         max_slip_m: largest horizontal distance of a contact point from where its stance began. The rolling of a
             spherical foot counts: it moves the contact point too.
         max_foot_displacement_m: largest horizontal distance of a contact point from where it was at the start, steps
@@ -81,6 +84,7 @@ class Metrics:
         estimator_ms: duration of the estimator's ticks.
         estimator: how far the controller's estimate was from the truth.
         min_base_height_fraction: lowest base height over the first; 1 for a base that is fixed.
+        walking: how motion commands were followed; None for a run without.
     """
 
     survived_s: float
@@ -107,6 +111,7 @@ class Metrics:
     estimator_ms: Timing | None = None
     estimator: EstimatorErrors | None = None
     min_base_height_fraction: float | None = None
+    walking: WalkingMetrics | None = None
 
 
 def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
@@ -137,7 +142,8 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
     last = float(log.time[-1]) + log.control_period_s
     survived = (float(log.time[fall_index]) if fall_index < log.ticks else last) - float(time[0])
 
-    displacement = np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
+    home = log.base_reference[use] if log.commanded else base[:1]
+    displacement = np.linalg.norm(base[:, :3] - home[:, :3], axis=1)
     torque = np.abs(log.tau[use])
     saturated = torque >= (1.0 - 1e-9) * log.effort_limit
     stance_slip, from_start = slip(time, log.contact_points[use], log.contact_forces[use, :, 2])
@@ -153,7 +159,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         min_base_height_m=float(base[:, 2].min()),
         final_position_error_m=float(displacement[-1]),
         final_tilt_deg=float(tilt[-1]),
-        final_rotation_deg=_rotation_deg(base[0, 3:], base[-1, 3:]),
+        final_rotation_deg=_rotation_deg(home[-1, 3:], base[-1, 3:]),
         max_slip_m=float(stance_slip.max(initial=0.0)),
         max_foot_displacement_m=float(from_start.max(initial=0.0)),
         max_abs_torque_nm=float(torque.max(initial=0.0)),
@@ -170,6 +176,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         estimator_ms=None if log.estimate_ms is None else timing(log.estimate_ms),
         estimator=estimator_errors(log, end),
         min_base_height_fraction=float(base[:, 2].min() / base[0, 2]) if log.floating_base else 1.0,
+        walking=walking_metrics(log, tilt[:fall_index]),
     )
 
 

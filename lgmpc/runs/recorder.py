@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, Channel, RunLog
+from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, Channel, RunLog
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
@@ -44,6 +45,8 @@ class Recorder:
         floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered if not given.
         estimated: whether the controller receives an estimate, so that :meth:`record_estimate` will be called.
+        stepping: whether commands and steps are recorded, so that :meth:`record_steps` will be called.
+        mass: of the simulated robot, kg; NaN if unknown.
 
     Raises:
         InputError: if a size, a period or the friction cannot be.
@@ -66,6 +69,8 @@ class Recorder:
         floating_base: bool = True,
         joint_names: Sequence[str] | None = None,
         estimated: bool = False,
+        stepping: bool = False,
+        mass: float = math.nan,
     ) -> None:
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
             if value < 0:
@@ -85,6 +90,7 @@ class Recorder:
         self._control_period_s = float(control_period_s)
         self._mpc_period_s = float(mpc_period_s)
         self._floating_base = floating_base
+        self._mass = float(mass)
         sizes = {
             "nq": nq,
             "nv": nv,
@@ -95,6 +101,7 @@ class Recorder:
         self._rows = _Rows(CHANNELS, sizes, ticks)
         self._mpc_rows = _Rows(MPC_CHANNELS, sizes, mpc_updates)
         self._estimate_rows = _Rows(ESTIMATE_CHANNELS, sizes, ticks) if estimated else None
+        self._step_rows = _Rows(STEP_CHANNELS, sizes, ticks) if stepping else None
 
     @property
     def ticks(self) -> int:
@@ -116,10 +123,7 @@ class Recorder:
         Raises:
             InputError: a channel is missing or unknown.
         """
-        if channels.keys() != self._rows.buffers.keys():
-            odd = sorted(channels.keys() ^ self._rows.buffers.keys())
-            raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
-        self._rows.append(channels)
+        self._rows.append_all(channels)
 
     def record_mpc(self, time: float, horizon_com: Array, forces: Array, status: int, ms: float) -> None:
         """Copy one MPC update.
@@ -149,17 +153,32 @@ class Recorder:
             raise InputError("estimated", False, "True, for a recorder that takes estimates")
         self._estimate_rows.append(dict(zip(ESTIMATE_CHANNELS, (q, v, contacts, ms), strict=True)))
 
+    def record_steps(self, **channels: ArrayLike) -> None:
+        """Copy command and steps of a control tick, before that tick is recorded itself.
+
+        Args:
+            channels: a value for each of :data:`~lgmpc.runs.log.STEP_CHANNELS`, as in :meth:`record`.
+
+        Raises:
+            InputError: a channel is missing or unknown, or the recorder was not made for steps.
+        """
+        if self._step_rows is None:
+            raise InputError("stepping", False, "True, for a recorder that takes steps")
+        self._step_rows.append_all(channels)
+
     def log_bytes(self, every: int = 1) -> int:
         """Return the size of the foreseen log's arrays, with one tick kept out of ``every``."""
-        ticks = self._rows.bytes + (self._estimate_rows.bytes if self._estimate_rows else 0)
+        ticks = self._rows.bytes + sum(rows.bytes for rows in (self._estimate_rows, self._step_rows) if rows)
         return -(-ticks // every) + self._mpc_rows.bytes
 
     def log(self) -> RunLog:
         """Return a copy of what has been recorded so far."""
         estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
+        steps = {} if self._step_rows is None else self._step_rows.copies(self.ticks)
         return RunLog(
             **self._rows.copies(),
             **estimate,
+            **steps,
             **self._mpc_rows.copies(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),
@@ -169,6 +188,7 @@ class Recorder:
             control_period_s=self._control_period_s,
             mpc_period_s=self._mpc_period_s,
             floating_base=self._floating_base,
+            mass_kg=self._mass,
         )
 
 
@@ -182,6 +202,13 @@ class _Rows:
         for name, channel in table.items():
             tail = tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
             self.buffers[name] = np.zeros((self.capacity, *tail), dtype=channel.dtype)
+
+    def append_all(self, values: Mapping[str, ArrayLike]) -> None:
+        """Append a row, which has to have every channel."""
+        if values.keys() != self.buffers.keys():
+            odd = sorted(values.keys() ^ self.buffers.keys())
+            raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
+        self.append(values)
 
     def append(self, values: Mapping[str, ArrayLike]) -> None:
         i = self.count

@@ -14,6 +14,7 @@ from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
 from lgmpc.runs.verdict import Outcome, Verdict
+from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = ["RESULT_FILE", "SCHEMA", "RunResult", "SolveResult", "kind_of"]
 
@@ -206,6 +207,7 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
         ("wbc_ms", Timing),
         ("estimator_ms", Timing),
         ("estimator", EstimatorErrors),
+        ("walking", WalkingMetrics),
     ):
         if values.get(name) is not None:
             values[name] = kind(**{key: _number(value) for key, value in values[name].items()})
@@ -221,6 +223,6 @@ def _number(value: Any) -> Any:
     """
     if isinstance(value, (int, float)):
         float(value)
-    elif not (value is None or isinstance(value, (Timing, EstimatorErrors))):
+    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, WalkingMetrics))):
         raise TypeError(f"a metric is {type(value).__name__}")
     return value

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 
 from lgmpc.runs.figures import figure_of, short_number
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.metrics import Metrics, Timing
+from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = ["Outcome", "Verdict", "judge", "measured"]
 
@@ -70,6 +71,19 @@ _WORDS = {
     "mpc_p50_ms": _Words("the median MPC update took", "ms"),
     "wbc_p50_ms": _Words("the median whole-body tick took", "ms"),
     "real_time_factor": _Words("the real-time factor was"),
+    "velocity_rmse_m_s": _Words("the velocity averaged over a stride missed the command by an RMS of", "m/s"),
+    "raw_velocity_rmse_m_s": _Words("the momentary velocity missed the command by an RMS of", "m/s"),
+    "velocity_bias_m_s": _Words("the mean velocity missed the command by", "m/s"),
+    "yaw_rate_rmse_rad_s": _Words("the yaw rate missed the command by an RMS of", "rad/s"),
+    "height_rmse_m": _Words("the base's height missed its target by an RMS of", "mm", 1e3),
+    "height_std_m": _Words("the base heaved with a standard deviation of", "mm", 1e3),
+    "cost_of_transport": _Words("the cost of transport was"),
+    "steps": _Words("steps taken:"),
+    "walking_tilt_deg": _Words("walking, the base tilted by", "deg"),
+    "scuff_m": _Words("a swinging foot slid over the floor by", "mm", 1e3),
+    "recovery_time_s": _Words("back at the command after a push took", "s"),
+    "stop_strides": _Words("from the end of the command to standing it took", "gait cycles"),
+    "final_foot_error_m": _Words("a foot ended away from its place by", "mm", 1e3),
 }
 
 
@@ -103,12 +117,18 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
 def measured(metrics: Metrics, limit: str) -> float | None:
     """Return the metric that a limit of the gate is about; ``None`` if it was not measured.
 
-    It is called like the limit, or like it without "max_" or "min_", or it is a median duration.
+    It is called like the limit, or like it without "max_" or "min_", or it is a median duration; it is one of the
+    run's or one of its walking's.
     """
     if limit in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
         timing: Timing | None = metrics.mpc_ms if limit == "max_mpc_p50_ms" else metrics.wbc_ms
         return None if timing is None else timing.p50
-    value = getattr(metrics, limit if hasattr(metrics, limit) else figure_of(limit))
+    owner: Metrics | WalkingMetrics | None = metrics
+    if any(each.name in (limit, figure_of(limit)) for each in fields(WalkingMetrics)):
+        owner = metrics.walking
+    if owner is None:
+        return None
+    value = getattr(owner, limit if hasattr(owner, limit) else figure_of(limit))
     return None if value is None else float(value)
 
 

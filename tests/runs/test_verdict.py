@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Gate, Outcome, compute_metrics, judge
+from lgmpc.runs import Gate, Outcome, WalkingMetrics, compute_metrics, judge
 from lgmpc.runs.verdict import _WORDS
 
 BALANCE = Gate(
@@ -108,13 +108,16 @@ def test_every_limit_of_the_gate_is_held_against_the_run(standing, field) -> Non
     """No limit is decoration: each one can fail a run, with its own name in the reason."""
     metrics = compute_metrics(standing, elapsed_s=0.5)
     worst = 0.0 if field.startswith("min") else 1e9
-    metric = field if hasattr(metrics, field) else field[4:]
-    if field in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
+    walking = {each.name for each in fields(WalkingMetrics)}
+    metric = field if hasattr(metrics, field) or field in walking else field[4:]
+    if metric in walking:
+        metrics = replace(metrics, walking=WalkingMetrics(**{**dict.fromkeys(walking), metric: worst}))
+    elif field in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
         metric = f"{field[4:7]}_ms"
         metrics = replace(metrics, **{metric: replace(getattr(metrics, metric), p50=worst)})
     else:
         metrics = replace(metrics, **{metric: worst})
-    limit = 1 if "failures" in field or "misses" in field else 0.5
+    limit = 1 if field.endswith(("failures", "misses", "steps")) else 0.5
     (reason,) = judge(metrics, Gate(**{field: limit})).reasons
     assert field in reason
     assert field[4:] in _WORDS

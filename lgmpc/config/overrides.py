@@ -7,7 +7,8 @@ from typing import Any
 
 from lgmpc.config.source import COMMAND_LINE
 from lgmpc.config.yaml_text import parse_scalar
-from lgmpc.errors import ConfigError
+from lgmpc.errors import ConfigError, InputError
+from lgmpc.settings.dotted import write_at
 
 __all__ = ["apply_overrides"]
 
@@ -31,42 +32,14 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
     for text in overrides:
         key, equals, value_text = text.partition("=")
         key = key.strip()
-        parts = key.split(".")
-        if not equals or not all(parts):
+        if not equals or not all(key.split(".")):
             raise ConfigError(COMMAND_LINE, "", text or "nothing", "key=value, such as mpc.enabled=false")
-        made = _write(data, parts, parse_scalar(value_text, key, COMMAND_LINE))
+        value = parse_scalar(value_text, key, COMMAND_LINE)
+        try:
+            made = write_at(data, key, value)
+        except InputError as error:
+            raise ConfigError(COMMAND_LINE, error.argument, error.got, error.expected) from error
         for stale in [place for place in places if place.startswith(f"{key}.")]:
             del places[stale]
         places.update(dict.fromkeys([*made, key], COMMAND_LINE))
     return places
-
-
-def _write(data: dict[str, Any], parts: list[str], value: Any) -> list[str]:
-    """Put ``value`` at the end of the path ``parts``; return the dotted keys of the tables made on the way."""
-    made = []
-    here: Any = data
-    for depth, part in enumerate(parts):
-        path = ".".join(parts[: depth + 1])
-        key: Any = part
-        if isinstance(here, list):
-            key = int(part) if part.isdecimal() else -1
-            if not 0 <= key <= len(here):
-                raise ConfigError(
-                    COMMAND_LINE,
-                    path,
-                    f"position {part}",
-                    f"a position from 0 to {len(here)} (the list has {len(here)})",
-                )
-            if key == len(here):
-                here.append(None)
-        elif not isinstance(here, dict):
-            outer = ".".join(parts[:depth])
-            raise ConfigError(COMMAND_LINE, path, f"a key below {outer} = {here}", f"none: {outer} is a plain value")
-        if depth == len(parts) - 1:
-            here[key] = value
-        else:
-            if (here.get(key) if isinstance(here, dict) else here[key]) is None:
-                here[key] = {}
-                made.append(path)
-            here = here[key]
-    return made

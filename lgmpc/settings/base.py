@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, Union, cast
+from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 from pydantic._internal._model_construction import ModelMetaclass
 from pydantic_core import PydanticCustomError
 from typing_extensions import Self
 
-from lgmpc.errors import InputError
+from lgmpc.settings.dotted import write_at
 
 __all__ = [
     "LARGEST",
@@ -72,49 +72,32 @@ class Settings(BaseModel, metaclass=_SettingsType):
         brings that variant's defaults.
 
         Args:
-            changes: dotted key to value, such as ``{"weights.com": (1e3, 1e3, 1e3)}``; list positions count from 0.
+            changes: dotted key to value, such as ``{"weights.com": (1e3, 1e3, 1e3)}``; list positions count from 0,
+                and the one after the last appends.
 
         Raises:
             InputError: a key that does not exist or a value that cannot be used.
         """
-        data, whole = self.model_dump(exclude_unset=True), self.model_dump()
+        data, whole = self._given(), self.model_dump()
         for key, value in changes.items():
-            _write(data, whole, key, value)
+            write_at(data, key, value, whole)
         return type(self)(**data)
 
-
-def _write(data: dict[str, Any], whole: dict[str, Any], key: str, value: Any) -> None:
-    """Write ``value`` at a dotted key of ``data``; lists on the way that it lacks are those of ``whole``."""
-    *path, last = key.split(".")
-    here: Any = data
-    default: Any = whole
-    for part in path:
-        default = default.get(part) if isinstance(default, dict) else None
-        here = _step(here, part, default, key)
-    if isinstance(here, list):
-        here[_position(here, last, key)] = value
-    else:
-        here[last] = value
+    def _given(self) -> dict[str, Any]:
+        """Return what was given, here and in the settings within, and what selects the variants of unions."""
+        data: dict[str, Any] = dict(self.model_extra or {})
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            selects = get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+            if isinstance(value, Settings):
+                data[name] = value._given()
+            elif selects or name in self.model_fields_set:
+                data[name] = [_plain(each) for each in value] if isinstance(value, tuple) else value
+        return data
 
 
-def _step(here: Any, part: str, default: Any, key: str) -> Any:
-    """Return the table or list at ``part``; tuples become lists, missing tables are made."""
-    where: Any = _position(here, part, key) if isinstance(here, list) else part
-    inner = here.get(where) if isinstance(here, dict) else here[where]
-    if inner is None:
-        inner = default if isinstance(default, tuple) else {}
-    if isinstance(inner, tuple):
-        inner = list(inner)
-    if not isinstance(inner, (dict, list)):
-        raise InputError(key, f"a key below {part} = {inner}", f"none: {part} is a plain value")
-    here[where] = inner
-    return inner
-
-
-def _position(here: list[Any], part: str, key: str) -> int:
-    if not part.isdecimal() or int(part) >= len(here):
-        raise InputError(key, f"position {part}", f"a position from 0 to {len(here) - 1}")
-    return int(part)
+def _plain(value: Any) -> Any:
+    return value._given() if isinstance(value, Settings) else value
 
 
 @dataclass(frozen=True)

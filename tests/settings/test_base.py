@@ -64,6 +64,21 @@ def test_replace_changes_nested_values_and_leaves_the_original() -> None:
     assert settings == _Mpc(weights=_Weights(force=2e-3))
 
 
+def test_replace_within_settings_that_were_not_given_keeps_what_their_default_was_made_of() -> None:
+    class Gain(Settings):
+        kp: Positive
+        kd: Positive | None = None
+
+    class Gains(Settings):
+        com: Gain = Gain(kp=100.0)
+
+    assert Gains().replace({"com.kd": 1.0}).com == Gain(kp=100.0, kd=1.0)
+
+
+def test_replace_keeps_a_variant_that_was_given() -> None:
+    assert _Mpc(body=_Large()).replace({"body.weight_kg": 2.0}).body == _Large(weight_kg=2.0)
+
+
 def test_replace_of_a_variant_brings_its_defaults() -> None:
     assert _Mpc(body=_Small()).replace({"body": {"kind": "large"}}).body == _Large()
 
@@ -74,7 +89,7 @@ def test_replace_of_a_variant_brings_its_defaults() -> None:
         ({"node_s": 0.0}, "greater than 0"),
         ({"weights.forces": 1.0}, "Did you mean weights.force?"),
         ({"node_s.value": 1.0}, "a plain value"),
-        ({"points.3": (0.0, 0.0, 0.0)}, "a position from 0 to 0"),
+        ({"points.3": (0.0, 0.0, 0.0)}, "a position from 0 to 1"),
     ],
 )
 def test_replace_validates(changes: dict[str, object], words: str) -> None:

@@ -5,8 +5,8 @@ A document composes the rooms' own settings and checks what holds between them; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, TypeVar, Union
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeVar, Union
 
 from pydantic import Field, PrivateAttr, model_validator
 
@@ -57,6 +57,10 @@ class Document(Settings):
         copy = self.model_copy()
         copy._source = source
         return copy
+
+    def replace(self: D, changes: Mapping[str, Any]) -> D:
+        """Return a checked copy with some values changed, and the source of this one; see :meth:`Settings.replace`."""
+        return super().replace(changes).with_source(self.source)
 
     def error(
         self, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None

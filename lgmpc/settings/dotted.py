@@ -1,0 +1,60 @@
+"""Write a value at a dotted key, such as ``pushes.0.impulse_ns``, of plain tables and lists."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lgmpc.errors import InputError
+
+__all__ = ["write_at"]
+
+
+def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -> list[str]:
+    """Put ``value`` at a dotted key; keys of lists are positions from 0, and the one after the last appends.
+
+    Args:
+        data: changed in place; tables on the way that it lacks are made.
+        key: dotted.
+        value: any.
+        defaults: tables of which lists that ``data`` lacks are copied.
+
+    Returns:
+        The dotted keys of the tables made on the way.
+
+    Raises:
+        InputError: the key passes through a plain value, or a position that does not exist.
+    """
+    made = []
+    here: Any = data
+    parts = key.split(".")
+    for depth, part in enumerate(parts):
+        path = ".".join(parts[: depth + 1])
+        defaults = defaults.get(part) if isinstance(defaults, dict) else None
+        where = _place(here, part, path)
+        if depth == len(parts) - 1:
+            here[where] = value
+            break
+        inner = here.get(where) if isinstance(here, dict) else here[where]
+        if inner is None and isinstance(defaults, (list, tuple)):
+            inner = defaults
+        elif inner is None:
+            inner = {}
+            made.append(path)
+        here[where] = list(inner) if isinstance(inner, tuple) else inner
+        here = here[where]
+    return made
+
+
+def _place(here: Any, part: str, path: str) -> Any:
+    """Return the key or position of ``part`` in a table or list; one after the last appends."""
+    if isinstance(here, dict):
+        return part
+    outer = path.rpartition(".")[0]
+    if not isinstance(here, list):
+        raise InputError(path, f"a key below {outer} = {here}", f"none: {outer} is a plain value")
+    place = int(part) if part.isdecimal() else -1
+    if not 0 <= place <= len(here):
+        raise InputError(path, f"position {part}", f"a position from 0 to {len(here)} (the list has {len(here)})")
+    if place == len(here):
+        here.append(None)
+    return place

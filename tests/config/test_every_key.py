@@ -1,0 +1,317 @@
+"""Every key of every document reaches something that is built from it.
+
+The walk gives each leaf key another valid value and compares fingerprints of what is built: all numbers, arrays and
+texts in the attributes of plant, controllers, estimator, sensors, recorder and gate, or of problem and solver. Settings
+objects that a built object merely holds do not count, but for those that are used as they are (gate, pushes, reference).
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from enum import Enum
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import lgmpc.config.build
+import lgmpc.config.scenarios
+import lgmpc.config.sensing
+from lgmpc.config import Config, parse_any_config
+from lgmpc.config.build import prepare
+from lgmpc.config.schema import Document
+from lgmpc.control.reference import CircleReference, StandReference
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, SolveGate
+from lgmpc.settings import Settings
+from lgmpc.simulation.disturbances import Push
+from lgmpc.simulation.plant import make_plant
+
+TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
+USED_AS_THEY_ARE = (Gate, SolveGate, Push, CircleReference, StandReference)
+
+LOOP = """
+name: walk
+robot:
+  urdf: {urdf}
+  contact_frames: [foot_a, foot_b, foot_c]
+  effort_limit_nm: 30.0
+  velocity_limit_rad_s: 30.0
+  position_limit_rad: [-0.1, 0.4]
+  armature_kg_m2: 0.01
+  posture: {{"slide_*": 0.01}}
+  collision_shapes:
+    - {{kind: sphere, link: body, radius_m: 0.05}}
+    - {{kind: box, link: body, half_size_m: [0.1, 0.1, 0.1]}}
+    - {{kind: capsule, link: body, radius_m: 0.05, half_length_m: 0.1}}
+estimator: {{kind: inekf}}
+reference: {{kind: com_circle}}
+pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
+mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
+"""
+
+OTHER: dict[str, Any] = {
+    "robot.contact_frames": ("foot_b", "foot_a", "foot_c"),
+    "robot.posture": {"slide_*": 0.02},
+    "robot.position_limit_rad": (-0.2, 0.5),
+    "mpc.normal_force_n": (1.0, 50.0),
+    "wbc.normal_force_n": (1.0, 50.0),
+    "estimator.contact_force_n": (1.0, 5.0),
+    "robot.collision_shapes.?.link": "leg_a",
+    "pushes.0.body": "leg_a",
+}
+"""Other values of keys (glob patterns) whose valid ones cannot be guessed."""
+
+EXEMPT: dict[str, str] = {
+    "name": "the name of the run's folder",
+    "robot.model": "another source of the model, exclusive with urdf",
+    "robot.urdf": "the file of the model",
+    "robot.srdf": "a file beside the model",
+    "robot.package_dirs": "folders of meshes, which nothing here reads",
+    "robot.floating_base": "a fixed base is refused in a closed loop",
+    "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",
+    "estimator.kind": "selects an estimator; the keys of all estimators are walked",
+    "reference.kind": "selects a reference; the keys of all references are walked",
+    "mpc.model": "selects a model; the keys of all models are walked",
+}
+
+
+ACT_LATE = ("stale_after", "reach_rad", "max_iterations", "fallback_damping_nms")
+"""Settings that act only after failures of a solver: the settings that the controllers hold count for these."""
+
+
+def walk(thing: Any, seen: set[int]) -> Iterator[Any]:
+    """Yield everything in the attributes of ``thing`` that is a number, a text or an array, in a fixed order."""
+    if thing is None or isinstance(thing, (bool, int, float, str, bytes, np.generic, Enum, Path)):
+        yield repr(thing)
+        return
+    if id(thing) in seen:
+        return
+    seen.add(id(thing))
+    _KEPT.append(thing)  # an address may not be used again while the walk compares addresses
+    if isinstance(thing, np.ndarray):
+        yield thing.dtype.str + str(thing.shape)
+        yield thing.tobytes() if thing.dtype != object else repr(thing.tolist())
+    elif isinstance(thing, Settings) and not isinstance(thing, USED_AS_THEY_ARE):
+        return
+    elif isinstance(thing, Settings):
+        yield thing.model_dump_json()
+    elif isinstance(thing, Mapping):
+        for key, value in thing.items():
+            yield repr(key)
+            yield from walk(value, seen)
+    elif isinstance(thing, (Sequence, set, frozenset)):
+        for value in thing if isinstance(thing, Sequence) else sorted(thing, key=repr):
+            yield from walk(value, seen)
+    elif isinstance(thing, Robot):  # its fields only: cached properties are there or not
+        yield from walk([getattr(thing, field.name) for field in fields(thing)], seen)
+    elif isinstance(thing, ca.Function):
+        yield str(thing.serialize())
+    elif isinstance(thing, (ca.SX, ca.MX, ca.DM, ca.Sparsity)):
+        yield str(thing)
+    elif isinstance(thing, mujoco.MjModel):
+        yield from (np.asarray(getattr(thing, name)).tobytes() for name in _arrays_of(thing))
+        yield from (repr(getattr(thing.opt, name)) for name in sorted(dir(thing.opt)) if not name.startswith("_"))
+    elif isinstance(thing, pin.Model):
+        yield thing.saveToString()
+    elif callable(thing) and hasattr(thing, "__closure__"):
+        for cell in thing.__closure__ or ():
+            yield from walk(cell.cell_contents, seen)
+    else:
+        own = {**getattr(thing, "__dict__", {}), **{name: getattr(thing, name, None) for name in _slots(thing)}}
+        for name, value in own.items():
+            if not name.startswith("__"):
+                yield name
+                yield from walk(value, seen)
+        yield from walk(getattr(thing, "__self__", None), seen)
+
+
+_KEPT: list[Any] = []
+
+
+def _arrays_of(model: mujoco.MjModel) -> list[str]:
+    return [name for name in sorted(dir(model)) if isinstance(getattr(model, name, None), np.ndarray)]
+
+
+def _slots(thing: Any) -> list[str]:
+    return [name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ()) if isinstance(name, str)]
+
+
+def fingerprint(thing: Any) -> str:
+    """Return a hash of everything that ``walk`` finds."""
+    digest = hashlib.sha256()
+    for each in walk(thing, set()):
+        digest.update(each if isinstance(each, bytes) else each.encode())
+    _KEPT.clear()
+    return digest.hexdigest()
+
+
+def leaves(settings: Settings, prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys of all values that are no tables."""
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        if isinstance(value, Settings):
+            yield from leaves(value, f"{prefix}{name}.")
+        elif isinstance(value, tuple) and value and all(isinstance(each, Settings) for each in value):
+            for i, each in enumerate(value):
+                yield from leaves(each, f"{prefix}{name}.{i}.")
+        else:
+            yield prefix + name
+
+
+def candidates(settings: Document, key: str) -> Iterator[Any]:
+    """Yield other values of a key, the likely ones first."""
+    known = [value for each, value in OTHER.items() if fnmatch.fnmatchcase(key, each)]
+    if known:
+        yield from known
+        return
+    here: Any = settings
+    *outer, name = key.split(".")
+    for part in outer:
+        here = here[int(part)] if part.isdecimal() else getattr(here, part)
+    value, annotation = getattr(here, name), type(here).model_fields[name].annotation
+    yield from (each for each in _literals(annotation) if each != value)
+    if isinstance(value, bool):
+        yield not value
+    elif isinstance(value, int):
+        yield from (value + 1, value - 1)
+    elif isinstance(value, float):
+        yield from (2.0 * value, 0.5 * value, value + 0.5, value + 0.01)
+    elif isinstance(value, tuple) and value and all(isinstance(each, float) for each in value):
+        yield from (tuple(2.0 * each + shift for each in value) for shift in (0.0, 0.01))
+    elif value is None:
+        yield from (1, 0.5, (0.1, 0.2), (0.1, 0.2, 0.3), "x")
+    elif isinstance(value, str):
+        yield value + "_"
+
+
+def _literals(annotation: Any) -> Iterator[Any]:
+    if get_origin(annotation) is Literal:
+        yield from get_args(annotation)
+    else:
+        for inner in get_args(annotation):
+            yield from _literals(inner)
+
+
+def changed(config: Document, key: str) -> Document:
+    """Return the config with another valid value at ``key``."""
+    for value in candidates(config, key):
+        try:
+            other = config.replace({key: value})
+        except InputError:
+            continue
+        if other != config:
+            return other
+    raise AssertionError(f"no other valid value of {key} was found: add one to OTHER")
+
+
+@pytest.fixture(autouse=True)
+def _interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is compiled: what is compared are expressions and numbers."""
+    monkeypatch.setenv("LGMPC_JIT", "0")
+
+
+class Parts:
+    """Builds of parts that several configs share, each built and hashed once for the same arguments."""
+
+    def __init__(self) -> None:
+        self.built: dict[Any, tuple[Any, str]] = {}
+        self.used: list[str] = []
+        self.enabled = True
+
+    def cached(self, build: Any) -> Any:
+        def build_once(*arguments: Any, **keywords: Any) -> Any:
+            if not self.enabled:
+                return build(*arguments, **keywords)
+            plain = [repr(each) for each in arguments if isinstance(each, (Settings, float, int, str))]
+            if build is make_plant:
+                plain += [repr(each.given_shapes) for each in arguments if isinstance(each, Robot)]
+            key = (build, *plain)
+            if key not in self.built:
+                made = build(*arguments, **keywords)
+                self.built[key] = made, fingerprint(made)
+            made, printed = self.built[key]
+            self.used.append(printed)
+            return made
+
+        return build_once
+
+
+_PARTS = Parts()
+
+
+@pytest.fixture
+def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
+    """Let a change of one section build only what it is handed to."""
+    for name in ("make_mpc", "WholeBodyController", "make_plant"):
+        monkeypatch.setattr(lgmpc.config.build, name, _PARTS.cached(getattr(lgmpc.config.build, name)))
+    monkeypatch.setattr(lgmpc.config.sensing, "LeggedEstimator", _PARTS.cached(lgmpc.config.sensing.LeggedEstimator))
+    return _PARTS
+
+
+def print_of_loop(config: Config, parts: Parts) -> tuple[Any, ...]:
+    """Return the fingerprints of all that a closed loop is built of."""
+    parts.used.clear()
+    session = prepare(config)
+    own = [session.robot, session.recorder, session.gate, session.pushes, session.rates, session.log_every]
+    controller, sensors = session.controller, session.sensors
+    pieces = [vars(sensors), controller._reference, controller.floor, type(controller.planner).__name__]
+    if controller.planner is not None:
+        pieces += [
+            value for name, value in vars(controller.planner).items() if name not in ("mpc", "_mpc", "_robot", "robot")
+        ]
+    return (*parts.used, *(fingerprint(each) for each in (*own, *pieces)))
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small robot on three legs, each joint of one coordinate."""
+    path = tmp_path_factory.mktemp("robot") / "tripod.urdf"
+    text = TRIPOD.read_text(encoding="utf-8").replace('type="continuous"', 'type="revolute"')
+    path.write_text(text.replace('effort="2" velocity="50"', 'effort="2" velocity="50" lower="-1" upper="1"'))
+    return path
+
+
+def exempt(key: str) -> bool:
+    return any(fnmatch.fnmatchcase(key, each) for each in EXEMPT)
+
+
+def unused(config: Document, keys: Sequence[str], printed: Any, run: Any) -> list[str]:
+    """Return the keys whose change changes neither what is built nor, as a second chance, what a short run records."""
+    before = printed(config)
+    _PARTS.built.clear()
+    assert printed(config) == before, "two builds of the same config differ"
+    left = [key for key in keys if not exempt(key) and printed(changed(config, key)) == before]
+    recorded = run(config) if left else ""
+    return [key for key in left if run(changed(config, key)) == recorded]
+
+
+def recorded_by(config: Document) -> str:
+    """Return the fingerprint of the log of 60 ticks, without durations; and of settings that act in failures only."""
+    assert isinstance(config, Config)
+    _PARTS.enabled = False
+    try:
+        session = prepare(config.replace({"duration_s": 0.06, "pushes.0.time_s": 0.01}))
+        log = vars(session.run(lambda progress: None).log)
+    finally:
+        _PARTS.enabled = True
+    wbc, mpc = session.controller.wbc.settings, getattr(session.controller.planner, "mpc", None)
+    late = [getattr(held, name) for name in ACT_LATE for held in (wbc, mpc and mpc.settings) if hasattr(held, name)]
+    return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, late])
+
+
+@pytest.mark.parametrize("model", ["centroidal", "kinodynamic", "full_body", "lqr"])
+def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
+    config = parse_any_config(LOOP.format(urdf=urdf, model=model))
+    assert isinstance(config, Config)
+    keys = [key for key in leaves(config) if model == "centroidal" or key.startswith("mpc.")]
+    left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
+    assert left == [], ", ".join(left)

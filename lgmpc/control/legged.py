@@ -175,7 +175,7 @@ class LeggedController:
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
-        friction = float(self.wbc.contacts.friction[0])
+        friction = min(settings.friction, float(self.wbc.contacts.friction[0]))
         self.feet.write_horizon(time, settings.node_s, self._motion, friction, planner.contacts)
         self._reference.write(planner.motion, self.command, settings.node_s, self._ground())
         offset, velocity, _ = self._offset.sample(time + self._node_times)

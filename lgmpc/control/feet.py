@@ -81,7 +81,9 @@ class Feet:
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand."""
-        self.clock.follow(time, find_gait(self._gaits, command.gait), command.moves)
+        # A robot without gaits stands, whatever gait the command names by default.
+        name = command.gait if command.moves or command.gait in self._gaits else "stand"
+        self.clock.follow(time, find_gait(self._gaits, name), command.moves)
 
     def update(
         self, time: float, points: Array, velocities: Array, contacts: BoolArray | None, motion: BaseMotion

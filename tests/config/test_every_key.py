@@ -67,6 +67,7 @@ OTHER: dict[str, Any] = {
     "mpc.friction": 0.02,
     "mpc.normal_force_n": (1.0, 50.0),
     "wbc.normal_force_n": (1.0, 50.0),
+    "wbc.tolerance": 1e-2,
     "estimator.contact_force_n": (1.0, 5.0),
     "robot.collision_shapes.?.link": "leg_a",
     "pushes.0.body": "leg_a",

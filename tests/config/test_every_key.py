@@ -67,7 +67,6 @@ OTHER: dict[str, Any] = {
     "mpc.friction": 0.02,
     "mpc.normal_force_n": (1.0, 50.0),
     "wbc.normal_force_n": (1.0, 50.0),
-    "wbc.tolerance": 1e-2,
     "estimator.contact_force_n": (1.0, 5.0),
     "robot.collision_shapes.?.link": "leg_a",
     "pushes.0.body": "leg_a",
@@ -90,7 +89,7 @@ EXEMPT: dict[str, str] = {
 }
 
 
-ACT_LATE = ("stale_after", "reach_rad", "max_iterations", "fallback_damping_nms")
+ACT_LATE = ("stale_after", "reach_rad", "fallback_damping_nms")
 """Settings that act only after failures of a solver: the settings that the controllers hold count for these."""
 
 
@@ -128,6 +127,8 @@ def walk(thing: Any, seen: set[int]) -> Iterator[Any]:
         yield from (repr(getattr(thing.opt, name)) for name in sorted(dir(thing.opt)) if not name.startswith("_"))
     elif isinstance(thing, pin.Model):
         yield thing.saveToString()
+    elif type(thing).__module__.startswith("proxsuite") and hasattr(thing, "settings"):
+        yield repr((thing.settings.eps_abs, thing.settings.max_iter))
     elif callable(thing) and hasattr(thing, "__closure__"):
         for cell in thing.__closure__ or ():
             yield from walk(cell.cell_contents, seen)

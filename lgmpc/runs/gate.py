@@ -97,7 +97,10 @@ class Gate(Settings):
     max_cost_of_transport: NonNegative | None = Field(
         default=None, description="Sum of |torque x joint speed| over weight x way."
     )
-    min_steps: Number | None = Field(default=None, description="Touchdowns of all feet.")
+    min_steps: Number | None = Field(default=None, description="Swings of all feet.")
+    max_lost_contacts: Number | None = Field(
+        default=None, description="How often feet lose their contact in the middle of a stance."
+    )
     max_walking_tilt_deg: NonNegative | None = Field(
         default=None, description="Largest tilt of the base while it walks, degrees."
     )

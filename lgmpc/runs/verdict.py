@@ -79,6 +79,7 @@ _WORDS = {
     "height_std_m": _Words("the base heaved with a standard deviation of", "mm", 1e3),
     "cost_of_transport": _Words("the cost of transport was"),
     "steps": _Words("steps taken:"),
+    "lost_contacts": _Words("contacts lost in the middle of a stance:"),
     "walking_tilt_deg": _Words("walking, the base tilted by", "deg"),
     "scuff_m": _Words("a swinging foot slid over the floor by", "mm", 1e3),
     "recovery_time_s": _Words("back at the command after a push took", "s"),

@@ -2,8 +2,8 @@
 
 Velocities are those of the centre of mass, in the horizontal frame that turns with the base, as commands are. A gait
 sways and heaves within each stride, and no command forbids it: so errors are taken of averages over one gait cycle, and
-beside them the raw ones. Both count on plateaus of the command only: where the limited command, and the gait's period,
-have been constant for half a second.
+beside them the raw ones. Both count on plateaus only: where the limited command, the gait's period and the push on the
+robot, mostly none, have been constant for half a second.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["WalkingMetrics", "body_velocity", "heading", "stride_mean", "walking_metrics"]
 
 SETTLING_S = 0.5
-"""How long after a change of the command its errors do not count, s."""
+"""How long after a change of the command or of the push errors do not count, s."""
 
 RECOVERED_M_S = 0.05
 """A robot whose velocity, averaged over a stride, is closer to the command than this has recovered from a push, m/s."""
@@ -45,7 +45,8 @@ class WalkingMetrics:
         height_std_m: standard deviation of the base's height within a plateau, the largest of all plateaus.
         cost_of_transport: sum of |torque x joint speed| over weight x way in the commanded direction, on plateaus
             with a planar velocity.
-        steps: touchdowns after a swing, of all feet.
+        steps: swings begun, of all feet.
+        lost_contacts: how often a foot lost its contact in the middle of a stance, of all feet.
         walking_tilt_deg: largest tilt while the command moves or a foot swings.
         max_scuff_m: longest way that a foot slides over the floor within one swing.
         recovery_time_s: time from the end of a push until the velocity averaged over a stride stays within 0.05 m/s
@@ -65,6 +66,7 @@ class WalkingMetrics:
     height_std_m: float | None
     cost_of_transport: float | None
     steps: int
+    lost_contacts: int
     walking_tilt_deg: float
     max_scuff_m: float
     recovery_time_s: float | None
@@ -87,7 +89,8 @@ def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
     return WalkingMetrics(
         **_tracking(walk),
         cost_of_transport=_cost_of_transport(walk),
-        steps=int(np.count_nonzero(np.diff(walk.stance.astype(np.int8), axis=0) > 0)),
+        steps=_count(walk, "swing"),
+        lost_contacts=_count(walk, "lost"),
         walking_tilt_deg=float(tilt[moving].max(initial=0.0)),
         max_scuff_m=_scuff(walk),
         recovery_time_s=_recovery_time(walk),
@@ -132,9 +135,9 @@ class _Walk:
         self.velocity = body_velocity(log)[:ticks]
 
     def constant(self) -> Iterator[tuple[int, int]]:
-        """The stretches ``[a, b)`` of ticks in which command and gait period are constant."""
-        commanded = np.column_stack((self.command, self.period))
-        changes = np.flatnonzero(np.any(np.diff(commanded, axis=0) != 0.0, axis=1)) + 1
+        """The stretches ``[a, b)`` of ticks in which command, gait period and push are constant."""
+        causes = np.column_stack((self.command, self.period, self.log.push[: self.ticks]))
+        changes = np.flatnonzero(np.any(np.diff(causes, axis=0) != 0.0, axis=1)) + 1
         yield from zip([0, *changes.tolist()], [*changes.tolist(), self.ticks], strict=True)
 
     def stride(self, tick: int) -> int:
@@ -170,6 +173,11 @@ def _tracking(walk: _Walk) -> dict[str, Any]:
     }
 
 
+def _count(walk: _Walk, state: str) -> int:
+    """Count the entries into a contact state."""
+    return int(np.count_nonzero(np.diff((walk.states == CONTACT_STATES.index(state)).astype(np.int8), axis=0) > 0))
+
+
 def _cost_of_transport(walk: _Walk) -> float | None:
     log, work, way = walk.log, 0.0, 0.0
     for a, b in walk.plateaus():
@@ -197,12 +205,10 @@ def _recovery_time(walk: _Walk) -> float | None:
     pushes = [push for push in push_intervals(walk.log) if push.end < walk.time[-1]]
     if not pushes:
         return None
-    begins = [push.start for push in pushes]
     longest = 0.0
     for push in pushes:
         first = int(np.searchsorted(walk.time, push.end - 0.5 * walk.dt))
-        last = next(b for a, b in walk.constant() if first < b)
-        last = min([last, *(int(np.searchsorted(walk.time, begin)) for begin in begins if begin > push.end)])
+        last = next(b for _, b in walk.constant() if first < b)
         window = walk.stride(first)
         begin = max(0, first + 1 - window)
         errors = stride_mean((walk.velocity - walk.command)[begin:last, :2], window)

@@ -163,6 +163,15 @@ def test_tilt_counts_while_the_robot_walks(walk) -> None:
     assert walk(lean).walking_tilt_deg == pytest.approx(4.0)
 
 
+def test_a_contact_lost_in_a_stance_is_no_step(walk) -> None:
+    def lose(arrays):
+        arrays["stance"][500:510, 2] = 0
+        arrays["contact_states"][500:510, 2] = CONTACT_STATES.index("lost")
+
+    found = walk(lose)
+    assert (found.steps, found.lost_contacts) == (STEPS, 1)
+
+
 def test_scuffing_is_the_way_of_a_loaded_foot_within_one_swing(walk) -> None:
     first = 100 + int(np.ceil(PERIOD / DT))  # tick of the second lift-off
 
@@ -203,10 +212,12 @@ def test_recovery_is_timed_from_the_end_of_each_push(walk) -> None:
     def push(arrays):
         for begin, length in ((1.0, 0.3), (2.0, 0.5)):
             arrays["push"][(TIME >= begin - 1e-9) & (TIME < begin + 0.1 - 1e-9), 1] = 20.0
-            sway(arrays, np.where((TIME >= begin) & (TIME < begin + length), 0.4, 0.0))
+            sway(arrays, np.where((TIME >= begin + 2 * DT) & (TIME < begin + length), 0.4, 0.0))
 
     # The mean over a cycle has forgotten the error when 1/8 of the window is left of it.
     assert walk(push).recovery_time_s == pytest.approx(0.4 + PERIOD * (1.0 - 0.05 / 0.4), abs=3 * DT)
+
+    assert walk(push).velocity_rmse_m_s == pytest.approx(0.0, abs=1e-9), "within half a second of a push"
 
     def for_good(arrays):
         arrays["push"][(TIME >= 1.0) & (TIME < 1.1), 1] = 20.0

@@ -10,6 +10,7 @@ from lgmpc.config.session import Notify, Session
 from lgmpc.control.feet import gaits_of
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
+from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.locomotion.command import CommandTimeline
@@ -47,7 +48,7 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         FrictionMonitor(config.wbc.friction, period),
         Planner(robot, mpc, period) if mpc is not None else None,
         commands=commands,
-        offset=config.reference,
+        offset=None if isinstance(config.reference, StandReference) else config.reference,
         locomotion=config.locomotion,
         gaits=gaits,
         period=period,

@@ -42,6 +42,7 @@ class Feet:
         velocity: (nc, 3) m/s.
         acceleration: (nc, 3) m/s2.
         footholds: (nc, 3) where each foot stands or will touch down next, world, m.
+        standing: whether all feet are on the ground, and none is to lift off.
     """
 
     def __init__(self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
@@ -61,23 +62,17 @@ class Feet:
         self.events = ContactEvents(self.clock, self._weight, self._settings.contacts)
         self.stance = self.events.stance
         self._stood[:] = True
+        self.standing = True
         self.footholds[:] = points
         self.position[:] = points
 
     @property
-    def standing(self) -> bool:
-        """Whether all feet are on the ground, and none is to lift off."""
-        clock = self.clock
-        return bool(self.stance.all()) and all(
-            math.isinf(clock.next_liftoff(foot, clock.time)) for foot in range(clock.nc)
-        )
-
-    @property
-    def settled(self) -> BoolArray:
+    def settled(self) -> list[bool]:
         """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
-        ready = np.array([self.clock.time - since > _SETTLED_S for since in self.events.since])
-        settled: BoolArray = self.stance & ready
-        return settled
+        before = self.clock.time - _SETTLED_S
+        return [
+            stands and since < before for stands, since in zip(self.stance.tolist(), self.events.since, strict=True)
+        ]
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand."""
@@ -108,6 +103,9 @@ class Feet:
                 self._lift(foot, time, points[foot], velocities[foot], motion)
             self._move(foot, time, motion)
         self._stood[:] = stance
+        self.standing = bool(stance.all()) and all(
+            math.isinf(self.clock.next_liftoff(foot, time)) for foot in range(len(stance))
+        )
 
     def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)

@@ -12,16 +12,14 @@ import numpy as np
 from lgmpc.control.feet import Feet, gaits_of
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.planner import Planner
-from lgmpc.control.reference import ComReference, StandReference
+from lgmpc.control.reference import ComReference
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.locomotion.command import CommandLimiter, CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
-from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.robot import Robot
-from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyController
 
 __all__ = ["LeggedController"]
@@ -43,7 +41,7 @@ class LeggedController:
         floor: how much friction can be relied on.
         planner: the MPC with its disturbance observer, or None.
         commands: source of motion commands; without, the robot stands.
-        offset: of the centre of mass from where the commands lead it.
+        offset: of the centre of mass from where the commands lead it; None for none.
         locomotion: settings of footholds, swings and contact events.
         gaits: that commands may name; :func:`~lgmpc.control.feet.gaits_of` the robot unless given.
         period: time between two updates, s.
@@ -81,10 +79,10 @@ class LeggedController:
         self.feet = Feet(robot, settings, gaits_of(robot, settings) if gaits is None else gaits)
         self.command = MotionCommand()
         self._commands: CommandSource = CommandTimeline(()) if commands is None else commands
-        self._offset: ComReference = StandReference() if offset is None else offset
+        self._offset = offset
         self._limiter = CommandLimiter(settings.limits)
         self._reference = ReferenceBuilder(robot, self.feet.legs, settings.reference)
-        self._now = MotionReference.standing(robot, 0, np.zeros(3))
+        self._posture = robot.q_reference[robot.joint_q]
         self._node_times = np.zeros(1)
         if planner is not None:
             s = planner.mpc.settings
@@ -155,38 +153,39 @@ class LeggedController:
 
     def _set_targets(self, time: float) -> None:
         """Write the reference into the tasks: what the whole-body QP tracks where no plan says otherwise."""
-        now, tasks = self._now, self.wbc.tasks
-        self._reference.write(now, self.command, 0.0, self._ground())
-        offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
-        np.add(now.com[0], offset, out=self.target)
-        self.base_target[:] = now.q[0, :7]
-        self.base_target[:3] += offset
-        com, base = tasks["com"].target, tasks["base_orientation"].target
+        pose, tasks = self._reference.pose(self.command, self._ground()), self.wbc.tasks
+        com, base, origin = (tasks[name].target for name in ("com", "base_orientation", "base_position"))
+        self.target[:], self.base_target[:3], self.base_target[3:] = pose.com, pose.base, pose.quaternion
+        com.velocity[:], com.acceleration[:] = pose.velocity, 0.0
+        if self._offset is not None:
+            offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
+            self.target += offset
+            self.base_target[:3] += offset
+            com.velocity[:] += velocity
+            com.acceleration[:] = acceleration
         com.position[:] = self.target
-        np.add(now.com_velocity[0], velocity, out=com.velocity)
-        com.acceleration[:] = acceleration
-        base.rotation[:] = _rotation(self.base_target[3:7])
-        base.angular_velocity[:] = base.rotation.T @ now.angular_velocity[0]
-        tasks["base_position"].target.position[:] = self.base_target[:3]
-        tasks["base_position"].target.velocity[:] = com.velocity
+        origin.position[:], origin.velocity[:] = self.base_target[:3], com.velocity
+        base.rotation[:] = pose.rotation
+        np.multiply(pose.rotation[2], pose.yaw_rate, out=base.angular_velocity)  # the vertical, in the target's axes
         turning, joints = tasks["angular_momentum"].target, tasks["posture"].target
         turning.momentum[:] = turning.rate[:] = 0.0
-        joints.position[:], joints.velocity[:] = now.q[0, 7:], 0.0
+        joints.position[:], joints.velocity[:] = self._posture, 0.0
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
         friction = min(settings.friction, float(self.wbc.contacts.friction[0]))
         self.feet.write_horizon(time, settings.node_s, self._motion, friction, planner.contacts)
         self._reference.write(planner.motion, self.command, settings.node_s, self._ground())
-        offset, velocity, _ = self._offset.sample(time + self._node_times)
-        planner.motion.com += offset
-        planner.motion.com_velocity += velocity
+        if self._offset is not None:
+            offset, velocity, _ = self._offset.sample(time + self._node_times)
+            planner.motion.com += offset
+            planner.motion.com_velocity += velocity
 
     def _ground(self) -> float:
-        """Mean height of the feet that stand, m."""
-        stance = self.feet.stance
-        heights = self.feet.footholds[:, 2]
-        return float(heights[stance].mean()) if stance.any() else float(heights.min())
+        """Mean height of the feet that stand, m; of the lowest foot if none does."""
+        heights: list[float] = self.feet.footholds[:, 2].tolist()
+        standing = [height for height, stands in zip(heights, self.feet.stance.tolist(), strict=True) if stands]
+        return sum(standing) / len(standing) if standing else min(heights)
 
     def _begin(self, state: RobotState) -> None:
         """Stand where the robot is now."""
@@ -217,14 +216,3 @@ class LeggedController:
     def _damp(self, state: RobotState) -> Command:
         nothing = np.zeros(self.robot.nu)
         return Command.damping(nothing, state.q[self.robot.joint_q], self.wbc.settings.fallback_damping_nms)
-
-
-def _rotation(quaternion: Array) -> Array:
-    x, y, z, w = quaternion.tolist()
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array
 
 __all__ = ["FrictionMonitor"]
 
@@ -63,10 +64,10 @@ class FrictionMonitor:
         """Return to the nominal coefficient."""
         self.coefficient = self._nominal
 
-    def update(self, contact_velocities: Array, stance: BoolArray) -> float:
+    def update(self, contact_velocities: Array, stance: Sequence[bool]) -> float:
         """Take the contact points' velocities (nc, 3), world axes, and return the new coefficient."""
         # Plain numbers: for a handful of feet they are faster than NumPy's calls.
-        feet = zip(contact_velocities.tolist(), stance.tolist(), strict=True)
+        feet = zip(contact_velocities.tolist(), stance, strict=True)
         if any(stands and x * x + y * y > self._sliding_speed_squared for (x, y, _), stands in feet):
             self.coefficient = max(self._least, self._fall * self.coefficient)
         elif self.coefficient < self._nominal:

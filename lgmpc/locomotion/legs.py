@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -30,7 +31,7 @@ class LegGeometry:
     length: Array
     base: Array
 
-    @property
+    @cached_property
     def height(self) -> float:
         """Of the centre of mass above the mean contact point, m."""
         return -float(self.feet[:, 2].mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -14,7 +15,7 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["ReferenceBuilder", "ReferenceSettings"]
+__all__ = ["DesiredPose", "ReferenceBuilder", "ReferenceSettings"]
 
 
 class ReferenceSettings(Settings):
@@ -24,6 +25,27 @@ class ReferenceSettings(Settings):
         default=0.05, description="Longest horizontal distance from the measured to the desired centre of mass, m."
     )
     yaw_leash_rad: Positive = Field(default=0.3, description="Largest yaw from the measured to the desired one, rad.")
+
+
+@dataclass
+class DesiredPose:
+    """Where the robot should be at one time, world axes.
+
+    Attributes:
+        com: (3,) centre of mass, m.
+        velocity: (3,) of the centre of mass, m/s.
+        base: (3,) origin of the base, m.
+        quaternion: (4,) orientation of the base, x y z w.
+        rotation: (3, 3) the same, body to world.
+        yaw_rate: about the vertical, rad/s.
+    """
+
+    com: Array
+    velocity: Array
+    base: Array
+    quaternion: Array
+    rotation: Array
+    yaw_rate: float
 
 
 class ReferenceBuilder:
@@ -49,6 +71,9 @@ class ReferenceBuilder:
         self._legs = legs
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._intervals = np.zeros(0)
+        self._pose = DesiredPose(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(4), np.eye(3), 0.0)
+        self._attitude = (math.nan, 0.0, 0.0)
+        self._base = (0.0, 0.0, 0.0)
 
     def begin(self, com: Array, yaw: float) -> None:
         """Begin where the robot is: centre of mass (3,) and heading."""
@@ -78,6 +103,24 @@ class ReferenceBuilder:
         """Return the commanded velocity in world axes, m/s."""
         c, n = math.cos(self.yaw), math.sin(self.yaw)
         return c * command.vx - n * command.vy, n * command.vx + c * command.vy
+
+    def pose(self, command: MotionCommand, ground: float) -> DesiredPose:
+        """Return where the robot should be now; arguments as of :meth:`write`. The result is overwritten next time."""
+        pose = self._pose
+        if (self.yaw, command.pitch, command.roll) != self._attitude:
+            self._attitude = (self.yaw, command.pitch, command.roll)
+            tilt, c, s = _pitch_roll(command.pitch, command.roll), math.cos(self.yaw), math.sin(self.yaw)
+            pose.quaternion[:] = _yawed(tilt, self.yaw)
+            pose.rotation[:] = _rotation(*pose.quaternion.tolist())
+            bx, by, bz = _rotate(tilt, self._legs.base)
+            self._base = (c * bx - s * by, s * bx + c * by, bz)
+        x, y, z = self.x, self.y, ground + self._legs.height + command.height
+        bx, by, bz = self._base
+        pose.com[:] = x, y, z
+        pose.base[:] = x + bx, y + by, z + bz
+        pose.velocity[:2] = self.velocity(command)
+        pose.yaw_rate = command.yaw_rate
+        return pose
 
     def write(self, reference: MotionReference, command: MotionCommand, dt: float, ground: float) -> None:
         """Write the motion at the nodes of a horizon that begins now, the command as it is.
@@ -129,6 +172,22 @@ def _pitch_roll(pitch: float, roll: float) -> tuple[float, float, float, float]:
     """Return the quaternion x y z w of Ry(pitch) Rx(roll)."""
     cp, sp, cr, sr = math.cos(0.5 * pitch), math.sin(0.5 * pitch), math.cos(0.5 * roll), math.sin(0.5 * roll)
     return cp * sr, sp * cr, -sp * sr, cp * cr
+
+
+def _yawed(tilt: tuple[float, float, float, float], yaw: float) -> tuple[float, float, float, float]:
+    """Return the quaternion of Rz(yaw) times ``tilt``."""
+    c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    x, y, z, w = tilt
+    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
+
+
+def _rotation(x: float, y: float, z: float, w: float) -> list[list[float]]:
+    """Return the matrix of a unit quaternion."""
+    return [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
 
 
 def _rotate(quaternion: tuple[float, float, float, float], point: Array) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor
 
-STANCE = np.array([True, True, True, False])
+STANCE = [True, True, True, False]
 
 
 def velocities(foot: int, sideways: float, up: float = 0.0) -> np.ndarray:

@@ -93,3 +93,16 @@ def test_the_velocity_is_turned_into_the_world(solo12: Robot, legs: LegGeometry)
     builder = ReferenceBuilder(solo12, legs)
     builder.begin(np.zeros(3), 0.5 * math.pi)
     assert builder.velocity(MotionCommand(vx=0.5, vy=0.2)) == pytest.approx((-0.2, 0.5))
+
+
+def test_the_pose_of_now_is_the_first_node_of_the_horizon(solo12: Robot, legs: LegGeometry) -> None:
+    builder = ReferenceBuilder(solo12, legs)
+    builder.begin(np.array([1.0, -2.0, 0.0]), 2.5)
+    for command in (MotionCommand(), MotionCommand(0.5, -0.2, 1.5, 0.02, 0.2, -0.1), MotionCommand(0.5, roll=0.1)):
+        builder.advance(0.1, command)
+        reference, pose = written(builder, solo12, command, ground=0.3), builder.pose(command, 0.3)
+        np.testing.assert_allclose(pose.com, reference.com[0], atol=1e-12)
+        np.testing.assert_allclose(pose.velocity, reference.com_velocity[0], atol=1e-12)
+        np.testing.assert_allclose(np.r_[pose.base, pose.quaternion], reference.q[0, :7], atol=1e-12)
+        np.testing.assert_allclose(pose.rotation, pin.Quaternion(pose.quaternion).matrix(), atol=1e-12)
+        assert pose.yaw_rate == reference.angular_velocity[0, 2]

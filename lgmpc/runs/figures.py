@@ -22,7 +22,7 @@ _UNITS = {
 }
 """Ending of a figure's name, the unit that its values read best in, and how many of these one of the name's is."""
 
-_ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RPY", "ZMP")}
+_ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RMSE", "RPY", "ZMP")}
 
 _SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin", "rise")
 """Last words, before the unit, of figures that can be negative."""

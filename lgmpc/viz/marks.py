@@ -27,6 +27,9 @@ COLORS = {
     "push": 0xD55E00,
     "path": 0xCC79A7,
     "thrusts": 0x009E73,
+    "footholds": 0xE69F00,
+    "swings": 0x56B4E9,
+    "command": 0x1D2733,
 }
 
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Run, RunLog, push_intervals
+from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
 from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
-from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, X, Y, Z
+from lgmpc.viz.log_axes import finish, label_pushes
+from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
+from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,12 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FIGURES", "plot_run"]
 
-_LABEL_BAND = 0.16
-"""Share of an axes' height that the pushes' labels have to themselves."""
-
 
 def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
-    """Draw the figures of a run: base, attitude, centre of mass, joints, contact forces, torques, timing, estimate.
+    """Draw the figures of a run: base, attitude, velocity, gait, feet, centre of mass, joints, forces, torques, ...
 
     Args:
         run: the run folder, read.
@@ -61,9 +60,9 @@ def _base(figure: Figure, log: RunLog) -> bool:
     position.set(title="Base displacement", ylabel="mm")
     height.set(title="Base height", ylabel="mm")
     tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
-    _finish(log, position, height, span=2.0)
-    _finish(log, tilt)
-    _label_pushes(log, position)
+    finish(log, position, height, span=2.0)
+    finish(log, tilt)
+    label_pushes(log, position)
     legend_above(position)
     return True
 
@@ -79,9 +78,9 @@ def _attitude(figure: Figure, log: RunLog) -> bool:
         rates.plot(log.time, log.v[:, 3 + axis], color=color, lw=1.1)
     angles.set(title="Base attitude", ylabel="deg")
     rates.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
-    _finish(log, angles, span=0.2)
-    _finish(log, rates, span=0.02)
-    _label_pushes(log, angles)
+    finish(log, angles, span=0.2)
+    finish(log, rates, span=0.02)
+    label_pushes(log, angles)
     legend_above(angles)
     return True
 
@@ -96,9 +95,9 @@ def _com(figure: Figure, log: RunLog) -> bool:
         axes.plot(log.time, 1e3 * log.com_reference[:, axis], color=INK, lw=1.0, ls="--", label="target")
         axes.plot(log.time, 1e3 * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, mm")
-        _finish(log, axes, span=2.0)
+        finish(log, axes, span=2.0)
     assert first is not None
-    _label_pushes(log, first)
+    label_pushes(log, first)
     first.set_title("Centre of mass and its target")
     legend_above(first)
     figure.axes[2].set_xlabel("time, s")
@@ -126,12 +125,12 @@ def _forces(figure: Figure, log: RunLog) -> bool:
         right.fill_between(log.time, 0.0, log.friction * np.maximum(normal, 0.0), color=Z, alpha=0.18, lw=0.0)
         right.plot(log.time, log.friction * np.maximum(normal, 0.0), color=Z, lw=1.0, label="µ × normal force")
         right.plot(log.time, tangential, color=LIMIT, label="tangential force")
-        _finish(log, left, right)
+        finish(log, left, right)
     rows[0, 0].set_title("Normal force")
     rows[0, 1].set_title(f"Friction, µ = {log.friction:g}")
     for axes in rows[-1]:
         axes.set_xlabel("time, s")
-    _label_pushes(log, *rows[0])
+    label_pushes(log, *rows[0])
     legend_above(*rows[0])
     return True
 
@@ -154,11 +153,11 @@ def _joints(figure: Figure, log: RunLog) -> bool:
             velocity.plot(log.time, log.joint_velocity[:, joint], **style)
         position.set(title=f"Position{kind and ', '}{kind}", ylabel="rad")
         velocity.set(title=f"Velocity{kind and ', '}{kind}", ylabel="rad/s")
-        _finish(log, position, span=0.01)
-        _finish(log, velocity, span=0.02)
+        finish(log, position, span=0.01)
+        finish(log, velocity, span=0.02)
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
-    _label_pushes(log, *grid[0])
+    label_pushes(log, *grid[0])
     if len(names) <= 12:
         legend_above(grid[0, 1])
     return True
@@ -183,9 +182,9 @@ def _torques(figure: Figure, log: RunLog) -> bool:
             draw_limits(axes, -limit, limit, f"limit {limit:g} N.m" if alike else "limit")
         axes.set_ylabel("N.m" if alike else "share of the limit")
         axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
-        _finish(log, axes)
+        finish(log, axes)
     all_axes[-1].set_xlabel("time, s")
-    _label_pushes(log, all_axes[0])
+    label_pushes(log, all_axes[0])
     if len(names) <= 12:
         legend_above(all_axes[0])
     return True
@@ -242,8 +241,8 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
     position.set(title="Error of the estimated base position", ylabel="mm")
     attitude.set(title="Error of the estimated orientation", ylabel="deg")
     velocity.set(title="Error of the estimated velocity, base axes", ylabel="mm/s", xlabel="time, s")
-    _finish(log, position, attitude, velocity)
-    _label_pushes(log, position)
+    finish(log, position, attitude, velocity)
+    label_pushes(log, position)
     legend_above(position, attitude)
     return True
 
@@ -251,6 +250,9 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
 FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "base": _base,
     "attitude": _attitude,
+    "velocity": draw_velocity,
+    "gait": draw_gait,
+    "feet": draw_feet,
     "com": _com,
     "joints": _joints,
     "forces": _forces,
@@ -261,31 +263,6 @@ FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
 """What :func:`plot_run` draws: file name without ``.png`` -> drawing, which returns whether there was data."""
 
 
-def _finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
-    """Shade the pushes, fit the time axis, and show at least ``span`` of the vertical one: no magnified rounding."""
-    for axes in all_axes:
-        for push in push_intervals(log):
-            axes.axvspan(push.start, push.end, color=PUSH, alpha=0.15, lw=0.0, zorder=0)
-        axes.set_xlim(float(log.time[0]), float(log.time[-1]))
-        low, high = axes.get_ylim()
-        if high - low < span:
-            axes.set_ylim(0.5 * (low + high - span), 0.5 * (low + high + span))
-
-
 def _joint_label(name: str, kinds: Mapping[str, Sequence[int]]) -> str:
     """Return the leg of a joint, where rows are kinds of joints, else its name."""
     return name.partition("_")[0] if kinds else name
-
-
-def _label_pushes(log: RunLog, *all_axes: Axes) -> None:
-    """Write each push's impulse in a band above the curves and limits, unless they are too many to read."""
-    pushes = push_intervals(log)
-    for axes in all_axes if 0 < len(pushes) <= 8 else ():
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + _LABEL_BAND / (1.0 - _LABEL_BAND) * (high - low))
-        for push in pushes:
-            text = f"{np.linalg.norm(push.impulse):.2g} N.s"
-            where = (0.5 * (push.start + push.end), 0.98)
-            axes.annotate(
-                text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
-            )

@@ -6,14 +6,16 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Run, push_intervals
+from lgmpc.runs import Metrics, Run, WalkingMetrics, push_intervals
 from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.walking import body_velocity
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.marks import COLORS, Scale
 from lgmpc.viz.overlay import Frames, add_overlay
 from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
+from lgmpc.viz.walking_overlay import SPEED_SHOWN_M_S, add_walking_overlay, steps
 
 __all__ = ["replay_page"]
 
@@ -43,6 +45,7 @@ def replay_page(robot: Robot, run: Run) -> str:
     body.add_to(scene)
     body.animate(scene, frames.times, log.q[frames.ticks])
     add_overlay(scene, log, frames, scale, body.trunk_half_sides())
+    add_walking_overlay(scene, log, frames, scale, height)
     impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
     camera = frame_camera(lowest, highest, travel, impulses)
     content = _description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera}
@@ -54,7 +57,10 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
     log, result = run.log, run.result
     base = log.base_pose[frames.ticks]
     origin = float(log.time[0])
-    moved = 1e3 * np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
+    if log.commanded:
+        first = Readout("speed", " m/s", np.linalg.norm(body_velocity(log)[frames.ticks, :2], axis=1), 2)
+    else:
+        first = Readout("moved", " mm", 1e3 * np.linalg.norm(base[:, :3] - base[0, :3], axis=1), 1)
     tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
     pushes = []
     for push in push_intervals(log):
@@ -71,7 +77,7 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
         "legend": _legend(run, scale),
         "pushes": pushes,
         "start": origin,
-        "series": time_line(frames.times, (Readout("moved", " mm", moved, 1), Readout("tilt", "°", tilt, 2))),
+        "series": time_line(frames.times, (first, Readout("tilt", "°", tilt, 2))),
     }
 
 
@@ -80,22 +86,37 @@ def _facts(run: Run) -> list[tuple[str, str]]:
     if metrics is None:
         return []
     limit = float(run.log.effort_limit.max(initial=0.0))
-    facts = [
-        ("stayed up", f"{metrics.survived_s:.1f} s"),
-        ("largest tilt", f"{metrics.max_tilt_deg:.2f}°"),
-        ("base moved", f"{1e3 * metrics.max_displacement_m:.1f} mm"),
-        ("ended off by", f"{1e3 * metrics.final_position_error_m:.1f} mm, {metrics.final_tilt_deg:.2f}°"),
-        ("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"),
-        ("peak torque", f"{metrics.max_abs_torque_nm:.3g} of {limit:g} N·m"),
-    ]
-    if metrics.min_friction_margin_n is not None:
-        facts.append(("friction margin", f"{round(metrics.min_friction_margin_n, 2) + 0.0:.2f} N"))
+    facts = [("stayed up", f"{metrics.survived_s:.1f} s"), ("largest tilt", f"{metrics.max_tilt_deg:.2f}°")]
+    facts += _standing_facts(metrics) if metrics.walking is None else _walking_facts(metrics.walking)
+    facts.append(("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"))
+    facts.append(("peak torque", f"{metrics.max_abs_torque_nm:.3g} of {limit:g} N·m"))
     if metrics.mpc_ms is not None:
         facts.append(("MPC update", f"{metrics.mpc_ms.p50:.2f} ms"))
     if metrics.wbc_ms is not None:
         facts.append(("whole-body tick", f"{1e3 * metrics.wbc_ms.p50:.0f} µs"))
     if metrics.real_time_factor is not None:
         facts.append(("real-time factor", f"{metrics.real_time_factor:.1f}"))
+    return facts
+
+
+def _standing_facts(metrics: Metrics) -> list[tuple[str, str]]:
+    facts = [
+        ("base moved", f"{1e3 * metrics.max_displacement_m:.1f} mm"),
+        ("ended off by", f"{1e3 * metrics.final_position_error_m:.1f} mm, {metrics.final_tilt_deg:.2f}°"),
+    ]
+    if metrics.min_friction_margin_n is not None:
+        facts.append(("friction margin", f"{round(metrics.min_friction_margin_n, 2) + 0.0:.2f} N"))
+    return facts
+
+
+def _walking_facts(walking: WalkingMetrics) -> list[tuple[str, str]]:
+    facts = [("steps", f"{walking.steps}")]
+    if walking.velocity_rmse_m_s is not None:
+        facts.append(("velocity off by (RMS)", f"{1e3 * walking.velocity_rmse_m_s:.1f} mm/s"))
+    if walking.cost_of_transport is not None:
+        facts.append(("cost of transport", f"{walking.cost_of_transport:.2f}"))
+    if walking.recovery_time_s is not None:
+        facts.append(("recovered within", f"{walking.recovery_time_s:.2f} s"))
     return facts
 
 
@@ -113,6 +134,13 @@ def _legend(run: Run, scale: Scale) -> list[dict[str, object]]:
     entries.append(entry("com", "centre of mass", "orange: target"))
     if len(run.log.mpc_time):
         entries.append(entry("horizon", "predicted path"))
+    if steps(run.log):
+        entries.append(entry("footholds", "next footholds"))
+        entries.append(entry("swings", "swing paths"))
+    if run.log.commanded:
+        entries.append(
+            entry("command", "commanded velocity", f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s")
+        )
     if run.log.push.any():
         entries.append(entry("push", "push", size))
     entries.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Gate, Recorder, Run, RunFolder, RunLog, RunResult, compute_metrics, judge
+from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.simulation.mujoco import MujocoPlant
 
 PUSH_START, PUSH_END = 0.3, 0.5
@@ -113,3 +115,31 @@ def record_pushed_run(robot: Robot, duration: float) -> RunLog:
         plant.set_wrench("base_link", wrench)
         plant.step(tau)
     return recorder.log()
+
+
+SWING_START, SWING_END = 0.6, 0.8
+FOOTHOLD = np.array([0.03, 0.02, 0.0])
+
+
+@pytest.fixture(scope="session")
+def stepping_log(pushed_log: RunLog) -> RunLog:
+    """The pushed log as if foot 1 had swung to a foothold 3 cm ahead under a command to walk ahead and to the left."""
+    n, foot = pushed_log.ticks, 1
+    swinging = (pushed_log.time >= SWING_START) & (pushed_log.time < SWING_END)
+    stance, states = np.ones((n, 4), dtype=np.int8), np.zeros((n, 4), dtype=np.int8)
+    stance[swinging, foot], states[swinging, foot] = 0, CONTACT_STATES.index("swing")
+    footholds, targets = pushed_log.contact_points.copy(), pushed_log.contact_points.copy()
+    footholds[swinging, foot] += FOOTHOLD
+    share = np.clip((pushed_log.time[swinging] - SWING_START) / (SWING_END - SWING_START), 0.0, 1.0)[:, None]
+    targets[swinging, foot] += share * FOOTHOLD + np.sin(np.pi * share) * [0.0, 0.0, 0.03]
+    command = np.where(pushed_log.time[:, None] >= 0.4, [0.3, 0.4, 0.0], 0.0)
+    return replace(
+        pushed_log,
+        command=command,
+        gait_period_s=np.full(n, 0.24),
+        stance=stance,
+        contact_states=states,
+        swing_targets=targets,
+        footholds=footholds,
+        mass_kg=2.5,
+    )

@@ -1,0 +1,99 @@
+"""What the replay of a walking run shows beside the robot: footholds, swing paths, and the commanded velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lgmpc.runs import RunLog
+from lgmpc.runs.walking import heading
+from lgmpc.typing import Array, BoolArray, IntArray
+from lgmpc.viz.marks import COLORS, Arrow, Scale
+from lgmpc.viz.mesh import disc, sphere
+from lgmpc.viz.overlay import Frames
+from lgmpc.viz.scene import Material, Scene
+
+__all__ = ["SPEED_SHOWN_M_S", "add_walking_overlay", "steps"]
+
+SPEED_SHOWN_M_S = 0.5
+"""Velocity that is drawn as long as the scale's length, m/s."""
+
+_BEADS = 9
+
+
+def steps(log: RunLog) -> bool:
+    """Return whether any foot swings in a log."""
+    return log.stance is not None and not bool(log.stance.all())
+
+
+def add_walking_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height: float) -> None:
+    """Add the steps and commands of a run below ``/overlay``; nothing where there are none.
+
+    Args:
+        scene: the scene.
+        log: the run.
+        frames: the pictures.
+        scale: sizes.
+        height: of the robot, m: the command's arrow is above it.
+    """
+    for foot, name in enumerate(log.contact_frames.tolist()):
+        if log.stance is not None and not log.stance[:, foot].all():
+            _add_foothold(scene, log, frames, scale, foot, name)
+            _add_swing(scene, log, frames, scale, foot, name)
+    if log.commanded:
+        _add_command(scene, log, frames, scale, height)
+
+
+def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int, name: str) -> None:
+    """A disc where the foot is to touch down, while it swings."""
+    assert log.footholds is not None and log.stance is not None
+    path = f"/overlay/footholds/{name}"
+    scene.add_mesh(path, disc(0.16 * scale.length, 0.003), Material(COLORS["footholds"], 0.8, flat=True))
+    place = log.footholds[frames.ticks, foot] + [0.0, 0.0, 0.001]
+    scene.animate(path, frames.times, position=place, visible=log.stance[frames.ticks, foot] == 0)
+
+
+def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int, name: str) -> None:
+    """Beads along the targets of the swing that the foot is in, from lift-off to touchdown."""
+    assert log.swing_targets is not None
+    beads = np.zeros((len(frames.ticks), _BEADS, 3))
+    shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
+    for begin, end in _swings(log, foot):
+        pictures = (frames.ticks >= begin) & (frames.ticks < end)
+        along: IntArray = np.round(np.linspace(begin, end - 1, _BEADS)).astype(np.int64)
+        beads[pictures] = log.swing_targets[along, foot]
+        shown |= pictures
+    # Visibility changes at a picture, the rest glides from one to the next: what vanishes must not move meanwhile.
+    beads = beads[np.maximum.accumulate(np.where(shown, np.arange(len(shown)), 0))]
+    for bead in range(_BEADS):
+        path = f"/overlay/swings/{name}/{bead}"
+        scene.add_mesh(path, sphere(0.032 * scale.length), Material(COLORS["swings"], 0.9, on_top=True))
+        scene.animate(path, frames.times, position=beads[:, bead], visible=shown)
+
+
+def _swings(log: RunLog, foot: int) -> Iterator[tuple[int, int]]:
+    """The stretches of ticks in which a foot does not carry."""
+    assert log.stance is not None
+    lifted = (log.stance[:, foot] == 0).astype(np.int8)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], lifted, [0])))).tolist()
+    yield from zip(edges[::2], edges[1::2], strict=True)
+
+
+def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height: float) -> None:
+    """An arrow above the base along the commanded velocity."""
+    assert log.command is not None
+    base = log.base_pose[frames.ticks]
+    yaw = heading(base[:, 3:])
+    command = log.command[frames.ticks]
+    tail = np.column_stack((base[:, :2], np.full(len(base), log.base_pose[0, 2] + 0.3 * height)))
+    arrow = Arrow("/overlay/command/velocity", COLORS["command"], 1.4, Scale(scale.length, SPEED_SHOWN_M_S))
+    arrow.add(scene)
+    arrow.animate(scene, frames.times, tail, _world(command, yaw))
+
+
+def _world(command: Array, yaw: Array) -> Array:
+    """Turn velocities ahead and to the left into world axes (k, 3)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = c * command[:, 0] - s * command[:, 1], s * command[:, 0] + c * command[:, 1]
+    return np.column_stack((x, y, 0.0 * x))

@@ -1,0 +1,132 @@
+"""Figures of a walking run: velocity against command, the gait diagram, the heights of the feet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lgmpc.runs import RunLog, push_intervals
+from lgmpc.runs.estimate import CONTACT_FORCE_N
+from lgmpc.runs.log import CONTACT_STATES
+from lgmpc.runs.walking import body_velocity, stride_mean
+from lgmpc.typing import BoolArray
+from lgmpc.viz.figure_files import legend_above
+from lgmpc.viz.log_axes import finish, label_pushes
+from lgmpc.viz.style import EXTRA, INK, LIMIT, SOFT, X, Y, Z
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_feet", "draw_gait", "draw_velocity"]
+
+_DETAIL_STRIDES = 6.0
+"""Gait cycles that the detailed views show."""
+
+_STATE_COLORS = {"stance": X, "early": Z, "late": Y, "missing": EXTRA, "lost": LIMIT}
+"""Colours of the contact states in the gait diagram; a swing is where there is none."""
+
+
+def draw_velocity(figure: Figure, log: RunLog) -> bool:
+    """Draw velocity and yaw rate: the command, the mean over each gait cycle, and the momentary one."""
+    if log.command is None or log.gait_period_s is None or not log.commanded:
+        return False
+    figure.set_size_inches(9.6, 6.4)
+    rows = figure.subplots(3, 1, sharex=True)
+    velocity, dt = body_velocity(log), float(np.median(np.diff(log.time)))
+    window = max(1, min(round(float(log.gait_period_s.min()) / dt), log.ticks))
+    mean = stride_mean(velocity, window)
+    middle = log.time[: len(mean)] + 0.5 * (window - 1) * dt
+    labels = (("Velocity ahead", "m/s", X), ("Velocity to the left", "m/s", Y), ("Yaw rate", "rad/s", Z))
+    for column, (axes, (title, unit, color)) in enumerate(zip(rows, labels, strict=True)):
+        axes.plot(log.time, velocity[:, column], color=color, lw=0.6, alpha=0.45, label="momentary")
+        axes.plot(middle, mean[:, column], color=color, label="mean over a gait cycle")
+        axes.plot(log.time, log.command[:, column], color=INK, lw=1.0, ls="--", label="limited command")
+        axes.set(title=title, ylabel=unit)
+        finish(log, axes, span=0.1)
+    rows[-1].set_xlabel("time, s")
+    label_pushes(log, rows[0])
+    legend_above(rows[0])
+    return True
+
+
+def draw_gait(figure: Figure, log: RunLog) -> bool:
+    """Draw a bar for each stance of each foot, coloured by its contact state, above the measured contact."""
+    if log.contact_states is None or not _steps(log):
+        return False
+    figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
+    whole, detail = figure.subplots(2, 1)
+    for axes in (whole, detail):
+        _add_bars(axes, log)
+        finish(log, axes)
+    whole.set_title("Stances, and below each the measured contact")
+    detail.set(title="Detail", xlabel="time, s", xlim=_detail(log))
+    legend_above(whole)
+    return True
+
+
+def draw_feet(figure: Figure, log: RunLog) -> bool:
+    """Draw the height of each foot's contact point and of its target, for some gait cycles."""
+    if log.swing_targets is None or not _steps(log):
+        return False
+    feet = log.contact_frames.tolist()
+    figure.set_size_inches(9.6, 1.0 + 1.4 * len(feet))
+    rows = figure.subplots(len(feet), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    begin, end = _detail(log)
+    shown = (log.time >= begin) & (log.time <= end)
+    time = log.time[shown]
+    for k, (axes, name) in enumerate(zip(rows, feet, strict=True)):
+        axes.plot(time, 1e3 * log.swing_targets[shown, k, 2], color=INK, lw=1.0, ls="--", label="target")
+        axes.plot(time, 1e3 * log.contact_points[shown, k, 2], color=X, label="contact point")
+        touching = log.contact_forces[shown, k, 2] > CONTACT_FORCE_N
+        axes.fill_between(time, 0.0, 1.0, touching, transform=axes.get_xaxis_transform(), color=SOFT, alpha=0.15, lw=0)
+        axes.set_ylabel(f"{name}, mm")
+        finish(log, axes, span=10.0)
+        axes.set_xlim(begin, end)
+    rows[0].set_title("Height of the feet, shaded where the floor pushes them")
+    rows[-1].set_xlabel("time, s")
+    legend_above(rows[0])
+    return True
+
+
+def _steps(log: RunLog) -> bool:
+    return log.ticks > 1 and log.stance is not None and not bool(log.stance.all())
+
+
+def _detail(log: RunLog) -> tuple[float, float]:
+    """Return a stretch of some gait cycles: from before the first push in a step on, or from the first swing on."""
+    assert log.stance is not None and log.gait_period_s is not None
+    lifted = np.flatnonzero(~log.stance.all(axis=1))
+    stride = float(log.gait_period_s[lifted[0]])
+    begin = float(log.time[lifted[0]])
+    pushes = [push.start for push in push_intervals(log) if push.start > begin]
+    begin = max(float(log.time[0]), (pushes[0] if pushes else begin) - stride)
+    return begin, min(begin + _DETAIL_STRIDES * stride, float(log.time[-1]))
+
+
+def _add_bars(axes: Axes, log: RunLog) -> None:
+    assert log.contact_states is not None
+    feet = log.contact_frames.tolist()
+    touching = log.contact_forces[..., 2] > CONTACT_FORCE_N
+    for k in range(len(feet)):
+        row = len(feet) - 1 - k
+        for name, color in _STATE_COLORS.items():
+            bars = _stretches(log, log.contact_states[:, k] == CONTACT_STATES.index(name))
+            label = name if k == 0 and log.contact_states.size and _occurs(log, name) else None
+            axes.broken_barh(bars, (row - 0.22, 0.56), facecolors=color, label=label)
+        axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)
+    axes.set_yticks(range(len(feet)), feet[::-1])
+    axes.set_ylim(-0.6, len(feet) - 0.4)
+    axes.grid(visible=False, axis="y")
+
+
+def _occurs(log: RunLog, state: str) -> bool:
+    return log.contact_states is not None and bool((log.contact_states == CONTACT_STATES.index(state)).any())
+
+
+def _stretches(log: RunLog, flags: BoolArray) -> list[tuple[float, float]]:
+    """Return begin and duration of the stretches of ticks with a flag, s."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
+    times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
+    return [(float(times[a]), float(times[b] - times[a])) for a, b in zip(edges[::2], edges[1::2], strict=True)]

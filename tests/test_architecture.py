@@ -59,7 +59,6 @@ ARROWS: dict[str, str] = {
     "config.scenarios": "robot problems",
     "config.solve_execution": "runs",
     "config.solve_log": "problems solvers runs",
-    "config.solvers": "ocp problems solvers",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.execution": "runs",

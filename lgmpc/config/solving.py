@@ -10,22 +10,18 @@ from lgmpc.config.scenarios import build_scenario
 from lgmpc.config.schema import SolveConfig
 from lgmpc.config.session import Iteration, IterationReport, Notify, SolveOutcome
 from lgmpc.config.solve_log import is_finite, trajectory_log
-from lgmpc.config.solvers import Solve, build_solver
-from lgmpc.errors import ConfigErrors
+from lgmpc.errors import ConfigErrors, InputError
 from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario
 from lgmpc.runs import Outcome, Verdict, judge_figures
 from lgmpc.runs.figures import unknown_bounds
-from lgmpc.solvers import (
-    Progress,
-    Solution,
-)
+from lgmpc.solvers import Progress, Solution, Solver, make_solver
 
 __all__ = ["SolveSession", "check_scenario", "prepare_solve"]
 
 _VERIFIED = 1e-6
 """Largest gap, violation (in the states' and constraints' own units) and gradient of the Lagrangian (relative to
-1 + the largest multiplier) of a solution; larger if the solver was told."""
+1 + the largest multiplier) of a solution; the solver's tolerance where that is larger."""
 _SOLVER_FIGURES = (
     "effort_ratio",
     "cost",
@@ -44,14 +40,19 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
 
     Args:
         config: what to solve.
-        notify: told what is being prepared.
+        notify: called with what is being prepared.
 
     Raises:
         LgmpcError: what cannot be built, naming the key.
     """
     notify("building the problem")
     scenario, _ = check_scenario(config)
-    return SolveSession(config, scenario, build_solver(config, scenario, notify))
+    try:
+        return SolveSession(config, scenario, make_solver(scenario.problem, config.solver, notify))
+    except InputError as error:
+        bounds = "" if config.solver.method == "box_fddp" else "box_fddp (bounds on controls), "
+        got = f"{config.solver.method} for {error.got}"
+        raise config.error("solver.method", got, f"{bounds}sqp, ipopt or fatrop") from error
 
 
 def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
@@ -81,13 +82,13 @@ class SolveSession:
     Attributes:
         config: what they were built from.
         scenario: the problem, its guess, and what success means.
-        solve: the solver.
-        iterations: what it told in the last run.
+        solver: the solver.
+        iterations: what it reported in the last run.
     """
 
     config: SolveConfig
     scenario: Scenario
-    solve: Solve
+    solver: Solver
     iterations: list[Progress] = field(default_factory=list)
 
     @property
@@ -106,7 +107,7 @@ class SolveSession:
         self.iterations.clear()
         interrupted = False
 
-        def told(progress: Progress) -> bool:
+        def record(progress: Progress) -> bool:
             nonlocal interrupted
             self.iterations.append(progress)
             try:
@@ -115,7 +116,8 @@ class SolveSession:
                 interrupted = True
             return interrupted
 
-        solution = self.solve(self.scenario.guess, told)
+        silent = self.config.solver.method == "fatrop"  # it neither reports its iterations nor can be stopped
+        solution = self.solver.solve(self.scenario.guess, callback=None if silent else record)
         interrupted = interrupted and not solution.status.solved
         measured = solution.residual() if is_finite(solution) else KktResidual.unknown()
         figures = self._figures(solution, measured)
@@ -154,7 +156,7 @@ class SolveSession:
             ending = status.name.lower().replace("_", " ")
             reasons.append(f"not converged: {ending} after {count}; {status.remedy}")
         if status.solved:
-            reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.config.solver.tolerance or 0.0))
+            reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.config.solver.tolerance))
         reasons += judge_figures(figures, gate.bounds)
         return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 

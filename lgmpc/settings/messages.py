@@ -100,9 +100,9 @@ def _shorten(text: str, length: int = 60) -> str:
 
 
 def _translate(detail: ErrorDetails, root: type[Settings], data: Any) -> Iterator[Finding]:
-    path = _path_in_data(detail["loc"], data)
-    key = ".".join(path)
     kind = detail["type"]
+    path = _path_in_data(detail["loc"], data, missing=kind == "missing")
+    key = ".".join(path)
     context = detail.get("ctx", {})
     if kind == PROBLEM:
         each: Problem
@@ -139,16 +139,16 @@ def _words(kind: str, context: Mapping[str, Any], message: str) -> str:
     return pattern.format(**context)
 
 
-def _path_in_data(loc: Sequence[int | str], data: Any) -> list[str]:
-    """Drop from ``loc`` what pydantic adds for the branches of unions: it is no key of the data."""
+def _path_in_data(loc: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
+    """Drop from ``loc`` what pydantic adds for the branches of unions: it is no key of the data, as a missing one."""
     path: list[str] = []
     here = data
     for depth, part in enumerate(loc):
-        last = depth == len(loc) - 1
+        absent = missing and depth == len(loc) - 1
         if isinstance(here, Mapping):
             if part in here:
                 here = here[part]
-            elif not last:
+            elif not absent:
                 continue
         elif isinstance(here, (list, tuple)) and isinstance(part, int):
             here = here[part] if part < len(here) else None
@@ -263,7 +263,7 @@ def _branch(sections: Sequence[type[Settings]], data: Any) -> type[Settings]:
 
 def _tag_key(section: type[Settings]) -> str:
     """Return the key whose value chooses this section in a union."""
-    return "kind" if "kind" in section.model_fields else "model"
+    return next((key for key in ("kind", "model", "method") if key in section.model_fields), "kind")
 
 
 def _kinds(section: type[Settings]) -> tuple[str, ...]:

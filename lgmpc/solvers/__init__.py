@@ -3,12 +3,14 @@
 from lgmpc.solvers.box_fddp import BoxFddp
 from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
-from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress
-from lgmpc.solvers.nlp import NlpSolver
+from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress, SolverSettings
+from lgmpc.solvers.methods import AnySolverSettings, Solver, make_solver
+from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.real_time_sqp import RealTimeResult, RealTimeSqp, RealTimeStatus, RealTimeTimings
 from lgmpc.solvers.solution import Solution, Status, Timings
 
 __all__ = [
+    "AnySolverSettings",
     "BoxFddp",
     "Callback",
     "Fddp",
@@ -16,6 +18,7 @@ __all__ = [
     "IterativeSolver",
     "LineSearchSqp",
     "LineSearchSqpSettings",
+    "NlpSettings",
     "NlpSolver",
     "PrintProgress",
     "Progress",
@@ -24,6 +27,9 @@ __all__ = [
     "RealTimeStatus",
     "RealTimeTimings",
     "Solution",
+    "Solver",
+    "SolverSettings",
     "Status",
     "Timings",
+    "make_solver",
 ]

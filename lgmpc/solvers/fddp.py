@@ -13,71 +13,73 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
+from lgmpc.settings import NonNegative, Positive, problem
 from lgmpc.solvers.box import BoxSweep
 from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.loop import IterativeSolver, Progress
+from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite
 from lgmpc.typing import Array
 
 __all__ = ["Fddp", "FddpSettings"]
 
+_StepLength = Annotated[float, Field(strict=True, gt=0.0, le=1.0, allow_inf_nan=False)]
 _PATIENCE = 5  # steps that only rounding makes and that do not halve the gradient
 
 
-@dataclass(frozen=True)
-class FddpSettings:
-    """Tolerances and schedules; the standard values are Crocoddyl's.
+class FddpSettings(SolverSettings):
+    """Tolerances and schedules of :class:`Fddp` and ``BoxFddp``; the standard values are Crocoddyl's.
 
     A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
     does not depend on how states and controls are scaled, but does not cover conditions on which the cost hardly
     depends. The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review
-    47, 2005), since it is their differences; infinity requires the first only, as Crocoddyl does.
-
-    Attributes:
-        tolerance: largest expected reduction of the cost.
-        stationarity: largest entry of the Lagrangian's gradient, per ``1 + the largest multiplier``.
-        step_lengths: tried in this order, beginning with 1.
-        acceptance: least fraction of the expected reduction that a step has to bring.
-        ascent_acceptance: most multiples of an expected increase (a price of closing gaps) that a step may bring.
-        least_slope: of the cost below which any step is accepted.
-        rounding: largest gap of a guess that counts as feasible.
-        regularization: (least, most); it starts from the least.
-        regularization_factor: by which it changes.
-        decrease_above: step length above which it falls.
-        increase_below: step length up to which it rises.
+    47, 2005), since it is their differences.
     """
 
-    tolerance: float = 1e-9
-    stationarity: float = 1e-6
-    step_lengths: tuple[float, ...] = tuple(2.0**-i for i in range(10))
-    acceptance: float = 0.1
-    ascent_acceptance: float = 2.0
-    least_slope: float = 1e-12
-    rounding: float = 1e-12
-    regularization: tuple[float, float] = (1e-9, 1e9)
-    regularization_factor: float = 10.0
-    decrease_above: float = 0.5
-    increase_below: float = 0.01
+    method: Literal["fddp", "box_fddp"] = Field(
+        default="fddp", description="fddp: no constraints; box_fddp: bounds on controls."
+    )
+    tolerance: Positive = Field(default=1e-9, description="Largest expected reduction of the cost of a solution.")
+    stationarity: Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=True)] = Field(
+        default=1e-6,
+        description="Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
+        ".inf: of any size, as in Crocoddyl.",
+    )
+    step_lengths: Annotated[tuple[_StepLength, ...], Field(min_length=1)] = Field(
+        default=tuple(2.0**-i for i in range(10)), description="Step lengths, tried in this order."
+    )
+    acceptance: NonNegative = Field(
+        default=0.1, description="Least fraction of the expected reduction of the cost that a step has to bring."
+    )
+    ascent_acceptance: NonNegative = Field(
+        default=2.0,
+        description="Most multiples of an expected increase of the cost (the price of closing gaps) of a step.",
+    )
+    least_slope: NonNegative = Field(
+        default=1e-12, description="Slope of the cost below which any step that does not raise it is accepted."
+    )
+    rounding: NonNegative = Field(default=1e-12, description="Largest gap of a guess that counts as feasible.")
+    regularization: tuple[Positive, Positive] = Field(
+        default=(1e-9, 1e9), description="[least, most] regularisation; a solve starts from the least."
+    )
+    regularization_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e9, allow_inf_nan=False)] = Field(
+        default=10.0, description="Factor by which the regularisation changes."
+    )
+    decrease_above: NonNegative = Field(default=0.5, description="Step length above which the regularisation falls.")
+    increase_below: NonNegative = Field(default=0.01, description="Step length up to which the regularisation rises.")
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        low, high = self.regularization
-        if not 0.0 < low <= high:
-            raise InputError("regularization", self.regularization, "0 < least <= most")
-        if not self.regularization_factor > 1.0:
-            raise InputError("regularization_factor", self.regularization_factor, "above 1")
-        if not self.step_lengths or not all(0.0 < a <= 1.0 for a in self.step_lengths):
-            raise InputError("step_lengths", self.step_lengths, "numbers above 0, at most 1")
-        for name in ("tolerance", "stationarity"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(name, getattr(self, name), "above 0")
+    @model_validator(mode="after")
+    def _regularization_is_ordered(self) -> FddpSettings:
+        if self.regularization[0] > self.regularization[1]:
+            raise problem("[least, most] with least not above most", "regularization", list(self.regularization))
+        return self
 
 
 class Fddp(IterativeSolver):
@@ -97,6 +99,7 @@ class Fddp(IterativeSolver):
     """
 
     name = "FDDP"
+    settings: FddpSettings
 
     def __init__(
         self,

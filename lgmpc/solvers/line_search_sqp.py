@@ -19,13 +19,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
-from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
-from lgmpc.solvers.loop import IterativeSolver, Progress
+from lgmpc.settings import Count
+from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.qp import (
     QpSolver,
     QpStatus,
@@ -40,7 +41,7 @@ from lgmpc.typing import Array
 __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 
 _KEPT = (0.0, 0.5, 0.9, 0.99)  # shares of gaps and violations that an infeasible subproblem may keep, one after another
-_LEAST_TOLERANCE = 1e-13
+_LEAST_TOLERANCE = 1e-13  # rounding hides what is less
 _ROUNDING = 1e-13  # of the penalty function
 _PATIENCE = 6  # steps that do not halve the residual
 _FAILED = {
@@ -51,36 +52,25 @@ _FAILED = {
 }
 
 
-@dataclass(frozen=True)
-class LineSearchSqpSettings:
-    """Tolerances of the iterations and of the search.
+class LineSearchSqpSettings(SolverSettings):
+    """Tolerances of :class:`LineSearchSqp` and of its search."""
 
-    Attributes:
-        tolerance: largest residual of the optimality conditions of a solution.
-        acceptance: least fraction of the expected decrease that a step has to bring.
-        memory: how many points the decrease is measured from the worst of.
-        least_step: step length below which the search ends without a step.
-        penalty_margin: the penalty's least multiple of the largest multiplier.
-    """
-
-    tolerance: float = 1e-6
-    acceptance: float = 1e-4
-    memory: int = 4
-    least_step: float = 1e-4
-    penalty_margin: float = 1.5
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        if not self.tolerance >= _LEAST_TOLERANCE:
-            raise InputError("tolerance", self.tolerance, f"at least {_LEAST_TOLERANCE:g}: rounding hides what is less")
-        if not 0.0 < self.acceptance < 0.5:
-            raise InputError("acceptance", self.acceptance, "above 0, below 0.5")
-        if self.memory < 1:
-            raise InputError("memory", self.memory, "at least 1")
-        if not 0.0 < self.least_step < 1.0:
-            raise InputError("least_step", self.least_step, "above 0, below 1")
-        if not self.penalty_margin > 1.0:
-            raise InputError("penalty_margin", self.penalty_margin, "above 1")
+    method: Literal["sqp"] = Field(default="sqp", description="SQP with a line search; any constraints.")
+    tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = Field(
+        default=1e-6, description="Largest residual of the optimality conditions of a solution."
+    )
+    acceptance: Annotated[float, Field(strict=True, gt=0.0, lt=0.5)] = Field(
+        default=1e-4, description="Least fraction of the expected decrease that a step has to bring."
+    )
+    memory: Count = Field(
+        default=4, description="Number of last points; the decrease is measured from the worst of them."
+    )
+    least_step: Annotated[float, Field(strict=True, gt=0.0, lt=1.0)] = Field(
+        default=1e-4, description="Step length below which the search ends without a step."
+    )
+    penalty_margin: Annotated[float, Field(strict=True, gt=1.0, le=1e9)] = Field(
+        default=1.5, description="Least multiple of the largest multiplier that the penalty is."
+    )
 
 
 class LineSearchSqp(IterativeSolver):
@@ -101,6 +91,7 @@ class LineSearchSqp(IterativeSolver):
     """
 
     name = "SQP"
+    settings: LineSearchSqpSettings
 
     def __init__(
         self,

@@ -6,14 +6,36 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.settings import Positive, Settings
 from lgmpc.solvers.solution import Solution, Status
 
-__all__ = ["Callback", "IterativeSolver", "Progress", "PrintProgress"]
+__all__ = ["Callback", "IterativeSolver", "PrintProgress", "Progress", "SolverSettings"]
+
+
+class SolverSettings(Settings):
+    """When a solver stops. A config selects the solver by ``method``."""
+
+    method: str
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
+        default=200, description="Most iterations."
+    )
+    tolerance: Positive
+    time_limit_s: Positive | None = Field(
+        default=None, description="Stop after this time, s (compiling does not count). null: never."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _null_is_the_default(cls, data: Any) -> Any:
+        """Configs that earlier versions wrote have ``tolerance: null`` for the method's own."""
+        return {key: value for key, value in data.items() if value is not None} if isinstance(data, dict) else data
 
 
 @dataclass(frozen=True)
@@ -72,16 +94,18 @@ class IterativeSolver(ABC):
     Attributes:
         name: in messages.
         problem: the problem; its data are read at every solve.
+        settings: tolerances and limits.
     """
 
     name: str
     problem: ShootingProblem
+    settings: SolverSettings
 
     def solve(
         self,
         guess: Trajectory | None = None,
         *,
-        max_iterations: int = 100,
+        max_iterations: int | None = None,
         time_limit: float | None = None,
         callback: Callback | None = None,
         throw: bool = False,
@@ -91,8 +115,8 @@ class IterativeSolver(ABC):
         Args:
             guess: states and controls to start from (the first state is replaced by the problem's); the first state at
                 rest at all nodes unless given.
-            max_iterations: most iterations, at least 0.
-            time_limit: s; checked before each iteration.
+            max_iterations: most iterations, at least 0; the settings' unless given.
+            time_limit: s; checked before each iteration; the settings' unless given.
             callback: called with the progress after every iteration; stops the solve by returning True.
             throw: raise where the solve ends without a solution.
 
@@ -100,6 +124,8 @@ class IterativeSolver(ABC):
             InputError: a guess of the wrong shape, or negative limits.
             SolverError: no solution, with ``throw``; the message has the remedy and the explanation.
         """
+        max_iterations = self.settings.max_iterations if max_iterations is None else max_iterations
+        time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         if max_iterations < 0:
             raise InputError("max_iterations", max_iterations, "at least 0")
         if time_limit is not None and not time_limit >= 0.0:

@@ -9,20 +9,22 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+from pydantic import Field, model_validator
 
 from lgmpc.compile import compile_programme
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
-from lgmpc.solvers.loop import Callback, Progress
+from lgmpc.settings import Positive
+from lgmpc.settings import problem as problem_with
+from lgmpc.solvers.loop import Callback, Progress, SolverSettings
 from lgmpc.solvers.solution import Solution, Status, Timings
 
-__all__ = ["NlpSolver"]
+__all__ = ["NlpSettings", "NlpSolver"]
 
-PLUGINS = ("ipopt", "fatrop")
 _STATUS = {
     "Solve_Succeeded": Status.CONVERGED,
     "0": Status.CONVERGED,  # fatrop's
@@ -34,50 +36,59 @@ _STATUS = {
 }
 
 
+class NlpSettings(SolverSettings):
+    """Tolerance and limits of :class:`NlpSolver`, and which of CasADi's solvers it is."""
+
+    method: Literal["ipopt", "fatrop"] = Field(
+        default="ipopt", description="Interior point solvers with exact Hessians; any constraints."
+    )
+    tolerance: Positive = Field(
+        default=1e-8, description="Largest residual of the optimality conditions of a solution."
+    )
+
+    @model_validator(mode="after")
+    def _fatrop_has_no_clock(self) -> NlpSettings:
+        if self.method == "fatrop" and self.time_limit_s is not None:
+            raise problem_with("null: fatrop cannot be interrupted", key="time_limit_s", got=self.time_limit_s)
+        return self
+
+
 class NlpSolver:
     """Solves any :class:`~lgmpc.ocp.ShootingProblem`, path constraints included, by multiple shooting.
 
     Args:
         problem: the problem; its data are read at every solve.
-        plugin: ``ipopt`` or ``fatrop``.
-        tolerance: of the optimality conditions.
-        max_iterations: most iterations.
+        settings: which solver, its tolerance and limits.
         compiled: whether to evaluate machine code; it takes a while to build (once: it is cached) and is several times
             faster.
         progress: called with a description of what is being compiled.
-
-    Raises:
-        InputError: no such plugin.
     """
 
     def __init__(
         self,
         problem: ShootingProblem,
-        plugin: str = "ipopt",
+        settings: NlpSettings | None = None,
         *,
-        tolerance: float = 1e-10,
-        max_iterations: int = 200,
         compiled: bool = False,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        if plugin not in PLUGINS:
-            raise InputError("plugin", plugin, "a solver that comes with CasADi", PLUGINS)
-        self.name = plugin
+        self.settings = NlpSettings() if settings is None else settings
+        self.name: str = self.settings.method
         self.problem = problem
         self._shooting = transcribe(problem)
         self._watch = _Watch(self._shooting)
-        options = _ipopt if plugin == "ipopt" else _fatrop
-        settings = options(self._shooting, tolerance, max_iterations)
-        if plugin == "ipopt":
-            settings["iteration_callback"] = self._watch
+        options = _ipopt if self.name == "ipopt" else _fatrop
+        chosen = options(self._shooting, self.settings)
+        if self.name == "ipopt":
+            chosen["iteration_callback"] = self._watch
         programme: Any = self._shooting.programme
         self._values = ca.Function("values", [programme["x"], programme["p"]], [programme["f"], programme["g"]])
         name = f"nlp_{problem.actions[0].name}_{problem.nodes}"
-        self._solver = ca.nlpsol(name, plugin, programme, settings)
+        self._solver = ca.nlpsol(name, self.name, programme, chosen)
         library = compile_programme(self._solver, progress=progress) if compiled else None
         self.compiled = library is not None
         if library is not None:
-            self._solver = ca.nlpsol(name, plugin, str(library), settings)
+            self._solver = ca.nlpsol(name, self.name, str(library), chosen)
 
     def solve(
         self,
@@ -92,7 +103,7 @@ class NlpSolver:
         Args:
             guess: states and controls to start from (the first state is replaced by the problem's); the first state at
                 rest at all nodes unless given.
-            time_limit: s; checked after each iteration (of ipopt).
+            time_limit: s; checked after each iteration (of ipopt); the settings' unless given.
             callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
             throw: raise where the solve ends without a solution.
 
@@ -102,6 +113,7 @@ class NlpSolver:
         """
         if self.name != "ipopt" and (time_limit is not None or callback is not None):
             raise InputError("time_limit or callback", "one for fatrop", "none: fatrop cannot be interrupted")
+        time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
         base = problem.check(problem.hold() if guess is None else guess)
@@ -216,23 +228,23 @@ class _Watch(ca.Callback):
         return [int(stop)]
 
 
-def _ipopt(shooting: MultipleShooting, tolerance: float, max_iterations: int) -> dict[str, Any]:
+def _ipopt(shooting: MultipleShooting, settings: NlpSettings) -> dict[str, Any]:
     return {
         "print_time": False,
         "error_on_fail": False,
         "ipopt": {
             "print_level": 0,
             "sb": "yes",
-            "tol": tolerance,
-            "compl_inf_tol": tolerance,  # of the unscaled problem, as the next: tol itself is relative
-            "dual_inf_tol": 1e2 * tolerance,
-            "max_iter": max_iterations,
+            "tol": settings.tolerance,
+            "compl_inf_tol": settings.tolerance,  # of the unscaled problem, as the next: tol itself is relative
+            "dual_inf_tol": 1e2 * settings.tolerance,
+            "max_iter": settings.max_iterations,
             "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value
         },
     }
 
 
-def _fatrop(shooting: MultipleShooting, tolerance: float, max_iterations: int) -> dict[str, Any]:
+def _fatrop(shooting: MultipleShooting, settings: NlpSettings) -> dict[str, Any]:
     n, ndx = shooting.nodes, shooting.state.ndx
     return {
         "print_time": False,
@@ -243,5 +255,5 @@ def _fatrop(shooting: MultipleShooting, tolerance: float, max_iterations: int) -
         "nu": [*shooting.nu, 0],
         "ng": [*shooting.ng, 0],
         "equality": shooting.equalities,
-        "fatrop": {"print_level": 0, "tol": tolerance, "max_iter": max_iterations},
+        "fatrop": {"print_level": 0, "tol": settings.tolerance, "max_iter": settings.max_iterations},
     }

@@ -153,7 +153,7 @@ def test_every_method_finds_the_same(method: str, finished: FinishedSolve, tmp_p
     other = solve_config(arm(f"solver.method={method}"), tmp_path).outcome
     assert other.verdict.passed, other.verdict.reasons
     assert other.figures["cost"] == pytest.approx(finished.outcome.figures["cost"], rel=1e-6)
-    assert (len(other.log.iteration_cost) > 0) == (method != "fatrop")  # which cannot tell
+    assert (len(other.log.iteration_cost) > 0) == (method != "fatrop")  # which reports none
 
 
 def test_what_did_not_converge_fails_unless_it_need_not() -> None:
@@ -224,19 +224,19 @@ def test_a_trajectory_that_is_not_finite_fails_with_a_reason() -> None:
 
 
 def test_a_solver_that_claims_too_much_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A "solution" whose states are not those of the dynamics is measured, not believed."""
+    """A "solution" whose states are not those of the dynamics is found by measuring it."""
     from dataclasses import replace
 
     session = prepare_solve(arm("gate={converged: true}"))
-    honest = session.solve
+    honest = session.solver.solve
 
     def lie(guess, callback):  # type: ignore[no-untyped-def]
-        solution = honest(guess, callback)
+        solution = honest(guess, callback=callback)
         xs = solution.xs.copy()
         xs[7, 0] += 1e-3
         return replace(solution, xs=xs)
 
-    monkeypatch.setattr(session, "solve", lie)
+    monkeypatch.setattr(session.solver, "solve", lie)
     outcome = session.run(lambda now: None)
     assert outcome.status == "converged"
     assert outcome.verdict.outcome is Outcome.FAIL
@@ -247,14 +247,14 @@ def test_multipliers_that_do_not_belong_to_the_trajectory_are_found_out(monkeypa
     from dataclasses import replace
 
     session = prepare_solve(arm("gate={converged: true}"))
-    honest = session.solve
+    honest = session.solver.solve
 
     def lie(guess, callback):  # type: ignore[no-untyped-def]
-        solution = honest(guess, callback)
+        solution = honest(guess, callback=callback)
         return replace(solution, costates=1.01 * solution.costates)
 
     assert session.run(lambda now: None).verdict.passed
-    monkeypatch.setattr(session, "solve", lie)
+    monkeypatch.setattr(session.solver, "solve", lie)
     outcome = session.run(lambda now: None)
     assert outcome.verdict.outcome is Outcome.FAIL
     assert "gradients of the Lagrangian reach" in outcome.verdict.reasons[0]

@@ -19,6 +19,7 @@ from lgmpc.solvers import (
     FddpSettings,
     LineSearchSqp,
     LineSearchSqpSettings,
+    NlpSettings,
     NlpSolver,
     Solution,
     Status,
@@ -30,7 +31,7 @@ SOLVERS: dict[str, Callable[[ShootingProblem], Any]] = {
     "box fddp": lambda problem: BoxFddp(problem, FddpSettings(tolerance=1e-13)),
     "sqp": lambda problem: LineSearchSqp(problem, LineSearchSqpSettings(tolerance=1e-8)),
     "ipopt": NlpSolver,
-    "fatrop": lambda problem: NlpSolver(problem, "fatrop"),
+    "fatrop": lambda problem: NlpSolver(problem, NlpSettings(method="fatrop")),
 }
 BOUNDED = ("box fddp", "sqp", "ipopt", "fatrop")
 STOPPABLE = ("fddp", "box fddp", "sqp", "ipopt")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from lgmpc.actions import Action
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import Fddp, NlpSolver, Progress, Status
+from lgmpc.solvers import Fddp, NlpSettings, NlpSolver, Progress, Status
 
 
 def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
@@ -39,7 +40,7 @@ def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
 
 def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable[..., ShootingProblem]) -> None:
     guess = Trajectory(np.zeros((9, 2)), np.zeros((8, 1)))
-    assert NlpSolver(cart, max_iterations=2).solve(guess).status is Status.ITERATION_LIMIT
+    assert NlpSolver(cart, NlpSettings(max_iterations=2)).solve(guess).status is Status.ITERATION_LIMIT
     cart.set("limit", [2.0, 0.6, -5.0])
     assert NlpSolver(cart).solve(guess).status is Status.INFEASIBLE
     cart.x0[0] = np.nan
@@ -50,11 +51,11 @@ def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable
 
 @pytest.mark.parametrize(("plugin", "compiled"), [("ipopt", True), ("fatrop", False)])
 def test_every_way_finds_the_same(
-    satellite: Callable[..., ShootingProblem], cart: ShootingProblem, plugin: str, compiled: bool
+    satellite: Callable[..., ShootingProblem], cart: ShootingProblem, plugin: Literal["ipopt", "fatrop"], compiled: bool
 ) -> None:
     problem = cart if compiled else satellite(bounded=True)
     reference = NlpSolver(problem).solve()
-    solver = NlpSolver(problem, plugin, compiled=compiled)
+    solver = NlpSolver(problem, NlpSettings(method=plugin), compiled=compiled)
     assert solver.compiled is compiled
     solution = solver.solve()
     for each in (reference, solution):
@@ -95,8 +96,9 @@ def test_ipopt_reports_its_progress_and_can_be_stopped(cart: ShootingProblem) ->
     with pytest.raises(RuntimeError, match="my own"):
         solver.solve(callback=fail)
     with pytest.raises(SolverError, match="iteration_limit"):
-        NlpSolver(cart, max_iterations=1).solve(throw=True)
+        NlpSolver(cart, NlpSettings(max_iterations=1)).solve(throw=True)
     with pytest.raises(InputError, match="cannot be interrupted"):
-        NlpSolver(cart, "fatrop").solve(time_limit=1.0)
+        NlpSolver(cart, NlpSettings(method="fatrop")).solve(time_limit=1.0)
+    unknown: dict[str, Any] = {"method": "ipop"}
     with pytest.raises(InputError, match="Did you mean ipopt"):
-        NlpSolver(cart, "ipop")
+        NlpSettings(**unknown)

@@ -11,7 +11,7 @@ from lgmpc.costs import ConstraintItem, CostItem, MissingQuantityError
 from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, check_derivatives
-from lgmpc.solvers import Fddp, LineSearchSqp, NlpSolver, Status
+from lgmpc.solvers import Fddp, LineSearchSqp, NlpSettings, NlpSolver, Status
 
 
 @pytest.fixture
@@ -59,8 +59,8 @@ def test_sqp_ipopt_and_fatrop_keep_to_it(reach: ShootingProblem) -> None:
     assert np.abs(solution.us[:15]).max() == pytest.approx(1.05, abs=1e-6)
     assert (np.abs(solution.multipliers[15]) > 1e-4).sum() >= 3
     assert solution.residual().largest <= 1e-6
-    for plugin in ("ipopt", "fatrop"):
-        reference = NlpSolver(reach, plugin).solve(solution.trajectory)
+    for settings in (NlpSettings(tolerance=1e-10), NlpSettings(method="fatrop", tolerance=1e-10)):
+        reference = NlpSolver(reach, settings).solve(solution.trajectory)
         assert reference.status is Status.CONVERGED
         assert solution.cost == pytest.approx(reference.cost, rel=1e-6)
         np.testing.assert_allclose(solution.us, reference.us, atol=1e-4)

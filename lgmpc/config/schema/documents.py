@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from lgmpc.config.schema.solver import SolverSection
 from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError
@@ -25,6 +24,7 @@ from lgmpc.settings import Positive, Problem, Settings, problem, problems
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.sensors import SensorNoise
+from lgmpc.solvers import AnySolverSettings, FddpSettings
 from lgmpc.wbc import WholeBodySettings
 
 __all__ = ["MOST_TICKS", "Config", "Document", "GroundTruth", "SolveConfig"]
@@ -136,5 +136,5 @@ class SolveConfig(Document):
     """A trajectory to optimise: a robot, a problem, a solver, and what counts as success."""
 
     problem: AnyProblemSettings = Field(description="What is optimised.")
-    solver: SolverSection = Field(default=SolverSection(), description="How it is solved.")
+    solver: AnySolverSettings = Field(default=FddpSettings(), description="How it is solved.")
     gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")

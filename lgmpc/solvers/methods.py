@@ -1,0 +1,72 @@
+"""Every solver of whole trajectories: the method by which a config selects it, its settings, and its class.
+
+A new solver is a module with its settings, a ``method: Literal[...]`` among them, and its class, and one line in the
+table here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Union
+
+from pydantic import Discriminator, Tag
+
+from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers.box_fddp import BoxFddp
+from lgmpc.solvers.fddp import Fddp, FddpSettings
+from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
+from lgmpc.solvers.loop import Callback, SolverSettings
+from lgmpc.solvers.nlp import NlpSettings, NlpSolver
+from lgmpc.solvers.solution import Solution
+
+__all__ = ["AnySolverSettings", "Solver", "make_solver"]
+
+
+class Solver(Protocol):
+    """A solver of one problem."""
+
+    name: str
+
+    def solve(self, guess: Trajectory | None = None, *, callback: Callback | None = None) -> Solution:
+        """Solve from a guess; see :meth:`lgmpc.solvers.IterativeSolver.solve`."""
+
+
+_METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {
+    "fddp": (FddpSettings, Fddp),
+    "box_fddp": (FddpSettings, BoxFddp),
+    "sqp": (LineSearchSqpSettings, LineSearchSqp),
+    "ipopt": (NlpSettings, NlpSolver),
+    "fatrop": (NlpSettings, NlpSolver),
+}
+
+
+def make_solver(
+    problem: ShootingProblem, settings: SolverSettings, progress: Callable[[str], None] | None = None
+) -> Solver:
+    """Return the solver that ``settings.method`` names.
+
+    Args:
+        problem: the problem; its data are read at every solve.
+        settings: method, tolerances and limits.
+        progress: called with a description of what is being compiled.
+
+    Raises:
+        InputError: path constraints of the problem that this method cannot take.
+    """
+    _, kind = _METHODS[settings.method]
+    return kind(problem, settings, progress=progress)
+
+
+def _method(value: Any) -> Any:
+    """Return the method that a table of settings names; FDDP where it names none."""
+    if isinstance(value, Mapping):
+        return value.get("method", "fddp")
+    return getattr(value, "method", "fddp")
+
+
+if TYPE_CHECKING:
+    AnySolverSettings = SolverSettings
+else:
+    _tagged = tuple(Annotated[settings, Tag(method)] for method, (settings, _) in _METHODS.items())
+    AnySolverSettings = Annotated[Union[_tagged], Discriminator(_method)]  # noqa: UP007
+    """The settings of one solver; the key ``method`` selects which."""

@@ -116,8 +116,8 @@ class Config(Document):
             if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
         if self.commands and not self.mpc.enabled:
-            words = "no command while mpc.enabled is false: without a plan the robot only stands"
-            found.append(Problem("commands", f"{len(self.commands)} commands", words))
+            words = "true where there are commands: without a plan the robot only stands"
+            found.append(Problem("mpc.enabled", False, words))
         if found:
             raise problems(found)
         return self

@@ -1,0 +1,43 @@
+"""The bench of locomotion: what it computes beside the library's figures."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bench_locomotion import CONFIG, Bench, Motion, Pushes, largest, tick_ms, velocities
+
+
+@pytest.mark.parametrize("limit", [0.04, 1.9, 3.33, 7.99])
+def test_the_largest_impulse_is_found_within_the_resolution(limit: float) -> None:
+    assert largest(lambda impulse: impulse <= limit, 0.1) == pytest.approx(limit, abs=0.1)
+    assert largest(lambda impulse: False, 0.1) == 0.0
+
+
+def test_a_tick_that_plans_takes_the_time_of_its_plan_too() -> None:
+    time = 0.001 * np.arange(6)
+    log = SimpleNamespace(time=time, wbc_ms=np.full(6, 0.1), mpc_time=time[[0, 3]], mpc_ms=np.array([0.5, 0.7]))
+    np.testing.assert_allclose(tick_ms(log), [0.6, 0.1, 0.1, 0.8, 0.1, 0.1])
+
+
+def test_a_push_is_run_once_for_both_questions() -> None:
+    calls = []
+
+    def push(motion: Motion, body: str, time: float, impulse: float, angle: float) -> SimpleNamespace:
+        calls.append(impulse)
+        return SimpleNamespace(
+            fell=impulse > 3.0, walking=SimpleNamespace(recovery_time_s=None if impulse > 2.0 else 0.4)
+        )
+
+    runs = Pushes(SimpleNamespace(push=push), Motion(0.5), "base_link", 1.0, 0.0)
+    assert largest(runs.survived, 0.25) == 3.0
+    assert largest(runs.recovered, 0.25) == 2.0
+    assert len(calls) == len(set(calls))
+
+
+@pytest.mark.slow
+def test_the_table_has_the_librarys_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    (row,) = velocities(Bench(CONFIG, "trot", []), (Motion(0.5),))
+    assert row["fell"] is False
+    assert f"{row['cost_of_transport']:.2f}" in capsys.readouterr().out

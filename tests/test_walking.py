@@ -1,0 +1,223 @@
+"""Walking in closed loop: the figures of short runs on both plants, repeatability, failing solvers, and bad commands.
+
+Margins: what is asserted is about twice what was measured, so that a change of a library's rounding does not fail it
+and a change of behaviour does. Measured: MuJoCo 4.0 and Pinocchio 4.1.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgmpc.config.build import prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.loading import load_config
+from lgmpc.control.interface import Command, RobotState
+from lgmpc.control.legged import LeggedController
+from lgmpc.errors import ConfigError
+from lgmpc.mpc import MpcStatus
+from lgmpc.runs import Metrics, RunLog, WalkingMetrics
+from lgmpc.runs.log import CONTACT_STATES
+from lgmpc.wbc import TickStatus
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+PLANTS = ["mujoco", "pinocchio"]
+WALKING = ["solo12_velocity", "solo12_walk_command", "solo12_trot_push", "anymal_velocity", "go2_velocity"]
+
+TROT = (
+    "commands=[{at_s: 0.2, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}, {at_s: 2.0, velocity_m_s: [0.0, 0.0, 0.0]}]",
+    "duration_s=3.0",
+    "log.rate_hz=1000",
+)
+"""A ramp of 0.5 s, a plateau of 1.3 s, a ramp of 0.5 s, and half a second to stand."""
+
+
+def session_of(*overrides: str, name: str = "solo12_velocity") -> ClosedLoopSession:
+    session = prepare(load_config(CONFIGS / f"{name}.yaml", overrides))
+    assert isinstance(session, ClosedLoopSession)
+    return session
+
+
+def walked(session: ClosedLoopSession) -> tuple[RunLog, Metrics, WalkingMetrics]:
+    result = session.run(lambda progress: None)
+    assert result.metrics is not None and result.metrics.walking is not None
+    return result.log, result.metrics, result.metrics.walking
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_short_trot_follows_its_command_and_ends_standing(plant: str) -> None:
+    log, metrics, walking = walked(session_of(*TROT, f"plant.kind={plant}"))
+    assert not metrics.fell and metrics.solver_failures == 0
+    assert walking.velocity_rmse_m_s is not None and walking.velocity_rmse_m_s < 0.01
+    assert walking.raw_velocity_rmse_m_s is not None and walking.raw_velocity_rmse_m_s < 0.06
+    assert walking.yaw_rate_rmse_rad_s is not None and walking.yaw_rate_rmse_rad_s < 0.002
+    assert walking.height_std_m is not None and walking.height_std_m < 0.002
+    assert walking.cost_of_transport is not None and 0.4 < walking.cost_of_transport < 0.9
+    assert walking.walking_tilt_deg < 0.6
+    assert walking.max_scuff_m < 0.002
+    assert 36 <= walking.steps <= 60
+    assert walking.ends_standing
+    assert walking.stop_strides is not None and walking.stop_strides < 1.8
+    assert walking.final_foot_error_m is not None and walking.final_foot_error_m < 0.005
+    # The log says what the feet did: diagonal pairs in turn, while the base went 0.9 m.
+    assert log.stance is not None and log.command is not None
+    swinging = log.stance[(log.time > 0.5) & (log.time < 2.0)] == 0
+    together = (swinging[:, 0] == swinging[:, 3]) & (swinging[:, 1] == swinging[:, 2])
+    assert together.mean() > 0.9
+    assert log.q[-1, 0] - log.q[0, 0] == pytest.approx(0.9, abs=0.05)
+    assert float(np.abs(np.diff(log.command[:, 0])).max()) <= 1.0001e-3  # 1 m/s2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("name", WALKING)
+def test_shipped_configs_that_walk_pass_their_gates(name: str, plant: str) -> None:
+    result = session_of(f"plant.kind={plant}", name=name).run(lambda progress: None)
+    assert result.verdict.passed, result.verdict.reasons
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", PLANTS)
+def test_walking_foot_by_foot_keeps_three_feet_on_the_ground(plant: str) -> None:
+    log, metrics, _ = walked(session_of("duration_s=4.0", f"plant.kind={plant}", name="solo12_walk_command"))
+    assert not metrics.fell
+    assert log.stance is not None
+    assert log.stance.sum(axis=1).min() >= 3
+
+
+def test_walking_is_repeatable_bit_by_bit() -> None:
+    push = "pushes=[{body: base_link, time_s: 0.7, duration_s: 0.1, impulse_ns: [0.0, 1.0, 0.0]}]"
+    first, second = (walked(session_of(*TROT, "duration_s=1.2", push))[0].arrays() for _ in range(2))
+    assert np.any(first["stance"] == 0)
+    for name in first.keys() - {"wbc_ms", "mpc_ms"}:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+class Faulty:
+    """The controller of a session with a fault switched on and off; collects what it returns.
+
+    Args:
+        session: whose controller is wrapped.
+        fault: called with the controller and whether the fault is present, before every update.
+        begin: of the fault, s.
+        end: s.
+    """
+
+    def __init__(
+        self, session: ClosedLoopSession, fault: Callable[[LeggedController, bool], None], begin: float, end: float
+    ) -> None:
+        self.controller = session.controller
+        self.commands: list[Command] = []
+        self.statuses: list[tuple[float, MpcStatus | None, TickStatus]] = []
+        self.forces: list[np.ndarray] = []
+        self._fault, self._begin, self._end = fault, begin, end
+        self._update = session.controller.update
+        session.controller.update = self.update  # type: ignore[method-assign]
+
+    def update(self, state: RobotState) -> Command:
+        self._fault(self.controller, self._begin - 1e-9 <= state.time < self._end - 1e-9)
+        command = self._update(state)
+        self.commands.append(command)
+        planner, wbc = self.controller.planner, self.controller.wbc
+        assert planner is not None
+        self.statuses.append((state.time, planner.status, wbc.status))
+        self.forces.append(wbc.forces.copy())
+        return command
+
+    def during(self) -> list[int]:
+        return [k for k, (time, _, _) in enumerate(self.statuses) if self._begin <= time < self._end]
+
+
+def lose_the_mass(controller: LeggedController, present: bool) -> None:
+    """A number of the MPC's model is lost: its QP cannot be solved."""
+    assert controller.planner is not None
+    controller.planner.mpc.problem.view("mass")[:] = np.nan if present else controller.robot.mass  # type: ignore[attr-defined]
+
+
+def lose_a_weight(controller: LeggedController, present: bool) -> None:
+    """A number of the whole-body QP is lost."""
+    controller.wbc.tasks["com"].weight[:] = np.nan if present else 100.0
+
+
+def test_a_failing_mpc_keeps_the_previous_plan_with_the_new_contacts() -> None:
+    """For 50 ms around a lift-off: the feet go on by the schedule, and swinging ones carry nothing."""
+    sound, _, _ = walked(session_of(*TROT, "duration_s=1.3"))
+    assert sound.stance is not None
+    liftoffs = sound.time[1:][np.any(np.diff(sound.stance, axis=0) < 0, axis=1)]
+    begin = float(liftoffs[liftoffs > 1.0][0]) - 0.025
+    session = session_of(*TROT, "gate={max_solver_failures: null}")
+    faulty = Faulty(session, lose_the_mass, begin, begin + 0.05)
+    log, metrics, walking = walked(session)
+    failed = [k for k in faulty.during() if faulty.statuses[k][1] is MpcStatus.NOT_FINITE]
+    assert len(failed) >= 40
+    assert log.stance is not None
+    stance = log.stance[failed] != 0
+    assert not np.array_equal(stance[0], stance[-1]), "contacts change meanwhile"
+    for k, standing in zip(failed, stance, strict=True):
+        assert faulty.statuses[k][2] is TickStatus.SOLVED
+        np.testing.assert_allclose(faulty.forces[k][~standing], 0.0, atol=1e-6)
+        assert faulty.forces[k][standing, 2].sum() > 5.0
+        assert np.isfinite(faulty.commands[k].tau).all()
+    assert metrics.solver_failures == 5
+    assert not metrics.fell and walking.ends_standing
+
+
+def test_an_mpc_that_fails_for_good_ends_in_no_exception(caplog: pytest.LogCaptureFixture) -> None:
+    session = session_of(*TROT, "duration_s=2.0")
+    faulty = Faulty(session, lose_the_mass, 0.8, 9.0)
+    with caplog.at_level(logging.WARNING):
+        result = session.run(lambda progress: None)
+    assert result.verdict.outcome.value == "fail"
+    assert not any("ended early" in record.message for record in caplog.records)
+    assert faulty.statuses[-1][1] is MpcStatus.STALE
+    assert all(np.isfinite(command.tau).all() for command in faulty.commands)
+    assert np.abs(result.log.tau).max() <= 1.8
+
+
+def test_a_failing_whole_body_qp_holds_the_last_torques_with_damping() -> None:
+    session = session_of(*TROT, "gate={max_solver_failures: null}")
+    faulty = Faulty(session, lose_a_weight, 1.0, 1.01)
+    _, metrics, walking = walked(session)
+    failed = faulty.during()
+    assert len(failed) == 10
+    before = faulty.commands[failed[0] - 1]
+    for k in failed:
+        assert faulty.statuses[k][2] is TickStatus.NOT_FINITE
+        np.testing.assert_array_equal(faulty.commands[k].tau, before.tau)
+        assert faulty.commands[k].kd > 0.0
+    assert faulty.commands[failed[-1] + 1].kd == 0.0
+    assert not metrics.fell and walking.ends_standing
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("commands=[{at_s: 1.0, gait: trott}]", ("commands.0.gait: got trott", "Did you mean trot?")),
+        (
+            "commands=[{at_s: 2.0, gait: trot}, {at_s: 1.0}]",
+            ("commands.1.at_s: got 1", "not before that of the entry ahead of it (2 s)"),
+        ),
+        ("mpc.enabled=false", ("mpc.enabled: got false", "true where there are commands")),
+        ("commands=[{at_s: 1.0, velocity_m_s: [0.5, 0.0, 0.1]}]", ("commands.0.velocity_m_s", "height_m")),
+        ("commands=[{at_s: 1.0, velocity_m_s: [0.5, 0.0]}]", ("commands.0.velocity_m_s", "three numbers")),
+        ("commands=[{at_s: 1.0, speed: 1}]", ("commands.0.speed: got an unknown key",)),
+        ("locomotion.gaits=[{name: hop, period_s: 0.3, duty: 0.5, offsets: [0.0, 0.5]}]", ("offsets", "4")),
+        ("locomotion.swing.clearance_m=-0.1", ("locomotion.swing.clearance_m: got -0.1",)),
+    ],
+)
+def test_bad_commands_are_one_error_that_names_the_key(override: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        session_of(override)
+    for each in words:
+        assert each in str(caught.value)
+    assert len(str(caught.value).splitlines()) <= 4
+
+
+def test_every_state_of_a_foot_has_a_name_in_the_log() -> None:
+    log, _, _ = walked(session_of(*TROT, "duration_s=1.0"))
+    assert log.contact_states is not None
+    assert {CONTACT_STATES[code] for code in np.unique(log.contact_states)} >= {"stance", "swing"}

@@ -13,7 +13,7 @@ from lgmpc.config.solve_log import is_finite, trajectory_log
 from lgmpc.errors import ConfigErrors, InputError
 from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario
-from lgmpc.runs import Outcome, Verdict, judge_figures
+from lgmpc.runs import Outcome, SolveGate, Verdict, judge_figures
 from lgmpc.runs.figures import unknown_bounds
 from lgmpc.solvers import Progress, Solution, Solver, make_solver
 
@@ -48,11 +48,12 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
     notify("building the problem")
     scenario, _ = check_scenario(config)
     try:
-        return SolveSession(config, scenario, make_solver(scenario.problem, config.solver, notify))
+        solver = make_solver(scenario.problem, config.solver, notify)
     except InputError as error:
         bounds = "" if config.solver.method == "box_fddp" else "box_fddp (bounds on controls), "
         got = f"{config.solver.method} for {error.got}"
         raise config.error("solver.method", got, f"{bounds}sqp, ipopt or fatrop") from error
+    return SolveSession(scenario, solver, config.gate)
 
 
 def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
@@ -80,15 +81,15 @@ class SolveSession:
     """A scenario and the solver for it.
 
     Attributes:
-        config: what they were built from.
         scenario: the problem, its guess, and what success means.
         solver: the solver.
+        gate: what counts as success.
         iterations: what it reported in the last run.
     """
 
-    config: SolveConfig
     scenario: Scenario
     solver: Solver
+    gate: SolveGate
     iterations: list[Progress] = field(default_factory=list)
 
     @property
@@ -116,7 +117,7 @@ class SolveSession:
                 interrupted = True
             return interrupted
 
-        silent = self.config.solver.method == "fatrop"  # it neither reports its iterations nor can be stopped
+        silent = self.solver.settings.method == "fatrop"  # it neither reports its iterations nor can be stopped
         solution = self.solver.solve(self.scenario.guess, callback=None if silent else record)
         interrupted = interrupted and not solution.status.solved
         measured = solution.residual() if is_finite(solution) else KktResidual.unknown()
@@ -150,13 +151,13 @@ class SolveSession:
         count = f"{solution.iterations} iteration{'' if solution.iterations == 1 else 's'}"
         if interrupted:
             return Verdict(Outcome.INTERRUPTED, (f"interrupted after {count}",))
-        gate, status = self.config.gate, solution.status
+        gate, status = self.gate, solution.status
         reasons = []
         if gate.converged and not status.solved:
             ending = status.name.lower().replace("_", " ")
             reasons.append(f"not converged: {ending} after {count}; {status.remedy}")
         if status.solved:
-            reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.config.solver.tolerance))
+            reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.solver.settings.tolerance))
         reasons += judge_figures(figures, gate.bounds)
         return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 

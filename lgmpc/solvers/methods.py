@@ -27,6 +27,10 @@ class Solver(Protocol):
 
     name: str
 
+    @property
+    def settings(self) -> SolverSettings:
+        """Tolerances and limits."""
+
     def solve(self, guess: Trajectory | None = None, *, callback: Callback | None = None) -> Solution:
         """Solve from a guess; see :meth:`lgmpc.solvers.IterativeSolver.solve`."""
 

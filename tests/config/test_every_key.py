@@ -1,8 +1,9 @@
-"""Every key of a closed loop reaches something that is built from it.
+"""Every key of a config reaches something that is built from it.
 
 The walk gives each leaf key another valid value and compares fingerprints of what is built: all numbers, arrays and
-texts in the attributes of plant, controllers, estimator, sensors, recorder and gate. Settings that a built object
-merely holds do not count, but for those that are used as they are (gate, pushes, reference); a key that is
+texts in the attributes of plant, controllers, estimator, sensors, recorder and gate; of a problem to solve, those of
+the problem, its guess, the figures of the guess, and the solver. Settings that a built object merely holds do not
+count, but for those that are used as they are (those of gates, pushes, feet, solvers); a key of a closed loop that is
 only read later has to change what 60 ticks record.
 """
 
@@ -23,21 +24,33 @@ import pinocchio as pin
 import pytest
 
 import lgmpc.config.build
-import lgmpc.config.scenarios
 import lgmpc.config.sensing
-from lgmpc.config import Config, parse_any_config
+from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_config
 from lgmpc.config.build import prepare
+from lgmpc.config.scenarios import build_scenario
 from lgmpc.config.schema import Document
+from lgmpc.config.solving import prepare_solve
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import InputError
+from lgmpc.locomotion.clock import GaitClockSettings
+from lgmpc.locomotion.command import CommandLimits
+from lgmpc.locomotion.contacts import ContactEventSettings
+from lgmpc.locomotion.footholds import FootholdSettings
+from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.reference import ReferenceSettings
+from lgmpc.locomotion.swing import SwingSettings
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, SolveGate
 from lgmpc.settings import Settings
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.plant import make_plant
+from lgmpc.solvers import SolverSettings
 
 TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
-USED_AS_THEY_ARE = (Gate, SolveGate, Push, CircleReference, StandReference)
+USED_AS_THEY_ARE = (
+    *(Gate, SolveGate, Push, CircleReference, StandReference, SolverSettings),
+    *(Gait, GaitClockSettings, FootholdSettings, SwingSettings, ContactEventSettings, ReferenceSettings, CommandLimits),
+)
 
 LOOP = """
 name: walk
@@ -56,22 +69,45 @@ robot:
 estimator: {{kind: inekf}}
 reference: {{kind: com_circle}}
 pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
+"""
+
+WALKING = """
+locomotion: {{gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]}}
+commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: 0.01, gait: stand}}]
 mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
 OTHER: dict[str, Any] = {
-    "robot.contact_frames": ("foot_b", "foot_a", "foot_c"),
-    "robot.posture": {"slide_*": 0.02},
-    "robot.position_limit_rad": (-0.2, 0.5),
-    "sensors.torque_noise_nm": 100.0,
-    "mpc.friction": 0.02,
-    "mpc.normal_force_n": (1.0, 50.0),
-    "wbc.normal_force_n": (1.0, 50.0),
-    "estimator.contact_force_n": (1.0, 5.0),
-    "robot.collision_shapes.?.link": "leg_a",
-    "pushes.0.body": "leg_a",
+    "walk/robot.contact_frames": ("foot_b", "foot_a", "foot_c"),
+    "walk/robot.posture": {"slide_*": 0.02},
+    "walk/robot.position_limit_rad": (-0.2, 0.5),
+    "walk/robot.collision_shapes.?.link": "leg_a",
+    "walk/sensors.torque_noise_nm": 100.0,
+    "walk/mpc.friction": 0.02,
+    "walk/mpc.normal_force_n": (1.0, 50.0),
+    "walk/wbc.normal_force_n": (1.0, 50.0),
+    "walk/estimator.contact_force_n": (1.0, 5.0),
+    "walk/pushes.0.body": "leg_a",
+    "walk/locomotion.gaits.0.duty": 0.7,
+    "walk/locomotion.gaits.0.offsets": (0.0, 0.2, 0.4),
+    "walk/commands.0.velocity_m_s": (0.2, 0.0, 0.0),
+    "walk/commands.0.gait": "hop",
+    "solo12_trot/robot.contact_frames": ("FR_FOOT", "FL_FOOT", "HL_FOOT", "HR_FOOT"),
+    "solo12_trot/robot.posture": {"F?_HFE": 0.7, "F?_KFE": -1.4, "H?_HFE": -0.7, "H?_KFE": 1.4},
+    "solo12_trot/robot.position_limit_rad": {"*_HAA": (-0.8, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
+    "solo12_trot/problem.phases.0.air": ("FR_FOOT", "HL_FOOT"),
+    "talos_reach/problem.frame": "gripper_right_base_link",
+    "panda_reach/problem.frame": "panda_hand",
+    "*/problem.rotors.frames": ("iris__rotor_1", "iris__rotor_0", "iris__rotor_2", "iris__rotor_3"),
+    "*/problem.rotors.turning": ("cw", "cw", "ccw", "ccw"),
+    "iris_loop/problem.waypoints.0.time_s": 0.6,
+    "iris_loop/problem.waypoints.1.time_s": 1.2,
+    "iris_loop/problem.waypoints.2.time_s": 2.1,
+    "iris_loop/problem.node_s": 0.015,
+    "*/solver.step_lengths": (1.0, 0.5),
+    "*/solver.regularization": (1e-8, 1e8),
 }
-"""Other values of keys (glob patterns) whose valid ones cannot be guessed."""
+"""Other values of keys, as "config/key" in glob patterns, whose valid ones cannot be guessed."""
 
 EXEMPT: dict[str, str] = {
     "name": "the name of the run's folder",
@@ -79,13 +115,15 @@ EXEMPT: dict[str, str] = {
     "robot.urdf": "the file of the model",
     "robot.srdf": "a file beside the model",
     "robot.package_dirs": "folders of meshes, which nothing here reads",
-    "robot.floating_base": "a fixed base is refused in a closed loop",
+    "robot.floating_base": "a fixed base is refused in a closed loop, and for a quadruped",
+    "robot.collision_shapes": "only a plant has them; walked in a closed loop, shape by shape",
     "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",
     "estimator.kind": "selects an estimator; the keys of all estimators are walked",
     "reference.kind": "selects a reference; the keys of all references are walked",
-    "locomotion.*": "most act only while a robot walks, which 60 ticks of standing do not show",
-    "commands*": "act only while a robot walks",
     "mpc.model": "selects a model; the keys of all models are walked",
+    "problem.kind": "selects a problem; the keys of all problems are walked",
+    "problem.phases": "exclusive with pattern; the keys of phases are walked in a config that has some",
+    "solver.method": "selects a solver; the keys of all solvers are walked",
 }
 
 
@@ -130,9 +168,11 @@ def walk(thing: Any, seen: set[int]) -> Iterator[Any]:
     elif type(thing).__module__.startswith("proxsuite") and hasattr(thing, "settings"):
         yield repr((thing.settings.eps_abs, thing.settings.max_iter))
     elif callable(thing) and hasattr(thing, "__closure__"):
+        yield thing.__qualname__
         for cell in thing.__closure__ or ():
             yield from walk(cell.cell_contents, seen)
     else:
+        yield type(thing).__qualname__
         own = {**getattr(thing, "__dict__", {}), **{name: getattr(thing, name, None) for name in _slots(thing)}}
         for name, value in own.items():
             if not name.startswith("__"):
@@ -172,11 +212,12 @@ def leaves(settings: Settings, prefix: str = "") -> Iterator[str]:
                 yield from leaves(each, f"{prefix}{name}.{i}.")
         else:
             yield prefix + name
+    yield from (prefix + name for name in settings.model_extra or {})
 
 
 def candidates(settings: Document, key: str) -> Iterator[Any]:
     """Yield other values of a key, the likely ones first."""
-    known = [value for each, value in OTHER.items() if fnmatch.fnmatchcase(key, each)]
+    known = [value for each, value in OTHER.items() if fnmatch.fnmatchcase(f"{settings.name}/{key}", each)]
     if known:
         yield from known
         return
@@ -184,7 +225,8 @@ def candidates(settings: Document, key: str) -> Iterator[Any]:
     *outer, name = key.split(".")
     for part in outer:
         here = here[int(part)] if part.isdecimal() else getattr(here, part)
-    value, annotation = getattr(here, name), type(here).model_fields[name].annotation
+    value, field = getattr(here, name), type(here).model_fields.get(name)
+    annotation = None if field is None else field.annotation
     yield from (each for each in _literals(annotation) if each != value)
     if isinstance(value, bool):
         yield not value
@@ -194,6 +236,8 @@ def candidates(settings: Document, key: str) -> Iterator[Any]:
         yield from (2.0 * value, 0.5 * value, value + 0.5, value + 0.01)
     elif isinstance(value, tuple) and value and all(isinstance(each, float) for each in value):
         yield from (tuple(2.0 * each + shift for each in value) for shift in (0.0, 0.01))
+    elif isinstance(value, dict):
+        yield {each: 0.9 * number for each, number in value.items()}
     elif value is None:
         yield from (1, 0.5, (0.1, 0.2), (0.1, 0.2, 0.3), "x")
     elif isinstance(value, str):
@@ -289,12 +333,17 @@ def exempt(key: str) -> bool:
     return any(fnmatch.fnmatchcase(key, each) for each in EXEMPT)
 
 
-def unused(config: Document, keys: Sequence[str], printed: Any, run: Any) -> list[str]:
-    """Return the keys whose change changes neither what is built nor, as a second chance, what a short run records."""
+def without_effect(config: Document, keys: Sequence[str], printed: Any) -> list[str]:
+    """Return the keys whose change changes nothing of what is built."""
     before = printed(config)
     _PARTS.built.clear()
     assert printed(config) == before, "two builds of the same config differ"
-    left = [key for key in keys if not exempt(key) and printed(changed(config, key)) == before]
+    return [key for key in keys if not exempt(key) and printed(changed(config, key)) == before]
+
+
+def unused(config: Document, keys: Sequence[str], printed: Any, run: Any) -> list[str]:
+    """Return the keys whose change changes neither what is built nor, as a second chance, what a short run records."""
+    left = without_effect(config, keys, printed)
     recorded = run(config) if left else ""
     return [key for key in left if run(changed(config, key)) == recorded]
 
@@ -317,6 +366,65 @@ def recorded_by(config: Document) -> str:
 def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
     config = parse_any_config(LOOP.format(urdf=urdf, model=model))
     assert isinstance(config, Config)
+    elsewhere = ("commands", "locomotion.")
     keys = [key for key in leaves(config) if model == "centroidal" or key.startswith("mpc.")]
+    keys = [key for key in keys if not key.startswith(elsewhere)]
     left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
+    assert left == [], ", ".join(left)
+
+
+def test_every_key_of_commands_and_locomotion_is_built_into_something(urdf: Path, parts: Parts) -> None:
+    config = parse_any_config((LOOP + WALKING).format(urdf=urdf, model="centroidal"))
+    keys = [key for key in leaves(config) if key.startswith(("commands.", "locomotion."))]
+    left = without_effect(config, keys, lambda each: print_of_loop(each, parts))
+    assert left == [], ", ".join(left)
+
+
+def print_of_problem(config: Document) -> str:
+    """Return the fingerprint of a problem, its guess, and the figures of the guess."""
+    assert isinstance(config, SolveConfig)
+    scenario = build_scenario(config)
+    return fingerprint([scenario, dict(scenario.figures(scenario.guess))])
+
+
+def print_of_solve(config: Document) -> str:
+    """Return the fingerprint of the solver, with the settings that it holds, and of the gate."""
+    assert isinstance(config, SolveConfig)
+    session = prepare_solve(config)
+    return fingerprint([type(session.solver).__name__, session.solver.settings, session.gate])
+
+
+PHASES = ["problem.pattern=null", "problem.phases=[{duration_s: 0.2, air: [FL_FOOT, HR_FOOT], height_m: 0.05}]"]
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "sections"),
+    [
+        ("solo12_trot", (), ("problem.", "robot.")),
+        ("solo12_trot", PHASES, ("problem.phases.",)),
+        ("solo12_jump", (), ("problem.",)),
+        ("solo12_righting", ["problem.nodes=60", "problem.node_s=0.02"], ("problem.",)),
+        ("solo12_com_circle_full_body", (), ("problem.",)),
+        ("talos_reach", (), ("problem.",)),
+        ("panda_reach", (), ("problem.",)),
+        ("iris_loop", (), ("problem.",)),
+        ("upside_down_recovery", (), ("problem.",)),
+    ],
+)
+def test_every_key_of_a_problem_is_built_into_something(
+    name: str, overrides: Sequence[str], sections: tuple[str, ...]
+) -> None:
+    config = load_solve_config(name, overrides)
+    left = without_effect(config, [key for key in leaves(config) if key.startswith(sections)], print_of_problem)
+    assert left == [], ", ".join(left)
+
+
+@pytest.mark.parametrize("method", ["box_fddp", "sqp", "ipopt", "fatrop"])
+def test_every_key_of_a_solver_reaches_the_solver(method: str) -> None:
+    config = load_solve_config("panda_reach", [f"solver={{method: {method}}}", "problem.nodes=2"])
+    sections = ("solver.", "gate.") if method == "box_fddp" else ("solver.",)
+    keys = [key for key in leaves(config) if key.startswith(sections)]
+    if method == "fatrop":
+        keys.remove("solver.time_limit_s")  # fatrop cannot be interrupted: null is its only value
+    left = without_effect(config, keys, print_of_solve)
     assert left == [], ", ".join(left)

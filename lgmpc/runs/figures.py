@@ -19,6 +19,7 @@ _UNITS = {
     "_ns": ("N.s", 1.0),
     "_n": ("N", 1.0),
     "_s": ("s", 1.0),
+    "_percent": ("%", 1.0),
 }
 """Ending of a figure's name, the unit that its values read best in, and how many of these one of the name's is."""
 

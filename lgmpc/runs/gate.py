@@ -107,6 +107,12 @@ class Gate(Settings):
     max_scuff_m: NonNegative | None = Field(
         default=None, description="Longest way that a foot slides over the floor within one swing, m."
     )
+    max_peak_impact_n: NonNegative | None = Field(
+        default=None, description="Largest normal force of a foot just after its touchdown, N."
+    )
+    max_odometry_drift_percent: NonNegative | None = Field(
+        default=None, description="Error of the estimated base position at the end over the way, %."
+    )
     max_recovery_time_s: NonNegative | None = Field(
         default=None, description="Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
     )

@@ -82,6 +82,8 @@ _WORDS = {
     "lost_contacts": _Words("contacts lost in the middle of a stance:"),
     "walking_tilt_deg": _Words("walking, the base tilted by", "deg"),
     "scuff_m": _Words("a swinging foot slid over the floor by", "mm", 1e3),
+    "peak_impact_n": _Words("a foot touched down with", "N"),
+    "odometry_drift_percent": _Words("the estimated position drifted by", "% of the way"),
     "recovery_time_s": _Words("back at the command after a push took", "s"),
     "stop_strides": _Words("from the end of the command to standing it took", "gait cycles"),
     "final_foot_error_m": _Words("a foot ended away from its place by", "mm", 1e3),

@@ -29,6 +29,9 @@ RECOVERED_M_S = 0.05
 STANDING_M_S = 0.02
 """A robot with all feet in stance that is slower than this stands, m/s."""
 
+IMPACT_S = 0.02
+"""How long after a touchdown a foot's force counts as that of the impact, s."""
+
 _GRAVITY = 9.81
 
 
@@ -49,6 +52,9 @@ class WalkingMetrics:
         lost_contacts: how often a foot lost its contact in the middle of a stance, of all feet.
         walking_tilt_deg: largest tilt while the command moves or a foot swings.
         max_scuff_m: longest way that a foot slides over the floor within one swing.
+        peak_impact_n: largest normal force of a foot within 20 ms from the end of a swing.
+        odometry_drift_percent: error of the estimated base position at the end over the way that the base went;
+            None without an estimator.
         recovery_time_s: time from the end of a push until the velocity averaged over a stride stays within 0.05 m/s
             of the command (until the next push or change of the command); the largest of all pushes.
         ends_standing: whether the robot stands at the end: all feet in stance, slower than 2 cm/s. None if the last
@@ -69,6 +75,8 @@ class WalkingMetrics:
     lost_contacts: int
     walking_tilt_deg: float
     max_scuff_m: float
+    peak_impact_n: float | None
+    odometry_drift_percent: float | None
     recovery_time_s: float | None
     ends_standing: bool | None
     stop_strides: float | None
@@ -93,6 +101,8 @@ def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
         lost_contacts=_count(walk, "lost"),
         walking_tilt_deg=float(tilt[moving].max(initial=0.0)),
         max_scuff_m=_scuff(walk),
+        peak_impact_n=_peak_impact(walk),
+        odometry_drift_percent=_drift(walk),
         recovery_time_s=_recovery_time(walk),
         **_ending(walk),
     )
@@ -199,6 +209,26 @@ def _scuff(walk: _Walk) -> float:
         swing = np.cumsum(np.concatenate(([False], np.diff(walk.stance[:, foot].astype(np.int8)) < 0)))
         longest = max(longest, float(np.bincount(swing[1:], way[:, foot]).max(initial=0.0)))
     return longest
+
+
+def _peak_impact(walk: _Walk) -> float | None:
+    """Look for the peaks while each foot carries since no longer than the duration of an impact."""
+    forces = walk.log.contact_forces[: walk.ticks, :, 2]
+    peaks = []
+    for foot in range(forces.shape[1]):
+        for tick in np.flatnonzero(np.diff(walk.stance[:, foot].astype(np.int8)) > 0) + 1:
+            peaks.append(float(forces[tick : tick + max(1, round(IMPACT_S / walk.dt)), foot].max()))
+    return max(peaks, default=None)
+
+
+def _drift(walk: _Walk) -> float | None:
+    if walk.log.estimate_q is None:
+        return None
+    true = walk.log.base_pose[: walk.ticks, :3]
+    # By strides: the sway within one is no way.
+    way = np.linalg.norm(np.diff(true[:: walk.stride(walk.ticks - 1), :2], axis=0), axis=1).sum()
+    error = np.linalg.norm(walk.log.estimate_q[walk.ticks - 1, :3] - true[-1])
+    return float(1e2 * error / way) if way > 0.0 else None
 
 
 def _recovery_time(walk: _Walk) -> float | None:

@@ -182,6 +182,28 @@ def test_scuffing_is_the_way_of_a_loaded_foot_within_one_swing(walk) -> None:
     assert walk(scuff).max_scuff_m == pytest.approx(5 * DT * np.hypot(0.5, 0.1))
 
 
+def test_the_impact_is_the_peak_just_after_a_touchdown(walk) -> None:
+    touchdown = 100 + int(np.ceil(0.5 * PERIOD / DT))  # tick of the first one
+
+    def land(arrays):
+        arrays["contact_forces"][touchdown + 2, 0, 2] = 31.0
+        arrays["contact_forces"][touchdown + 8, 0, 2] = 40.0  # 32 ms later: no impact
+        arrays["contact_forces"][touchdown + 2, 1, 2] = 50.0  # has not just touched down
+
+    assert walk(land).peak_impact_n == 31.0
+
+
+def test_drift_is_the_estimates_error_over_the_way(walk) -> None:
+    def drift(arrays):
+        arrays["estimate_q"], arrays["estimate_v"] = arrays["q"].copy(), arrays["v"].copy()
+        arrays["estimate_contacts"] = np.ones((1000, 4), dtype=np.int8)
+        arrays["estimate_ms"] = np.zeros(1000)
+        arrays["estimate_q"][:, :2] += np.linspace(0.0, 1.0, 1000)[:, None] * [0.006, 0.008]
+
+    assert walk(drift).odometry_drift_percent == pytest.approx(100.0 * 0.01 / (2.6 * np.hypot(0.5, 0.1)), rel=1e-6)
+    assert walk().odometry_drift_percent is None
+
+
 def test_stopping_is_counted_in_cycles_from_the_commands_end(walk) -> None:
     def coast(arrays):
         sway(arrays, np.where((TIME >= 3.0) & (TIME < 3.3), 0.05, 0.0))

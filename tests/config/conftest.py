@@ -10,7 +10,7 @@ SMALL = """\
 name: small
 robot:
   model: solo12
-  contact_frames: [FL_FOOT, FR_FOOT]
+  contact_frames: [FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT]
   effort_limit_nm: 1.8
 pushes:
   - {body: base_link, time_s: 2.0, impulse_ns: [0, 2, 0]}

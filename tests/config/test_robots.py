@@ -13,8 +13,15 @@ SOLO12 = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
 
 def test_the_shipped_configs_fit_their_robot(shipped_run: Path) -> None:
-    robot = build_robot(load_config(shipped_run))
-    assert robot.name == "solo12"
+    config = load_config(shipped_run)
+    robot = build_robot(config)
+    assert robot.name == config.robot.model
+    assert robot.contact_frames == config.robot.contact_frames
+    assert np.isfinite(robot.effort_limit).all()
+
+
+def test_solo12_is_as_built() -> None:
+    robot = build_robot(load_config(SOLO12))
     assert robot.mass == pytest.approx(2.5, abs=0.01)
     np.testing.assert_array_equal(robot.effort_limit, 1.8)
     np.testing.assert_array_equal(robot.armature, 3.6e-4)
@@ -51,3 +58,21 @@ def test_all_misfits_are_found_at_once() -> None:
 def test_a_push_may_hit_any_link_that_moves() -> None:
     change = "pushes=[{body: FL_UPPER_LEG, time_s: 0, impulse_ns: [0, 0, 1]}]"
     assert "FL_UPPER_LEG" in build_robot(load_config(SOLO12, [change])).body_names
+
+
+@pytest.mark.parametrize("frames", [["FL_FOOT"], ["FL_FOOT", "HR_FOOT"]])
+def test_a_robot_on_fewer_than_three_contact_points_is_refused(frames: list[str]) -> None:
+    expected = rf"robot\.contact_frames: got {len(frames)} contact point.*{frames[-1]}\); expected three or more"
+    with pytest.raises(ConfigError, match=expected):
+        build_robot(load_config(SOLO12, [f"robot.contact_frames={frames}"]))
+
+
+def test_three_contact_points_on_one_line_are_refused_and_others_are_not(tmp_path: Path) -> None:
+    tripod = (SOLO12.parents[1] / "tests" / "robot" / "data" / "tripod.urdf").read_text(encoding="utf-8")
+    bent, straight = tmp_path / "bent.urdf", tmp_path / "straight.urdf"
+    bent.write_text(tripod.replace('type="continuous"', 'type="fixed"'), encoding="utf-8")
+    straight.write_text(bent.read_text().replace('xyz="-0.2 0.2 0"', 'xyz="-0.2 0 0"').replace("-0.2 -0.2 0", "0 0 0"))
+    text = "name: x\nrobot: {urdf: %s, contact_frames: [foot_a, foot_b, foot_c], posture: {'slide_*': 0.2}}\n"
+    assert build_robot(parse_config(text % bent)).nc == 3
+    with pytest.raises(ConfigError, match=r"got 3 contact points on one line \(foot_a, foot_b, foot_c\)"):
+        build_robot(parse_config(text % straight))

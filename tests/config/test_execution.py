@@ -15,7 +15,7 @@ from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
 from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.runs import Outcome, RunFolder, RunLog
-from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
+from lgmpc.runs.log import CHANNELS, MPC_CHANNELS, STEP_CHANNELS
 
 STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
@@ -79,7 +79,7 @@ def test_the_size_of_the_log_is_known_before_the_run(short: Config, tmp_path: Pa
     foreseen = prepare(config).log_bytes
     log = run_config(config, tmp_path).session.log
     arrays = log.arrays()
-    written = sum(arrays[name].nbytes for name in (*CHANNELS, *MPC_CHANNELS))
+    written = sum(arrays[name].nbytes for name in (*CHANNELS, *STEP_CHANNELS, *MPC_CHANNELS))
     assert written <= foreseen <= 1.1 * written
 
 

@@ -25,9 +25,8 @@ __version__ = "0.2.0"
 _NAMES = {
     "lgmpc.actions": ("ContactForwardDynamics", "FreeForwardDynamics", "HoldAction", "MultibodyAction"),
     "lgmpc.config": ("load_config", "load_solve_config"),
-    "lgmpc.config.execution": ("run_config",),
+    "lgmpc.config.execution": ("run_config", "solve_config"),
     "lgmpc.config.showing": ("plot", "show"),
-    "lgmpc.config.solve_execution": ("solve_config",),
     "lgmpc.costs": ("ConstraintItem", "CostItem", "Residual", "StageSymbols"),
     "lgmpc.costs.library": (
         "CoMPosition",
@@ -59,9 +58,9 @@ if TYPE_CHECKING:
     from lgmpc.config import load_config as load_config
     from lgmpc.config import load_solve_config as load_solve_config
     from lgmpc.config.execution import run_config as run_config
+    from lgmpc.config.execution import solve_config as solve_config
     from lgmpc.config.showing import plot as plot
     from lgmpc.config.showing import show as show
-    from lgmpc.config.solve_execution import solve_config as solve_config
     from lgmpc.costs import ConstraintItem as ConstraintItem
     from lgmpc.costs import CostItem as CostItem
     from lgmpc.costs import Residual as Residual

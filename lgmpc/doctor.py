@@ -261,7 +261,7 @@ _QUIET: dict[str, dict[str, Any]] = {"ipopt": {"print_level": 0, "sb": "yes"}, "
 
 
 def _check_nlp(name: str) -> Check:
-    """Let CasADi's plugin minimise (x - 2)^2 subject to x <= 1."""
+    """Minimise by CasADi's plugin (x - 2)^2 subject to x <= 1."""
     import casadi
 
     x = casadi.MX.sym("x")

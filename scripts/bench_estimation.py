@@ -14,9 +14,9 @@ from time import perf_counter
 import numpy as np
 
 from lgmpc.compile import find_compiler, jit_enabled
+from lgmpc.config.build import build_estimator, build_sensors
 from lgmpc.config.loading import load_config
 from lgmpc.config.robots import build_robot
-from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.estimation import ImuNoise, InvariantEkf, LegSensing, Preintegration
 from lgmpc.estimation.invariant_ekf import FORMS, ErrorForm
 from lgmpc.robot import Robot

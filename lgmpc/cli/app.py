@@ -262,7 +262,7 @@ def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
 ) -> None:
     """Print the JSON schema of configs, from which editors complete and explain keys."""
-    from lgmpc.config.json_schema import json_schema_text
+    from lgmpc.config.schema import json_schema_text
 
     text = json_schema_text()
     if out is None:

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from lgmpc.cli.display import Display, Silent, warnings_on
-from lgmpc.cli.figures import Row, figure_table
+from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import Config
 from lgmpc.config.execution import FinishedRun, run_config

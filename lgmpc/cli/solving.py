@@ -14,12 +14,11 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.display import Display, Silent, warnings_on
-from lgmpc.cli.figures import Row, figure_table
+from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import SolveConfig
+from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
-from lgmpc.config.solve_execution import FinishedSolve, solve_config
 from lgmpc.runs import Outcome
 from lgmpc.runs.figures import figure_of
 

@@ -1,18 +1,19 @@
-"""From a config to the objects it describes. The only file that knows every room."""
+"""From the config of a closed loop to the objects it describes. The only file that imports every room."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.robots import build_robot
-from lgmpc.config.schema import Config
-from lgmpc.config.sensing import build_estimator, build_sensors
+from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
 from lgmpc.control.feet import gaits_of
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
-from lgmpc.estimation import FrictionMonitor
+from lgmpc.estimation import FrictionMonitor, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
@@ -20,13 +21,22 @@ from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Rates
 from lgmpc.simulation.plant import make_plant
+from lgmpc.simulation.sensors import Sensors
 from lgmpc.wbc import WholeBodyController
 
-__all__ = [
-    "build_controller",
-    "build_robot",
-    "prepare",
-]
+__all__ = ["build_controller", "build_estimator", "build_robot", "build_sensors", "prepare"]
+
+
+def build_sensors(config: Config, robot: Robot) -> Sensors:
+    """Return the simulated sensors of section ``sensors``, their noise seeded by ``seed``."""
+    return Sensors(robot, config.sensors, 1.0 / config.wbc.rate_hz, np.random.default_rng(config.seed))
+
+
+def build_estimator(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedEstimator | None:
+    """Return the estimator of section ``estimator``; None where the controllers receive the simulator's state."""
+    if isinstance(config.estimator, GroundTruth):
+        return None
+    return LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, progress=notify)
 
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedController:

@@ -1,24 +1,24 @@
-"""From a YAML file and changes on the command line to a checked config, and back."""
+"""From a YAML file and changes ``a.b.c=value`` on the command line to a checked config, and back."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar
 
 from pydantic import ValidationError
 
 from lgmpc import __version__
-from lgmpc.config.overrides import apply_overrides
-from lgmpc.config.schema import Config, Document, SolveConfig
-from lgmpc.config.source import COMMAND_LINE, ConfigSource
-from lgmpc.config.yaml_text import parse_yaml, write_yaml
-from lgmpc.errors import ConfigError, ConfigErrors
+from lgmpc.config.schema import COMMAND_LINE, Config, ConfigSource, Document, SolveConfig
+from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
+from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.settings.dotted import write_at
 from lgmpc.settings.messages import find_problems, show_value
 from lgmpc.shipped import config_file, shipped_configs
 
 __all__ = [
+    "apply_overrides",
     "dump_config",
     "load_any_config",
     "load_config",
@@ -27,6 +27,39 @@ __all__ = [
     "parse_config",
     "parse_solve_config",
 ]
+
+
+def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, str]:
+    """Write ``overrides`` into ``data``.
+
+    Args:
+        data: the parsed config; changed in place.
+        overrides: texts ``key=value``, such as ``mpc.enabled=false`` or ``pushes.0.impulse_ns=[0, 3, 0]``. Keys are
+            dotted; in lists they are positions from 0, and the position after the last one appends. Values are YAML.
+
+    Returns:
+        The place of every changed key, for messages.
+
+    Raises:
+        ConfigError: if one is not ``key=value``, its value is not YAML, or its key passes through a plain value or a
+            position that does not exist.
+    """
+    places: dict[str, str] = {}
+    for text in overrides:
+        key, equals, value_text = text.partition("=")
+        key = key.strip()
+        if not equals or not all(key.split(".")):
+            raise ConfigError(COMMAND_LINE, "", text or "nothing", "key=value, such as mpc.enabled=false")
+        value = parse_scalar(value_text, key, COMMAND_LINE)
+        try:
+            made = write_at(data, key, value)
+        except InputError as error:
+            raise ConfigError(COMMAND_LINE, error.argument, error.got, error.expected) from error
+        for stale in [place for place in places if place.startswith(f"{key}.")]:
+            del places[stale]
+        places.update(dict.fromkeys([*made, key], COMMAND_LINE))
+    return places
+
 
 D = TypeVar("D", bound=Document)
 
@@ -45,7 +78,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
 
     Args:
         path: the YAML file, or the name of a shipped config such as ``solo12_balance``.
-        overrides: changes ``key=value``; see :func:`lgmpc.config.overrides.apply_overrides`.
+        overrides: changes ``key=value``; see :func:`apply_overrides`.
 
     Raises:
         ConfigError: if the file cannot be read, is not YAML, describes a problem to solve, or has keys or values that
@@ -165,7 +198,7 @@ def _read(path: Path) -> str:
 
 
 def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSource) -> None:
-    """Let the paths of section ``robot`` start from the folder of the file, or of the shell, that they came from."""
+    """Resolve the paths of section ``robot`` from the folder of the file, or of the shell, that they came from."""
 
     def absolute(key: str, value: Any) -> Any:
         if not isinstance(value, str) or not value:

@@ -20,8 +20,7 @@ from lgmpc.viz import (
 )
 
 if TYPE_CHECKING:
-    from lgmpc.config.execution import FinishedRun
-    from lgmpc.config.solve_execution import FinishedSolve
+    from lgmpc.config.execution import FinishedRun, FinishedSolve
 
 __all__ = ["plot", "show"]
 

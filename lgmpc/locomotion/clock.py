@@ -172,7 +172,7 @@ class GaitClock:
             swing.touchdown = t
 
     def extend(self, foot: int, t: float, until: float) -> None:
-        """Let the present swing of a foot last until ``until``: it found no ground yet.
+        """Extend the present swing of a foot until ``until``: it found no ground yet.
 
         Lift-offs after the last :meth:`advance` that would leave fewer feet on the ground than the gait has at any
         time, or that would follow too soon on the foot's own touchdown, delay the whole schedule.

@@ -71,7 +71,7 @@ class PostureSample:
 
 @dataclass(frozen=True)
 class PosturePlan:
-    """A predicted motion of base and joints, by models that know them.
+    """A predicted motion of base and joints, by models that have both.
 
     Attributes:
         time: of the first node, s.
@@ -105,7 +105,7 @@ class PosturePlan:
 class Plan:
     """A predicted trajectory of centre of mass, momenta and contact forces; arrays of its own.
 
-    Every model's prediction has this part; where it knows base and joints too, ``posture`` holds them.
+    Every model's prediction has this part; where it has base and joints too, ``posture`` holds them.
 
     Attributes:
         time: of the first node, s.

@@ -253,7 +253,7 @@ def _section(root: type[Settings], path: Sequence[str], data: Any) -> type[Setti
 
 
 def _branch(sections: Sequence[type[Settings]], data: Any) -> type[Settings]:
-    """Choose among the sections of a union by the key that tells them apart."""
+    """Choose among the sections of a union by the key that distinguishes them."""
     if len(sections) > 1 and isinstance(data, Mapping):
         for section in sections:
             if data.get(_tag_key(section)) in _kinds(section):

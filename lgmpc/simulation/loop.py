@@ -1,7 +1,7 @@
 """The closed loop: plant, controller and disturbances, each at its own rate.
 
-The loop knows none of the controllers; it drives whatever keeps the :class:`Controller` protocol, and tells whoever
-asks (a recorder, a progress bar) what happened at every control tick.
+The loop depends on no particular controller; it drives any that has the :class:`Controller` protocol, and calls an
+observer (a recorder, a progress bar) at every control tick.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["Disturbance", "Rates", "Sensing", "Tick", "simulate", "true_state"]
 
 @dataclass(frozen=True)
 class Sensing:
-    """How a controller learns the state where the plant does not tell it.
+    """Where a controller receives the state from, if not from the plant.
 
     Attributes:
         sensors: of the simulated robot; read once a control tick.
@@ -87,7 +87,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Tick:
-    """One control tick, as it is told to the observers of a run.
+    """One control tick, as the observers of a run receive it.
 
     Attributes:
         index: number of the tick.
@@ -122,7 +122,7 @@ def simulate(
         pushes: disturbances.
         rates: see :meth:`Rates.of`.
         on_tick: called after every decision, before the plant moves; returns whether to go on.
-        sensing: how the controller learns the state; without it, it is told the plant's own.
+        sensing: where the controller receives the state from; the plant's own unless given.
 
     Returns:
         Number of ticks that were simulated.
@@ -159,13 +159,13 @@ class _Disturber:
         self._pushing = False
 
     def apply(self, time: float) -> Disturbance:
-        """Apply the pushes of the step that begins now; of several bodies pushed at once, tell the first."""
-        told = self._nothing
+        """Apply the pushes of the step that begins now; of several bodies pushed at once, return the first."""
+        first = self._nothing
         active = self._pushes.is_active(time)
         if active or self._pushing:
             for body, wrench in self._pushes.wrenches(time).items():
                 self._plant.set_wrench(body, wrench)
-                if told is self._nothing and wrench.any():
-                    told = Disturbance(wrench, self._plant.body_point(body))
+                if first is self._nothing and wrench.any():
+                    first = Disturbance(wrench, self._plant.body_point(body))
         self._pushing = active
-        return told
+        return first

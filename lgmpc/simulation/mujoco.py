@@ -1,4 +1,4 @@
-"""The robot in MuJoCo, built from its Pinocchio model; the only file that knows MuJoCo's conventions.
+"""The robot in MuJoCo, built from its Pinocchio model; the only file that depends on MuJoCo's conventions.
 
 MuJoCo has quaternions as w x y z, and the free joint's linear velocity in world axes (at the body's origin, as
 Pinocchio); everything else that is exchanged here is the same on both sides. The tree is made joint by joint from the

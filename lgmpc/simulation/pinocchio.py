@@ -259,7 +259,7 @@ class _ContactSolver:
         return solution
 
     def _problem(self, count: int) -> tuple[Any, Any]:
-        """Return the constraints of ``count`` contacts, which the solver asks for nothing but their friction cones."""
+        """Return the constraints of ``count`` contacts, of which the solver reads only the friction cones."""
         if count not in self._problems:
             models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
             for _ in range(count):

@@ -154,7 +154,7 @@ class Arrow:
         scene.add_mesh(f"{self.path}/head", cone(2.3 * radius, -self._head, 0.0), material)
 
     def animate(self, scene: Scene, times: Array, tail: Array, force: Array) -> None:
-        """Let it begin at ``tail`` (k, 3) and show ``force`` (k, 3), N, at ``times`` (k,); hidden where it is none."""
+        """Show it from ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where it is none."""
         shown: BoolArray = self.scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * self.scale.length
         # Visibility changes at a picture, the rest glides from one to the next: what vanishes must not move meanwhile.
         last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))

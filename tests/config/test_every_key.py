@@ -24,12 +24,10 @@ import pinocchio as pin
 import pytest
 
 import lgmpc.config.build
-import lgmpc.config.sensing
 from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_config
 from lgmpc.config.build import prepare
-from lgmpc.config.scenarios import build_scenario
 from lgmpc.config.schema import Document
-from lgmpc.config.solving import prepare_solve
+from lgmpc.config.solving import build_scenario, prepare_solve
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClockSettings
@@ -304,7 +302,7 @@ def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
     """Let a change of one section build only what it is handed to."""
     for name in ("make_mpc", "WholeBodyController", "make_plant"):
         monkeypatch.setattr(lgmpc.config.build, name, _PARTS.cached(getattr(lgmpc.config.build, name)))
-    monkeypatch.setattr(lgmpc.config.sensing, "LeggedEstimator", _PARTS.cached(lgmpc.config.sensing.LeggedEstimator))
+    monkeypatch.setattr(lgmpc.config.build, "LeggedEstimator", _PARTS.cached(lgmpc.config.build.LeggedEstimator))
     return _PARTS
 
 

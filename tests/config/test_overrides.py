@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from lgmpc.config.overrides import apply_overrides
+from lgmpc.config.loading import apply_overrides
 from lgmpc.errors import ConfigError
 
 

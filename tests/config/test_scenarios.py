@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lgmpc.config import load_solve_config
-from lgmpc.config.scenarios import build_scenario
+from lgmpc.config.solving import build_scenario
 from lgmpc.errors import ConfigError
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

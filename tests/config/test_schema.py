@@ -6,10 +6,10 @@ from typing import Any, get_args
 
 import pytest
 
-from lgmpc.config.json_schema import json_schema_text
 from lgmpc.config.schema import (
     Config,
     SolveConfig,
+    json_schema_text,
 )
 from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
 from lgmpc.robot import RobotSpec

@@ -17,8 +17,8 @@ from lgmpc.config import (
     parse_config,
     parse_solve_config,
 )
+from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
-from lgmpc.config.solve_execution import FinishedSolve, solve_config
 from lgmpc.config.solving import check_scenario, prepare_solve
 from lgmpc.errors import ConfigError, ConfigErrors
 from lgmpc.runs import Outcome, RunFolder

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lgmpc.config.build import build_estimator, build_sensors
 from lgmpc.config.loading import load_config
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import GroundTruth
-from lgmpc.config.sensing import build_estimator, build_sensors
 from lgmpc.errors import ConfigError
 from lgmpc.simulation.plant import PlantSample
 

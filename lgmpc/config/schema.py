@@ -1,16 +1,19 @@
 """The two kinds of documents: the config of a closed loop, and that of a trajectory to optimise.
 
-A document composes the rooms' own settings and checks what holds between them; it defines no setting of a room.
+A document composes the rooms' own settings and checks what holds between them; it defines no setting of a room. It
+remembers where its values came from, so that every message can say it. Units are in the keys' names.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar, Union
 
 from pydantic import Field, PrivateAttr, model_validator
+from pydantic.json_schema import models_json_schema
 
-from lgmpc.config.source import ConfigSource
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError
 from lgmpc.estimation import LeggedEstimatorSettings
@@ -27,7 +30,41 @@ from lgmpc.simulation.sensors import SensorNoise
 from lgmpc.solvers import AnySolverSettings, FddpSettings
 from lgmpc.wbc import WholeBodySettings
 
-__all__ = ["MOST_TICKS", "Config", "Document", "GroundTruth", "SolveConfig"]
+__all__ = [
+    "COMMAND_LINE",
+    "MOST_TICKS",
+    "Config",
+    "ConfigSource",
+    "Document",
+    "GroundTruth",
+    "SolveConfig",
+    "json_schema_text",
+]
+
+COMMAND_LINE = "--set"
+"""Place of a value given on the command line."""
+
+
+@dataclass(frozen=True)
+class ConfigSource:
+    """Places of a config's values. Two sources always compare equal, so that configs compare by their values.
+
+    Attributes:
+        file: name of the config file.
+        places: dotted key to "file:line" or "--set".
+    """
+
+    file: str = field(compare=False)
+    places: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    def where(self, key: str) -> str:
+        """Return the place of ``key``, or of the nearest part around it that is written somewhere."""
+        while key:
+            if key in self.places:
+                return self.places[key]
+            key = key.rpartition(".")[0]
+        return self.file
+
 
 MOST_TICKS = 3_600_000
 """Ticks of the longest run: an hour at 1 kHz, which takes 4 GB."""
@@ -138,3 +175,11 @@ class SolveConfig(Document):
     problem: AnyProblemSettings = Field(description="What is optimised.")
     solver: AnySolverSettings = Field(default=FddpSettings(), description="How it is solved.")
     gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")
+
+
+def json_schema_text() -> str:
+    """Return the JSON schema of both kinds of configs, :class:`Config` and :class:`SolveConfig`, as text."""
+    _, definitions = models_json_schema([(Config, "validation"), (SolveConfig, "validation")])
+    either = [{"$ref": f"#/$defs/{root.__name__}"} for root in (Config, SolveConfig)]
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "anyOf": either, **definitions}
+    return json.dumps(schema, indent=2) + "\n"

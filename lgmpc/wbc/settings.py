@@ -76,8 +76,8 @@ class WholeBodySettings(Settings):
         default=None,
         description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 a kg of robot.",
     )
-    # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond seconds,
-    # every joint is always near its limit.
+    # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
+    # seconds, every joint is always near its limit.
     joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
         default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
     )

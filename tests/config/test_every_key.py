@@ -25,7 +25,7 @@ import pytest
 
 import lgmpc.config.build
 from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_config
-from lgmpc.config.build import prepare
+from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.schema import Document
 from lgmpc.config.solving import build_scenario, prepare_solve
 from lgmpc.control.reference import CircleReference, StandReference
@@ -369,6 +369,18 @@ def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Pa
     keys = [key for key in keys if not key.startswith(elsewhere)]
     left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
     assert left == [], ", ".join(left)
+
+
+def test_every_key_of_the_plant_is_built_into_the_plant(urdf: Path) -> None:
+    """Friction and masses are also those by which the log is judged: that alone does not suffice."""
+    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal"))
+    keys = [key for key in leaves(config) if key.startswith("plant.")]
+
+    def print_of_plant(each: Document) -> str:
+        assert isinstance(each, Config)
+        return fingerprint(make_plant(build_robot(each), each.plant))
+
+    assert without_effect(config, keys, print_of_plant) == []
 
 
 def test_every_key_of_commands_and_locomotion_is_built_into_something(urdf: Path, parts: Parts) -> None:

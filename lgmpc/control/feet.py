@@ -80,6 +80,23 @@ class Feet:
         name = command.gait if command.moves or command.gait in self._gaits else "stand"
         self.clock.follow(time, find_gait(self._gaits, name), command.moves)
 
+    def react(self, time: float, forces: Array) -> None:
+        """Start to step against a push, the feet first that carry least.
+
+        Args:
+            time: s.
+            forces: (nc,) normal forces of the feet, N.
+        """
+        settings = self._settings.reaction
+        gait = find_gait(self._gaits, settings.gait, "locomotion.reaction.gait")
+        # Feet that lift off together have the same offset.
+        loads = {offset: 0.0 for offset in gait.offsets}
+        for offset, force in zip(gait.offsets, forces.tolist(), strict=True):
+            loads[offset] += force
+        lightest = min(loads, key=loads.__getitem__)
+        self.clock.start(time, gait, first=gait.offsets.index(lightest), cycles=settings.cycles)
+        self.standing = False
+
     def update(
         self, time: float, points: Array, velocities: Array, contacts: BoolArray | None, motion: BaseMotion
     ) -> None:

@@ -17,6 +17,7 @@ from lgmpc.estimation import FrictionMonitor
 from lgmpc.locomotion.command import CommandLimiter, CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.reaction import StepReaction
 from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.robot import Robot
@@ -91,6 +92,7 @@ class LeggedController:
         self._shares = np.ones(robot.nc)
         self._lowest, self._highest = wbc.contacts.lowest_normal.copy(), wbc.contacts.highest_normal.copy()
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._reaction = StepReaction(settings.reaction, self.feet.legs.height)
         self._begun = False
         self.target = np.zeros(3)
         self.base_target = robot.q_reference[:7].copy()
@@ -116,6 +118,7 @@ class LeggedController:
             if planner.due(state.time):
                 self._write_horizon(state.time, planner)
                 planner.plan_from(state.time, terms)
+                self._react(state.time, planner)
             planner.follow(state.time, self.wbc)
         self.wbc.solve()
         if planner is not None:
@@ -170,6 +173,16 @@ class LeggedController:
         turning, joints = tasks["angular_momentum"].target, tasks["posture"].target
         turning.momentum[:] = turning.rate[:] = 0.0
         joints.position[:], joints.velocity[:] = self._posture, 0.0
+
+    def _react(self, time: float, planner: Planner) -> None:
+        """Step if the plan shows that the feet in place cannot hold the robot."""
+        plan, settings = planner.plan, self._reaction.settings
+        if not (settings.enabled and self.feet.standing and plan is not None and plan.status.fresh):
+            return
+        end = plan.xs[-1]
+        if self._reaction.needed(end[:3], end[3:6] / self.robot.mass, self.wbc.terms.contact_points):
+            _LOG.info("steps against a push at %.3f s", time)
+            self.feet.react(time, self.wbc.forces[:, 2])
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings

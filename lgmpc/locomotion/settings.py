@@ -10,6 +10,7 @@ from lgmpc.locomotion.command import CommandLimits
 from lgmpc.locomotion.contacts import ContactEventSettings
 from lgmpc.locomotion.footholds import FootholdSettings
 from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
 from lgmpc.settings import Problem, Settings, problems
@@ -30,6 +31,9 @@ class LocomotionSettings(Settings):
         default=ContactEventSettings(), description="When a measured contact overrides the schedule."
     )
     reference: ReferenceSettings = Field(default=ReferenceSettings(), description="How commands are integrated.")
+    reaction: StepReactionSettings = Field(
+        default=StepReactionSettings(), description="Steps of a standing robot against pushes."
+    )
     limits: CommandLimits = Field(default=CommandLimits(), description="Limits of commands and of their rates.")
 
     @model_validator(mode="after")

@@ -33,7 +33,7 @@ class ContactEventSettings(Settings):
         default=0.004, description="How much later than now a foot that is late is expected to touch down, s."
     )
     max_late_s: NonNegative = Field(
-        default=0.1, description="How long the schedule waits for a late foot; then it goes on without it, s."
+        default=0.01, description="How long the schedule waits for a late foot; then it goes on without it, s."
     )
     force_share: Fraction = Field(
         default=0.004,
@@ -106,7 +106,8 @@ class ContactEvents:
         Returns:
             :attr:`stance`.
         """
-        for foot in range(self.clock.nc):
+        # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
+        for foot in sorted(range(self.clock.nc), key=lambda foot: self.states[foot].carries):
             touching = None
             if contacts is not None:
                 touching = bool(contacts[foot])

@@ -16,6 +16,9 @@ from lgmpc.typing import Array
 
 __all__ = ["SwingSettings", "SwingTrajectory"]
 
+_STEEPEST = 2.0
+"""Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
+
 Coefficients = tuple[float, float, float, float, float, float]
 State = tuple[float, float, float]  # position, velocity, acceleration
 
@@ -28,7 +31,9 @@ class SwingSettings(Settings):
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
     )
     touchdown_speed_m_s: NonNegative = Field(
-        default=0.2, description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s."
+        default=0.4,
+        description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s; less in slow"
+        " swings, whose feet would rise again before.",
     )
     search_depth_m: NonNegative = Field(
         default=0.04, description="How far below its target a late foot searches for the ground, m."
@@ -48,6 +53,7 @@ class SwingTrajectory:
         liftoff: of the present swing, s.
         touchdown: as scheduled at lift-off, s.
         target: where the foot goes: x, y and the height of the ground there, m.
+        touchdown_speed: downward, of the present swing, m/s.
     """
 
     def __init__(self, settings: SwingSettings | None = None) -> None:
@@ -59,6 +65,7 @@ class SwingTrajectory:
         self._planned = 0.0  # when the polynomials of x and y begin
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
+        self.touchdown_speed = self.settings.touchdown_speed_m_s
 
     def lift_off(self, t: float, touchdown: float, position: Array, velocity: Array, target: Array) -> None:
         """Begin a swing.
@@ -100,6 +107,7 @@ class SwingTrajectory:
     def search(self, t: float, position: Array) -> None:
         """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
         self.liftoff = self.touchdown = self._apex_time = t
+        self.touchdown_speed = self.settings.touchdown_speed_m_s
         self.target = (float(position[0]), float(position[1]), float(position[2]))
 
     def sample(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
@@ -115,14 +123,14 @@ class SwingTrajectory:
     def _sample_late(self, late: float, position: Array, velocity: Array, acceleration: Array) -> None:
         """Straight down at constant speed to the search depth, and there to rest."""
         s = self.settings
-        depth = s.touchdown_speed_m_s * late
+        depth = self.touchdown_speed * late
         searching = depth < s.search_depth_m
         position[0], position[1], position[2] = self.target
         position[2] -= depth if searching else s.search_depth_m
         velocity[:] = 0.0
         acceleration[:] = 0.0
         if searching:
-            velocity[2] = -s.touchdown_speed_m_s
+            velocity[2] = -self.touchdown_speed
 
     def _height(self, t: float) -> State:
         if t < self._apex_time:
@@ -137,8 +145,12 @@ class SwingTrajectory:
 
     def _plan_fall(self, begin: float, state: State) -> None:
         self._fall_begin = begin
-        end = (self.target[2], -self.settings.touchdown_speed_m_s, 0.0)
-        self._fall = _quintic(state, end, self.touchdown - begin)
+        duration, height = self.touchdown - begin, max(state[0] - self.target[2], 0.0)
+        # A foot that should arrive faster than this would first rise again.
+        self.touchdown_speed = (
+            min(self.settings.touchdown_speed_m_s, _STEEPEST * height / duration) if duration > 0.0 else 0.0
+        )
+        self._fall = _quintic(state, (self.target[2], -self.touchdown_speed, 0.0), duration)
 
 
 def _at_rest(position: float) -> Coefficients:

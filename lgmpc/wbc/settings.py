@@ -55,7 +55,7 @@ class WholeBodyGains(Settings):
     angular_momentum: NonNegative = Field(default=10.0, description="Centroidal angular momentum, 1/s.")
     posture: Gain = Field(default=Gain(kp=100.0), description="Joint positions.")
     stance_damping: NonNegative = Field(default=20.0, description="Velocity of the feet in contact, 1/s.")
-    swing: Gain = Field(default=Gain(kp=400.0), description="Feet in the air.")
+    swing: Gain = Field(default=Gain(kp=1600.0), description="Feet in the air.")
 
 
 class WholeBodySettings(Settings):
@@ -79,7 +79,7 @@ class WholeBodySettings(Settings):
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.
     joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
-        default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
+        default=0.02, description="Time ahead within which no joint may pass its position or velocity limit, s."
     )
     # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
     joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(

@@ -94,7 +94,7 @@ def test_a_flicker_is_no_touchdown() -> None:
 
 
 def test_a_late_foot_swings_on_and_the_others_wait() -> None:
-    script = Script()
+    script = Script(ContactEventSettings(max_late_s=0.1))
     found = 0.5 * TROT.period_s + 0.03
 
     def hole(t: float, contacts: np.ndarray) -> None:
@@ -191,3 +191,23 @@ def test_the_force_bound_opens_after_touchdown_and_closes_before_lift_off() -> N
     assert events.loading(0, t) == pytest.approx(0.5)
     assert events.loading(0, t + 0.02) == 1.0
     assert events.loading(0, TROT.period_s - 0.005) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("late", [1, 2])
+def test_a_late_foot_delays_the_lift_off_of_the_others_before_it_takes_place(late: int) -> None:
+    """With a duty of one half the others lift off at the tick of the touchdown, whatever their index."""
+    gait = Gait(name="trot", period_s=0.3, duty=0.5, offsets=(0.0, 0.5, 0.5, 0.0))
+    clock = GaitClock(gait)
+    events = ContactEvents(clock, WEIGHT)
+    states = []
+    for k in range(900):
+        t = k * TICK
+        contacts = clock.flags(t)
+        if 0.3 <= t < 0.306:  # the touchdown that is due at 0.3 s comes 6 ms later
+            contacts[late] = False
+        events.update(t, contacts)
+        states.append(events.states[0])
+    changes = [state for i, state in enumerate(states) if i == 0 or state is not states[i - 1]]
+    swings = [i for i, state in enumerate(states) if state is SWING and (i == 0 or states[i - 1] is not SWING)]
+    assert set(changes) == {SWING, STANCE}
+    assert len(swings) == 3 and min(np.diff(swings)) > 250

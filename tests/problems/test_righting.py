@@ -93,7 +93,7 @@ def test_the_guess_falls_without_angular_momentum_and_turns_all_the_same() -> No
 def test_it_is_the_area_that_turns() -> None:
     """In one posture the way there is the way back, and the sweep takes back what it turned: no turn."""
     reference = dict(zip(solo12().joint_names, solo12().q_reference[7:].tolist(), strict=True))
-    swept = fall(STROKES.replace({"stretched": reference, "folded": reference}))
+    swept = fall(STROKES.replace({"stretched_rad": reference, "folded_rad": reference}))
     assert np.ptp(swept.xs[:, 7]) > 2.0 and np.abs(turn_deg(swept)).max() < 1e-3
     other_way = turn_deg(fall(STROKES.replace({"sweep_rad": {"*_HAA": -1.2}})))
     assert other_way[0] > 100.0

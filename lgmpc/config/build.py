@@ -8,13 +8,13 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
-from lgmpc.control.feet import gaits_of
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
+from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder

@@ -11,7 +11,7 @@ from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents, ContactState
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
-from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
+from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -19,7 +19,7 @@ from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Feet", "gaits_of"]
+__all__ = ["Feet"]
 
 _SETTLED_S = 0.03
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
@@ -164,27 +164,3 @@ class Feet:
         self.events.correct(horizon.flags, dt)
         self._planner.horizon(self.clock, motion, time, dt, self.footholds, horizon.points)
         horizon.friction[:] = friction
-
-
-def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
-    """Return the gaits that commands can choose, by name: the usual ones for this robot's height, and the user's.
-
-    Feet of a quadruped are sorted by where they are: front left, front right, hind left, hind right. A robot with
-    another number of feet stands, and follows the user's gaits.
-
-    Raises:
-        InputError: a user's gait of another number of feet.
-    """
-    from lgmpc.errors import InputError
-
-    gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nc)}
-    if robot.nc == 4:
-        legs = LegGeometry.of(robot)
-        order = sorted(range(4), key=lambda foot: (-math.copysign(1.0, legs.feet[foot, 0]), -legs.feet[foot, 1]))
-        place = [order.index(foot) for foot in range(4)]
-        gaits |= {name: gait.reordered(place) for name, gait in quadruped_gaits(legs.height).items()}
-    for i, gait in enumerate(settings.gaits):
-        if gait.nc != robot.nc:
-            raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nc}, one for each foot")
-        gaits[gait.name] = gait
-    return gaits

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from lgmpc.control.feet import Feet, gaits_of
+from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import ComReference
@@ -19,7 +19,7 @@ from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.reaction import StepReaction
 from lgmpc.locomotion.reference import ReferenceBuilder
-from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
 from lgmpc.wbc import TickStatus, WholeBodyController
 
@@ -44,7 +44,7 @@ class LeggedController:
         commands: source of motion commands; without, the robot stands.
         offset: of the centre of mass from where the commands lead it; None for none.
         locomotion: settings of footholds, swings and contact events.
-        gaits: that commands may name; :func:`~lgmpc.control.feet.gaits_of` the robot unless given.
+        gaits: that commands may name; :func:`~lgmpc.locomotion.settings.gaits_of` the robot unless given.
         period: time between two updates, s.
 
     Attributes:

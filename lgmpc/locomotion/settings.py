@@ -1,21 +1,26 @@
-"""All settings of locomotion, as a controller takes them."""
+"""All settings of locomotion, and the gaits that they give a robot."""
 
 from __future__ import annotations
+
+import math
 
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
+from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClockSettings
 from lgmpc.locomotion.command import CommandLimits
 from lgmpc.locomotion.contacts import ContactEventSettings
 from lgmpc.locomotion.footholds import FootholdSettings
-from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.gait import Gait, quadruped_gaits
+from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
+from lgmpc.robot import Robot
 from lgmpc.settings import Problem, Settings, problems
 
-__all__ = ["LocomotionSettings"]
+__all__ = ["LocomotionSettings", "gaits_of"]
 
 
 class LocomotionSettings(Settings):
@@ -47,3 +52,25 @@ class LocomotionSettings(Settings):
         if found:
             raise problems(found)
         return self
+
+
+def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
+    """Return the gaits that commands can choose, by name: the usual ones for this robot's height, and the user's.
+
+    Feet of a quadruped are sorted by where they are: front left, front right, hind left, hind right. A robot with
+    another number of feet stands, and follows the user's gaits.
+
+    Raises:
+        InputError: a user's gait of another number of feet.
+    """
+    gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nc)}
+    if robot.nc == 4:
+        legs = LegGeometry.of(robot)
+        order = sorted(range(4), key=lambda foot: (-math.copysign(1.0, legs.feet[foot, 0]), -legs.feet[foot, 1]))
+        place = [order.index(foot) for foot in range(4)]
+        gaits |= {name: gait.reordered(place) for name, gait in quadruped_gaits(legs.height).items()}
+    for i, gait in enumerate(settings.gaits):
+        if gait.nc != robot.nc:
+            raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nc}, one for each foot")
+        gaits[gait.name] = gait
+    return gaits

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, CentroidalWeights, MeasuredState, MpcStatus, Plan
+from lgmpc.ocp import KktResidual
+from lgmpc.solvers import RealTimeResult, RealTimeStatus
 from lgmpc.solvers.qp import QP_SOLVERS
 
 MASS = 2.5
@@ -301,3 +304,25 @@ def test_weights_steer() -> None:
     stiff = update(make(), 0.0, start)
     soft = CentroidalMpc(MASS, 4, CentroidalMpcSettings(weights=CentroidalWeights(com=(10.0, 1e3, 1e3))))
     assert abs(stiff.xs[-1, 0]) < 0.3 * abs(update(soft, 0.0, start).xs[-1, 0])
+
+
+@pytest.mark.parametrize(
+    ("constraint", "dynamics", "status"),
+    [
+        (0.009 * MASS * 9.81, 0.009, MpcStatus.INACCURATE),  # below 1 % of the weight, and 0.01 m or N.s
+        (0.011 * MASS * 9.81, 0.0, MpcStatus.SOLVER_FAILED),
+        (0.0, 0.011, MpcStatus.SOLVER_FAILED),
+    ],
+)
+def test_a_loosely_solved_plan_is_followed_if_it_nearly_keeps_forces_and_dynamics(
+    constraint: float, dynamics: float, status: MpcStatus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mpc = make()
+    exact = mpc.solver.feedback
+
+    def loose(x0: np.ndarray) -> RealTimeResult:
+        kkt = KktResidual(0.0, dynamics, constraint, 0.0)
+        return replace(exact(x0), status=RealTimeStatus.INACCURATE, kkt=kkt)
+
+    monkeypatch.setattr(mpc.solver, "feedback", loose)
+    assert update(mpc, 0.0, STANDING).status is status

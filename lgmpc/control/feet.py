@@ -88,7 +88,7 @@ class Feet:
             forces: (nc,) normal forces of the feet, N.
         """
         settings = self._settings.reaction
-        gait = find_gait(self._gaits, settings.gait, "locomotion.reaction.gait")
+        gait = self._gaits[settings.gait]
         # Feet that lift off together have the same offset.
         loads = {offset: 0.0 for offset in gait.offsets}
         for offset, force in zip(gait.offsets, forces.tolist(), strict=True):

@@ -12,7 +12,7 @@ from lgmpc.locomotion.clock import GaitClockSettings
 from lgmpc.locomotion.command import CommandLimits
 from lgmpc.locomotion.contacts import ContactEventSettings
 from lgmpc.locomotion.footholds import FootholdSettings
-from lgmpc.locomotion.gait import Gait, quadruped_gaits
+from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
@@ -61,7 +61,7 @@ def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
     another number of feet stands, and follows the user's gaits.
 
     Raises:
-        InputError: a user's gait of another number of feet.
+        InputError: a user's gait of another number of feet, or steps against pushes with a gait that does not exist.
     """
     gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nc)}
     if robot.nc == 4:
@@ -73,4 +73,6 @@ def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
         if gait.nc != robot.nc:
             raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nc}, one for each foot")
         gaits[gait.name] = gait
+    if settings.reaction.enabled:
+        find_gait(gaits, settings.reaction.gait, "locomotion.reaction.gait")
     return gaits

@@ -10,6 +10,7 @@ import pytest
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
+from lgmpc.errors import ConfigError
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_step.yaml"
 
@@ -38,3 +39,8 @@ def test_a_harder_push_is_met_by_steps_and_ends_in_standing() -> None:
     assert np.abs(session.recorder.log().v[-1]).max() < 0.05
     _, up_without, _ = pushed(5.0, "locomotion.reaction.enabled=false")
     assert not up_without
+
+
+def test_steps_with_an_unknown_gait_are_refused_before_the_run() -> None:
+    with pytest.raises(ConfigError, match=r"locomotion.reaction.gait: got 'trott'; .* Did you mean trot"):
+        prepare(load_config(CONFIG, ["locomotion.reaction.gait=trott"]))

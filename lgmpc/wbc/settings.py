@@ -79,7 +79,7 @@ class WholeBodySettings(Settings):
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.
     joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
-        default=0.02, description="Time ahead within which no joint may pass its position or velocity limit, s."
+        default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
     )
     # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
     joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(

@@ -74,7 +74,7 @@ def _complete(result: Result, *words: str) -> list[str]:
 
 
 def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Path) -> None:
-    assert _complete(result, "lgmpc", "check", "solo12_s") == ["solo12_stand", "solo12_strong_push"]
+    assert _complete(result, "lgmpc", "check", "solo12_s") == ["solo12_stand", "solo12_step", "solo12_strong_push"]
     assert _complete(result, "lgmpc", "run", "mine") == []  # the shell then completes file names
     assert _complete(result, "lgmpc", "demo", "dzh") == ["dzhanibekov"]
     assert _complete(result, "lgmpc", "play", "") == ["latest"]

@@ -35,6 +35,7 @@ from lgmpc.locomotion.command import CommandLimits
 from lgmpc.locomotion.contacts import ContactEventSettings
 from lgmpc.locomotion.footholds import FootholdSettings
 from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
 from lgmpc.robot import Robot
@@ -48,6 +49,7 @@ TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
 USED_AS_THEY_ARE = (
     *(Gate, SolveGate, Push, CircleReference, StandReference, SolverSettings),
     *(Gait, GaitClockSettings, FootholdSettings, SwingSettings, ContactEventSettings, ReferenceSettings, CommandLimits),
+    StepReactionSettings,
 )
 
 LOOP = """
@@ -70,7 +72,9 @@ pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
 """
 
 WALKING = """
-locomotion: {{gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]}}
+locomotion:
+  gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]
+  reaction: {{gait: hop}}
 commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: 0.01, gait: stand}}]
 mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
@@ -87,6 +91,7 @@ OTHER: dict[str, Any] = {
     "walk/estimator.contact_force_n": (1.0, 5.0),
     "walk/pushes.0.body": "leg_a",
     "walk/locomotion.gaits.0.duty": 0.7,
+    "walk/locomotion.reaction.gait": "stand",
     "walk/locomotion.gaits.0.offsets": (0.0, 0.2, 0.4),
     "walk/commands.0.velocity_m_s": (0.2, 0.0, 0.0),
     "walk/commands.0.gait": "hop",

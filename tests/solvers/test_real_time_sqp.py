@@ -10,7 +10,7 @@ import pytest
 from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import NlpSolver, RealTimeSqp, RealTimeStatus, Status
+from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Status
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
 from lgmpc.state import StateMultibody
 
@@ -42,7 +42,7 @@ def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: st
     problem.view("external_wrench")[:6] = [0.0, 4.0, 0.0, 0.1, 0.0, 0.0]
     problem.set_initial_state(problem.x0 + PUSHES[push])
     guess = standing(problem)
-    reference = NlpSolver(problem).solve(guess)
+    reference = NlpSolver(problem, NlpSettings(tolerance=1e-10)).solve(guess)
     assert reference.status is Status.CONVERGED
     solver = RealTimeSqp(problem, ACCURATE[qp_solver])
     solver.set_guess(guess)
@@ -180,7 +180,7 @@ def test_states_on_a_manifold_need_nothing_special(monkeypatch: pytest.MonkeyPat
     problem.set("limit", 4.0)
     problem.set_initial_state(start)
     guess = Trajectory(np.tile(start, (11, 1)), np.zeros((10, 6)))
-    reference = NlpSolver(problem).solve(guess)
+    reference = NlpSolver(problem, NlpSettings(tolerance=1e-10)).solve(guess)
     assert reference.status is Status.CONVERGED
     solver = RealTimeSqp(problem)
     assert not solver.compiled

@@ -42,6 +42,7 @@ class Feet:
         velocity: (nc, 3) m/s.
         acceleration: (nc, 3) m/s2.
         footholds: (nc, 3) where each foot stands or will touch down next, world, m.
+        stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
     """
 
@@ -62,7 +63,7 @@ class Feet:
         self.events = ContactEvents(self.clock, self._weight, self._settings.contacts)
         self.stance = self.events.stance
         self._stood[:] = True
-        self.standing = True
+        self.standing, self.stepping = True, False
         self.footholds[:] = points
         self.position[:] = points
 
@@ -95,7 +96,7 @@ class Feet:
             loads[offset] += force
         lightest = min(loads, key=loads.__getitem__)
         self.clock.start(time, gait, first=gait.offsets.index(lightest), cycles=settings.cycles)
-        self.standing = False
+        self.standing, self.stepping = False, True
 
     def update(
         self, time: float, points: Array, velocities: Array, contacts: BoolArray | None, motion: BaseMotion
@@ -120,9 +121,9 @@ class Feet:
                 self._lift(foot, time, points[foot], velocities[foot], motion)
             self._move(foot, time, motion)
         self._stood[:] = stance
-        self.standing = bool(stance.all()) and all(
-            math.isinf(self.clock.next_liftoff(foot, time)) for foot in range(len(stance))
-        )
+        clock, feet = self.clock, range(len(stance))
+        self.stepping = any(clock.swing(foot, time) or math.isfinite(clock.next_liftoff(foot, time)) for foot in feet)
+        self.standing = not self.stepping and bool(stance.all())
 
     def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)

@@ -137,7 +137,7 @@ class LeggedController:
         self.command = command = self._limiter.step(self._commands.at(time), self._period)
         yaw = math.atan2(terms.rotation[1, 0], terms.rotation[0, 0])
         self._reference.advance(self._period, command)
-        if not self.feet.standing:
+        if self.feet.stepping:
             self._reference.shorten(terms.com, yaw)
         wanted = self._reference.velocity(command)
         velocity = terms.momentum[:2] / self.robot.mass

@@ -7,6 +7,7 @@ event-based locomotion in unstructured terrains", ICRA 2018, with thresholds in 
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 import numpy as np
@@ -56,7 +57,7 @@ class ContactState(Enum):
     EARLY = "on the ground since before the scheduled touchdown"
     LATE = "in the air beyond the scheduled touchdown, descending; the schedule waits"
     MISSING = "in the air for longer than the schedule waits"
-    LOST = "in the air in the middle of its stance, descending"
+    LOST = "in the air in the middle of a stance between swings, descending"
 
     @property
     def carries(self) -> bool:
@@ -143,7 +144,9 @@ class ContactEvents:
             return ContactState.STANCE if touching else self._wait(foot, t)
         if before is ContactState.MISSING or before is ContactState.LOST:
             return ContactState.STANCE if touched else before
-        lost = not touching and persists >= s.lost_time_s and t - self.since[foot] >= s.lost_time_s
+        # A foot that stands for good is held in place while a push unloads it: it has nowhere else to go.
+        ends = math.isfinite(clock.next_liftoff(foot, t))
+        lost = ends and not touching and persists >= s.lost_time_s and t - self.since[foot] >= s.lost_time_s
         return ContactState.LOST if lost else before
 
     def _wait(self, foot: int, t: float) -> ContactState:

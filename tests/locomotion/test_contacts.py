@@ -211,3 +211,11 @@ def test_a_late_foot_delays_the_lift_off_of_the_others_before_it_takes_place(lat
     swings = [i for i, state in enumerate(states) if state is SWING and (i == 0 or states[i - 1] is not SWING)]
     assert set(changes) == {SWING, STANCE}
     assert len(swings) == 3 and min(np.diff(swings)) > 250
+
+
+def test_an_unloaded_foot_of_a_standing_robot_is_held_in_place() -> None:
+    clock = GaitClock(Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * 4))
+    events = ContactEvents(clock, WEIGHT)
+    for k in range(500):
+        events.update(k * TICK, np.array([k < 100, True, True, True]))
+    assert events.states == [STANCE] * 4 and events.stance.all()

@@ -60,8 +60,7 @@ def trotted() -> Solution:
 
 @lru_cache
 def jump(step: float = 0.01) -> tuple[Scenario, Solution]:
-    settings = JumpSettings()
-    scenario = build_jump(solo12(), replace(settings, common=replace(settings.common, step=step)))
+    scenario = build_jump(solo12(), JumpSettings(step_s=step))
     return scenario, LineSearchSqp(scenario.problem).solve(scenario.guess)
 
 

@@ -125,4 +125,4 @@ def test_damaged_configs_are_refused_or_checked(shipped: Path) -> None:
 
 @pytest.mark.slow
 def test_many_damaged_configs_are_refused_or_checked(shipped: Path) -> None:
-    fuzz(shipped, 300)
+    fuzz(shipped, 150)

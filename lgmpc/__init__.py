@@ -1,9 +1,9 @@
 """lgmpc: Lie-group trajectory optimisation and model-predictive control for floating-base robots.
 
-The names that most programs need are here; each is imported from its room when it is first used, so that
-``import lgmpc`` costs next to nothing. Everything else is imported from its room (``lgmpc.costs.library``).
+The names that most programs need are here, each imported from its room on first use, so that ``import lgmpc`` is fast.
+All other names are imported from their rooms (``lgmpc.costs.library``).
 
-Conventions, one each, everywhere in the package:
+Conventions of the whole package:
 
 * Configuration ``q = [base position (world), quaternion x y z w, joints]``; velocity
   ``v = [base linear, base angular (both in the body frame), joint rates]``: Pinocchio's.
@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.2.0"
 
-# The public names, by the module that defines them. Type checkers and editors do not read this table but the imports
-# below it; a test holds the two together.
+# The public names, by the module that defines them. Type checkers and editors read the imports below instead; a test
+# compares the two.
 _NAMES = {
     "lgmpc.actions": ("ContactForwardDynamics", "FreeForwardDynamics", "HoldAction", "MultibodyAction"),
     "lgmpc.config": ("load_config", "load_solve_config"),
     "lgmpc.config.execution": ("run_config", "solve_config"),
-    "lgmpc.config.showing": ("plot", "show"),
+    "lgmpc.config.showing": ("plot", "plot_solution", "show", "show_solution"),
     "lgmpc.costs": ("ConstraintItem", "CostItem", "Residual", "StageSymbols"),
     "lgmpc.costs.library": (
         "CoMPosition",
@@ -40,9 +40,9 @@ _NAMES = {
     "lgmpc.locomotion.sequence": ("GaitSequence",),
     "lgmpc.mpc": ("CentroidalMpc",),
     "lgmpc.ocp": ("ShootingProblem", "Trajectory", "check_derivatives"),
-    "lgmpc.problems": ("GaitSettings", "build_gait"),
+    "lgmpc.problems": ("GaitSettings", "Scenario", "build_gait"),
     "lgmpc.robot": ("Robot", "RobotSpec", "load_robot"),
-    "lgmpc.solvers": ("BoxFddp", "Fddp", "LineSearchSqp", "NlpSolver", "RealTimeSqp", "Solution"),
+    "lgmpc.solvers": ("BoxFddp", "Fddp", "History", "LineSearchSqp", "NlpSolver", "RealTimeSqp", "Solution"),
     "lgmpc.state": ("StateMultibody",),
     "lgmpc.wbc": ("WholeBodyController",),
 }
@@ -60,7 +60,9 @@ if TYPE_CHECKING:
     from lgmpc.config.execution import run_config as run_config
     from lgmpc.config.execution import solve_config as solve_config
     from lgmpc.config.showing import plot as plot
+    from lgmpc.config.showing import plot_solution as plot_solution
     from lgmpc.config.showing import show as show
+    from lgmpc.config.showing import show_solution as show_solution
     from lgmpc.costs import ConstraintItem as ConstraintItem
     from lgmpc.costs import CostItem as CostItem
     from lgmpc.costs import Residual as Residual
@@ -78,12 +80,14 @@ if TYPE_CHECKING:
     from lgmpc.ocp import Trajectory as Trajectory
     from lgmpc.ocp import check_derivatives as check_derivatives
     from lgmpc.problems import GaitSettings as GaitSettings
+    from lgmpc.problems import Scenario as Scenario
     from lgmpc.problems import build_gait as build_gait
     from lgmpc.robot import Robot as Robot
     from lgmpc.robot import RobotSpec as RobotSpec
     from lgmpc.robot import load_robot as load_robot
     from lgmpc.solvers import BoxFddp as BoxFddp
     from lgmpc.solvers import Fddp as Fddp
+    from lgmpc.solvers import History as History
     from lgmpc.solvers import LineSearchSqp as LineSearchSqp
     from lgmpc.solvers import NlpSolver as NlpSolver
     from lgmpc.solvers import RealTimeSqp as RealTimeSqp

@@ -1,4 +1,4 @@
-"""Where Chromium is installed, if it is: pictures of replays need one."""
+"""The search for an installed Chromium, which pictures of replays require."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable
 
 
 def find_chromium() -> Path | None:
-    """Return the installed Chromium: what the environment variable CHROMIUM names, else the first on the path."""
+    """Return the program that the environment variable CHROMIUM names, else the first Chromium on the path."""
     named = os.environ.get("CHROMIUM")
     found = shutil.which(named) if named else next(filter(None, map(shutil.which, _NAMES)), None)
     return Path(found) if found else None

@@ -1,7 +1,7 @@
-"""Is this installation sound? Each check does a little of the real thing and says how it went.
+"""Checks of the installation: each executes a small example of one feature and reports the result.
 
-Nothing is printed here and nothing raises: a check that fails, for whatever reason, says so and names a remedy. All
-dependencies but numpy are imported inside the check that needs them, so a broken package costs its own check only.
+Nothing is printed and nothing raises: a check that fails for any reason reports it with a remedy. All dependencies but
+numpy are imported inside the check that requires them, so that a broken package fails its own check only.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lgmpc.robot import Robot
     from lgmpc.typing import Array
 
-__all__ = ["Check", "diagnose", "iterate_checks"]
+__all__ = ["Check", "iterate_checks"]
 
 _OLDEST_PYTHON = (3, 10)
 _REINSTALL = "pip install --force-reinstall lgmpc"
@@ -37,13 +37,13 @@ _REINSTALL = "pip install --force-reinstall lgmpc"
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
         name: what, in a word or two.
         ok: whether lgmpc works with it as it is.
         detail: what was found.
-        remedy: what to do about it; empty if there is nothing to do. A check that is ok may still have advice.
+        remedy: what to do about it; empty if there is nothing to do. A check that is ok may have one too.
     """
 
     name: str
@@ -52,13 +52,8 @@ class Check:
     remedy: str = ""
 
 
-def diagnose() -> tuple[Check, ...]:
-    """Do all checks; takes a few seconds."""
-    return tuple(iterate_checks())
-
-
 def iterate_checks() -> Iterator[Check]:
-    """Do one check after the other, each when the iterator reaches it, so that a caller can show progress."""
+    """Yield the results one by one, each check executed when the iterator reaches it; a few seconds in all."""
     yield _guarded("python", _check_python, "")
     yield from _check_dependencies()
     yield _guarded("compiler", _check_compiler, "apt install gcc")
@@ -75,7 +70,7 @@ def iterate_checks() -> Iterator[Check]:
 
 
 def _guarded(name: str, check: Callable[[], Check], remedy: str) -> Check:
-    """Do a check; if it raises, that is its result."""
+    """Return the result of a check; an exception is a failure."""
     try:
         return check()
     except InputError as error:
@@ -93,7 +88,7 @@ def _check_python() -> Check:
 
 
 def _check_dependencies() -> Iterator[Check]:
-    """One check for every package that lgmpc's metadata requires, against the range that it was tested with."""
+    """Yield a check for every package that lgmpc's metadata requires, against the range of tested versions."""
     try:
         from packaging.requirements import Requirement
 
@@ -123,7 +118,7 @@ def _check_compiler() -> Check:
 
     if not jit_enabled():
         return Check(
-            "compiler", True, "not used: LGMPC_JIT=0", "unset LGMPC_JIT for functions that run 20 times faster"
+            "compiler", True, "not used: LGMPC_JIT=0", "unset LGMPC_JIT: compiled functions are about 20 times faster"
         )
     compiler = find_compiler()
     if compiler is None:
@@ -159,7 +154,7 @@ def _compile_and_compare(compiler: Compiler, folder: Path) -> tuple[float, float
     source, library = folder / "self_test.c", folder / "self_test.so"
     source.write_text(generate_source(function))
     start = time.perf_counter()
-    compiler.build(source, library, function.name())
+    compiler.build([source], library, function.name())
     seconds = time.perf_counter() - start
     loaded = ctypes.CDLL(str(library))
     compiled = CompiledFunction(Signature.of(function), functools.partial(bind_library, loaded), compiled=True)

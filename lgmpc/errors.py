@@ -1,7 +1,7 @@
-"""Every error that lgmpc raises on purpose, each carrying the evidence for its message.
+"""The exceptions that lgmpc raises, with what their messages state as attributes.
 
-A caller that catches :class:`LgmpcError` catches all of them. The command line turns them into one screen of text and
-an exit code; a library user reads the attributes instead of parsing the message.
+All derive from :class:`LgmpcError`. The command line prints the message and returns the exit code; programs read the
+attributes.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ __all__ = [
 
 
 MOST_CHOICES = 12
-"""How many valid choices a message lists; the attribute ``choices`` has all."""
+"""Number of valid choices that a message lists; the attribute ``choices`` has all."""
 
 
 def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...]:
-    """Return up to ``count`` of ``choices`` that look most like ``word``, best first (case is ignored)."""
+    """Return up to ``count`` of ``choices`` that are most similar to ``word``, best first (case is ignored)."""
     by_lower = {choice.lower(): choice for choice in choices}
     hits = difflib.get_close_matches(word.lower(), by_lower, n=count, cutoff=0.5)
     return tuple(by_lower[hit] for hit in hits)
 
 
 class LgmpcError(Exception):
-    """Base of every error that lgmpc raises on purpose.
+    """Base class of all exceptions that lgmpc raises.
 
     Attributes:
         exit_code: what the command line returns for it (2 = bad input, 1 = it ran and failed).
@@ -51,8 +51,8 @@ class InputError(LgmpcError, ValueError):
 
     Args:
         argument: name of the argument or config key.
-        got: what came, as it should be shown.
-        expected: what would have been accepted, in words.
+        got: the value received, as the message shows it.
+        expected: the values accepted, in words.
         choices: the valid values, if they can be listed; the nearest are shown.
         word: what the choices are compared with to find the nearest; ``got`` unless given.
     """
@@ -79,13 +79,13 @@ class InputError(LgmpcError, ValueError):
 
 
 class ConfigError(InputError):
-    """A config key that is unknown, missing or holds a value that cannot be used.
+    """A config key that is unknown, missing, or whose value cannot be used.
 
     Args:
-        file: the YAML file (or ``--set``) the key came from.
+        file: the YAML file (or ``--set``) that contains the key.
         key: dotted path of the key.
-        got: what came.
-        expected: what would have been accepted.
+        got: the value received.
+        expected: the values accepted.
         choices: valid keys or values.
         word: what the choices are compared with to find the nearest; ``got`` unless given.
 
@@ -110,7 +110,7 @@ class ConfigError(InputError):
 
 
 class ConfigErrors(ConfigError):
-    """Several problems of one config, found at once; its other attributes are those of the first problem."""
+    """Several problems of one config; the other attributes are those of the first."""
 
     def __init__(self, problems: Sequence[ConfigError]) -> None:
         first = problems[0]
@@ -121,7 +121,7 @@ class ConfigErrors(ConfigError):
 
 
 class ModelError(LgmpcError):
-    """A robot model that lacks something; ``problems`` lists everything found, not only the first."""
+    """A robot model that cannot be used; ``problems`` lists all that was found."""
 
     def __init__(self, robot: str, problems: Sequence[str]) -> None:
         self.robot = robot
@@ -130,7 +130,7 @@ class ModelError(LgmpcError):
 
 
 class CompileError(LgmpcError):
-    """The C compiler was there but failed; ``log`` holds what it printed."""
+    """The C compiler failed; ``log`` is its output."""
 
     def __init__(self, function: str, command: str, log: str) -> None:
         self.function = function
@@ -140,7 +140,7 @@ class CompileError(LgmpcError):
 
 
 class SolverError(LgmpcError):
-    """A solver stopped without a solution where the caller asked for an exception (``throw=True``)."""
+    """A solver stopped without a solution and the caller requested an exception (``throw=True``)."""
 
     exit_code = 1
 
@@ -152,7 +152,7 @@ class SolverError(LgmpcError):
 
 
 class MissingDependencyError(LgmpcError):
-    """A package that an optional part needs is not installed; the message holds the line that brings it."""
+    """A package that an optional part requires is not installed; the message contains the command that installs it."""
 
     def __init__(self, package: str, needed_for: str, install: str) -> None:
         self.package = package
@@ -165,8 +165,8 @@ class Interrupted(KeyboardInterrupt):
     """A signal that stops a run: Ctrl-C, SIGTERM or SIGHUP.
 
     Attributes:
-        signal: which.
-        exit_code: what the command line returns for it, 128 + its number.
+        signal: the signal received.
+        exit_code: what the command line returns for it, 128 + the signal's number.
     """
 
     def __init__(self, signal: signal.Signals) -> None:
@@ -176,4 +176,4 @@ class Interrupted(KeyboardInterrupt):
 
 
 class RunFolderError(LgmpcError):
-    """A run folder that cannot be written, or that is not one when read."""
+    """A run folder that cannot be written or read."""

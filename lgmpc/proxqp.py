@@ -1,9 +1,9 @@
-"""ProxQP in the build that gives the same bits for the same problem.
+"""ProxQP in its baseline build, whose results are reproducible bit by bit.
 
-proxsuite picks its AVX-512 or AVX2 build where the processor has it. Those builds answer one and the same dense problem
-with one of two results, about 1e-10 apart, depending on where its memory happens to lie, so a run could not be repeated
-bitwise. The baseline build does not, and costs about a microsecond more on the whole-body QP. Only one build may be
-loaded in a process: a program that imports proxsuite itself should do so after lgmpc, or do without repeatability.
+proxsuite selects its AVX-512 or AVX2 build if the processor supports it. The results of those builds differ by about
+1e-10 with the alignment of their memory, so that runs would not be repeatable. The baseline build costs about a
+microsecond more on the whole-body QP. Only one build can be loaded in a process: a program that imports proxsuite
+itself should do so after lgmpc, otherwise its runs are not repeatable.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["proxqp"]
 
 
 def _load() -> Any:
-    """Import proxsuite with its question for vector instructions answered by no."""
+    """Import proxsuite with the detection of vector instructions disabled."""
     name = "proxsuite.instructionset"
     if "proxsuite" in sys.modules:
         return importlib.import_module("proxsuite").proxqp

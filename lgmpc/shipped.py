@@ -1,4 +1,4 @@
-"""The configs that come with lgmpc: in the package once installed, in ``configs/`` at the top of a clone."""
+"""The configs shipped with lgmpc: inside the installed package, or ``configs/`` at the top of a clone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lgmpc.errors import ConfigError
 
-__all__ = ["ShippedConfig", "config_file", "shipped_config", "shipped_configs"]
+__all__ = ["ShippedConfig", "config_file", "shipped_config", "shipped_configs", "shipped_sweeps", "sweep_file"]
 
 _PACKAGE = Path(__file__).resolve().parent
 _SCHEMA_LINE = re.compile(r"^# yaml-language-server: \$schema=schema\.json$", re.MULTILINE)
@@ -16,7 +16,7 @@ _SCHEMA_LINE = re.compile(r"^# yaml-language-server: \$schema=schema\.json$", re
 
 @dataclass(frozen=True)
 class ShippedConfig:
-    """A config that comes with lgmpc.
+    """A shipped config.
 
     Attributes:
         name: as ``lgmpc run`` and ``load_config`` accept it.
@@ -28,12 +28,14 @@ class ShippedConfig:
 
     @property
     def text(self) -> str:
-        """What the file contains."""
+        """The file's content."""
         return self.file.read_text(encoding="utf-8")
 
     @property
     def command(self) -> str:
-        """The command that takes it: ``solve`` if it has a section ``problem``, else ``run``."""
+        """The command for it: ``sweep`` for a sweep, ``solve`` if it has a section ``problem``, else ``run``."""
+        if self.file.parent.name == "sweeps":
+            return "sweep"
         return "solve" if re.search(r"^problem:", self.text, re.MULTILINE) else "run"
 
     @property
@@ -48,25 +50,37 @@ class ShippedConfig:
         return re.split(r"(?<=\.)\s", " ".join(paragraph), maxsplit=1)[0]
 
     def copy_text(self) -> str:
-        """Return its text for a copy elsewhere: editors still find the schema, by its absolute path."""
+        """Return the text for a copy elsewhere, with the schema's absolute path, so that editors find it."""
         schema = self.file.with_name("schema.json")
         return _SCHEMA_LINE.sub(lambda _: f"# yaml-language-server: $schema={schema}", self.text)
 
 
 def shipped_configs() -> dict[str, ShippedConfig]:
     """Return all shipped configs by name, in alphabetical order."""
+    return _found_in(_folder())
+
+
+def shipped_sweeps() -> dict[str, ShippedConfig]:
+    """Return the sweeps over shipped configs by name, in alphabetical order."""
+    return _found_in(_folder() / "sweeps")
+
+
+def _folder() -> Path:
     inside = _PACKAGE / "configs"
-    folder = inside if inside.is_dir() else _PACKAGE.parent / "configs"
+    return inside if inside.is_dir() else _PACKAGE.parent / "configs"
+
+
+def _found_in(folder: Path) -> dict[str, ShippedConfig]:
     return {file.stem: ShippedConfig(file.stem, file) for file in sorted(folder.glob("*.yaml"))}
 
 
 def shipped_config(name: str) -> ShippedConfig:
-    """Return the shipped config called ``name``.
+    """Return the shipped config or sweep called ``name``.
 
     Raises:
         ConfigError: if there is none; names the nearest.
     """
-    configs = shipped_configs()
+    configs = shipped_configs() | shipped_sweeps()
     if name not in configs:
         raise ConfigError(
             name, "", "no shipped config", "the name of one (see `lgmpc configs`)", list(configs), word=name
@@ -75,6 +89,12 @@ def shipped_config(name: str) -> ShippedConfig:
 
 
 def config_file(path: str | Path) -> Path:
-    """Return the file that ``path`` refers to: a shipped config if it is the name of one and no file, else itself."""
+    """Return the shipped config named ``path`` if there is one and no such file, else ``path`` itself."""
     shipped = shipped_configs().get(str(path))
+    return Path(path) if shipped is None or Path(path).is_file() else shipped.file
+
+
+def sweep_file(path: str | Path) -> Path:
+    """Return the file that ``path`` refers to: a shipped sweep if it is the name of one and no file, else itself."""
+    shipped = shipped_sweeps().get(str(path))
     return Path(path) if shipped is None or Path(path).is_file() else shipped.file

@@ -1,6 +1,6 @@
-"""Time the compiled stage of Solo12's full-body dynamics: size, compile time, time of one evaluation.
+"""Time the compiled stage of Solo12's full-body dynamics: size, compile time, time of a stage, alone and in a batch.
 
-    python scripts/bench_actions.py [--repeat 2000]
+    python scripts/bench_actions.py [--repeat 2000] [--stages 20]
 
 Stance on four feet: state and control cost, and the friction pyramid as a barrier on each foot. Set LGMPC_CACHE_DIR to
 an empty folder to time the compiler instead of the cache.
@@ -9,12 +9,14 @@ an empty folder to time the compiler instead of the cache.
 from __future__ import annotations
 
 import argparse
+import os
 import time
 
+import casadi as ca
 import numpy as np
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
-from lgmpc.compile import CompiledFunction, compile_function
+from lgmpc.compile import BatchKernel, StageKernel
 from lgmpc.costs import CostItem, QuadraticBarrier
 from lgmpc.costs.library import Control, FrictionCone, StateError
 from lgmpc.robot import RobotSpec, load_robot
@@ -42,34 +44,43 @@ def stance() -> tuple[MultibodyAction, np.ndarray]:
     return MultibodyAction("solo12_stance", dynamics, costs), robot.x_reference
 
 
-def run_time(function: CompiledFunction, repeat: int) -> float:
-    """Return the median time of one evaluation, s."""
+def measure(
+    kernel: type[StageKernel], function: ca.Function, point: list[np.ndarray], options: argparse.Namespace
+) -> str:
+    """Return processor time of the compilation, s, and median (least) time of a stage, us, as columns."""
+    start = sum(os.times()[:4])
+    made = kernel(function)
+    took = sum(os.times()[:4]) - start
+    given = [np.tile(argument, (options.stages, 1)) for argument in point]
+    results = [np.zeros((options.stages, function.numel_out(i))) for i in range(function.n_out())]
+    call = made.bind(
+        options.stages, **dict(zip((*function.name_in(), *function.name_out()), (*given, *results), strict=True))
+    )
     samples = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        function.run()
-        samples.append(time.perf_counter() - start)
-    return float(np.median(samples))
+    for _ in range(options.repeat):
+        begun = time.perf_counter()
+        call()
+        samples.append(time.perf_counter() - begun)
+    median, least = (1e6 * value / options.stages for value in (np.median(samples), min(samples)))
+    return f" {took:>10.1f} {median:>8.1f} ({least:5.1f})"
 
 
 def main() -> None:
     """Print one line a function."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=2000, help="evaluations to take the median of")
-    repeat = parser.parse_args().repeat
+    parser.add_argument("--stages", type=int, default=20, help="stages of an evaluation")
+    options = parser.parse_args()
     action, x = stance()
     u = np.zeros(action.nu)
-    print(f"{'function':<12} {'instructions':>12} {'compile s':>10} {'run us':>8}")
+    print(f"{'':<25} {'one by one':>27} {'in lanes':>27}")
+    print(f"{'function':<12} {'instructions':>12}" + 2 * f" {'compile s':>10} {'us/stage':>16}")
     for label, function, arguments in (
         ("values", action.value_function, (x, u, action.parameters.default)),
         ("expansion", action.quadratic_function, (x, u, x, action.parameters.default)),
     ):
-        start = time.perf_counter()
-        compiled = compile_function(function)
-        took = time.perf_counter() - start
-        for buffer, argument in zip(compiled.inputs, arguments, strict=True):
-            buffer[...] = argument
-        print(f"{label:<12} {function.n_instructions():>12} {took:>10.1f} {1e6 * run_time(compiled, repeat):>8.1f}")
+        columns = [measure(kernel, function, list(arguments), options) for kernel in (StageKernel, BatchKernel)]
+        print(f"{label:<12} {function.n_instructions():>12}{''.join(columns)}")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from lgmpc.compile import find_compiler, jit_enabled
 from lgmpc.config.build import build_estimator, build_sensors
 from lgmpc.config.loading import load_config
 from lgmpc.config.robots import build_robot
+from lgmpc.control.interface import Measurement
 from lgmpc.estimation import ImuNoise, InvariantEkf, LegSensing, Preintegration
 from lgmpc.estimation.invariant_ekf import FORMS, ErrorForm
 from lgmpc.robot import Robot
@@ -46,11 +47,17 @@ def row(name: str, times: Array, limit: float | None = None) -> None:
     print(f"{name:34s}{np.median(times):10.1f}{np.percentile(times, 99):10.1f}   {bound}")
 
 
+def resting(robot: Robot) -> Measurement:
+    """Return a reading of a robot at rest."""
+    torques = np.full(robot.nu, 0.1)
+    return Measurement(0.0, np.zeros(3), -robot.gravity, robot.q_reference[7:], np.zeros(robot.nu), torques)
+
+
 def filter_rows(robot: Robot, form: ErrorForm) -> None:
     """Print the times of one form of the filter, standing on four feet."""
     ekf = InvariantEkf(robot.nc, contact_offset=(0.0, 0.0, robot.contact_radius), form=form)
-    legs, gyro, force = LegSensing(robot, 1e-4, 1e-3), np.zeros(3), -robot.gravity
-    legs.update(robot.q_reference[7:], np.zeros(robot.nu), np.zeros(robot.nu), np.eye(3))
+    legs, gyro, force = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3), -robot.gravity
+    legs.update(resting(robot), np.eye(3), np.zeros(3), np.zeros(3))
     ekf.reset(np.eye(5), np.full(15, 0.01))
     for foot in range(robot.nc):
         ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
@@ -72,15 +79,15 @@ def main() -> None:
     robot = build_robot(config)
     for form in FORMS.values():
         filter_rows(robot, form)
-    legs, gyro, force = LegSensing(robot, 1e-4, 1e-3), np.zeros(3), -robot.gravity
-    q, torques = robot.q_reference[7:], np.full(robot.nu, 0.1)
-    row("leg sensing", timed(lambda: legs.update(q, torques, torques, np.eye(3))))
+    legs, gyro, force = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3), -robot.gravity
+    still = resting(robot)
+    row("leg sensing", timed(lambda: legs.update(still, np.eye(3), gyro, gyro)))
     estimator, sensors = build_estimator(config, robot), build_sensors(config, robot)
     assert estimator is not None
     x = robot.x_reference
     sample = PlantSample(0.0, x[: robot.nq], x[robot.nq :], np.zeros(robot.nu), np.zeros((robot.nc, 3)))
     row("simulated sensors", timed(lambda: sensors.read(sample)))
-    reading = replace(sensors.read(sample), torques=torques)
+    reading = replace(sensors.read(sample), torques=still.torques)
     estimator.update(reading)
     tick = timed(lambda: estimator.update(reading))
     row("estimator's whole tick", tick)

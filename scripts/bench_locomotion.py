@@ -1,9 +1,10 @@
-"""How a robot walks on command: velocities, pushes while it trots, cost of transport, and the controller's timing.
+"""How a robot walks on command: velocities, pushes, cost of transport, and the controller's timing.
 
 Every figure is one of the library's (`metrics.walking` of run.json), measured in closed loop in MuJoCo from the exact
-state. A push acts for 0.2 s at the base's centre of mass while the robot trots; for each direction and each phase of
-the gait the largest impulse is found by bisection that the robot survives (it has not fallen two seconds later), and
-that it recovers from (its velocity is back within 0.05 m/s of the command by then).
+state. A push acts for 0.2 s at the base's centre of mass, while the robot trots or while it stands and may step. For
+each direction and each phase of the gait the largest impulse is found by bisection that the robot survives (it has not
+fallen two seconds later, six if it stood), and that it recovers from: by then its velocity is back within 0.05 m/s of
+the command; one that stood stands again, every foot within 2 cm of its place under the base.
 
     python scripts/bench_locomotion.py --quick                      # a minute or two
     python scripts/bench_locomotion.py                              # 12 directions x 4 phases: tens of minutes
@@ -31,8 +32,11 @@ from lgmpc.config.loading import load_config
 from lgmpc.runs import Metrics, RunLog, WalkingMetrics, host_info, versions
 
 CONFIG = Path(__file__).parent.parent / "configs" / "solo12_velocity.yaml"
-START_S, PLATEAU_S, AFTER_PUSH_S, PUSH_S = 0.5, 3.5, 2.0, 0.2
+START_S, PLATEAU_S, PUSH_S = 0.5, 3.5, 0.2
+AFTER_PUSH_S, STANDING_AGAIN_S = 2.0, 6.0
 STRONGEST_NS = 8.0
+FOOT_LIMIT_M = 0.02
+STEPPING = "locomotion.reaction.enabled=true"
 
 
 @dataclass(frozen=True)
@@ -48,9 +52,14 @@ class Motion:
         """When the limited command (1 m/s2, 4 rad/s2) gets there, s."""
         return START_S + max(np.hypot(self.vx, self.vy), abs(self.yaw_rate) / 4.0)
 
+    @property
+    def moves(self) -> bool:
+        """Whether it is anything but standing."""
+        return bool(self.vx or self.vy or self.yaw_rate)
+
     def __str__(self) -> str:
         parts = (("ahead", self.vx, "m/s"), ("left", self.vy, "m/s"), ("turn", self.yaw_rate, "rad/s"))
-        return ", ".join(f"{name} {value:g} {unit}" for name, value, unit in parts if value)
+        return ", ".join(f"{name} {value:g} {unit}" for name, value, unit in parts if value) or "nowhere"
 
 
 MOTIONS = (
@@ -87,7 +96,8 @@ class Bench:
         """Push towards ``angle`` at ``time`` while the robot holds a command."""
         vector = [float(impulse * np.cos(angle)), float(impulse * np.sin(angle)), 0.0]
         push = f"[{{body: {body}, time_s: {time}, duration_s: {PUSH_S}, impulse_ns: {vector}}}]"
-        return self.run(motion, round(time + PUSH_S + AFTER_PUSH_S, 3), push)[1]
+        after = AFTER_PUSH_S if motion.moves else STANDING_AGAIN_S
+        return self.run(motion, round(time + PUSH_S + after, 3), push)[1]
 
 
 def tick_ms(log: RunLog) -> np.ndarray:
@@ -180,15 +190,21 @@ class Pushes:
 
     def __init__(self, bench: Bench, motion: Motion, body: str, time: float, angle: float) -> None:
         self._run = lru_cache(maxsize=None)(lambda impulse: bench.push(motion, body, time, impulse, angle))
+        self._moves = motion.moves
 
     def survived(self, impulse: float) -> bool:
         """Return whether the robot is up at the end."""
         return not self._run(impulse).fell
 
     def recovered(self, impulse: float) -> bool:
-        """Return whether it is also back at the command."""
-        walking = self._run(impulse).walking
-        return self.survived(impulse) and walking is not None and walking.recovery_time_s is not None
+        """Return whether it is also back at the command; at rest, with its feet where they belong."""
+        metrics = self._run(impulse)
+        walking = metrics.walking
+        if metrics.fell or walking is None:  # without figures of walking it did not step
+            return not metrics.fell and metrics.max_foot_displacement_m < FOOT_LIMIT_M
+        if walking.recovery_time_s is None:
+            return False
+        return self._moves or (walking.final_foot_error_m is not None and walking.final_foot_error_m < FOOT_LIMIT_M)
 
 
 def pushes(
@@ -244,14 +260,16 @@ def main() -> None:
     quick = arguments.quick
     found: dict[str, object] = {"velocities": velocities(bench, QUICK_MOTIONS if quick else MOTIONS)}
     if not arguments.skip_pushes:
-        found["pushes"] = pushes(
-            bench,
-            Motion(arguments.push_speed),
-            arguments.body,
+        directions, resolution = (
             arguments.directions or (4 if quick else 12),
-            arguments.phases or (1 if quick else 4),
             arguments.resolution or (0.5 if quick else 0.1),
         )
+        phases = arguments.phases or (1 if quick else 4)
+        steps = Bench(arguments.config, arguments.gait, [*same, STEPPING, *arguments.overrides])
+        found["pushes"] = [
+            pushes(bench, Motion(arguments.push_speed), arguments.body, directions, phases, resolution),
+            pushes(steps, Motion(), arguments.body, directions, 1, resolution),
+        ]
     if arguments.json is not None:
         arguments.json.write_text(
             json.dumps({"host": str(host_info()), "versions": packages, **found}, indent=2) + "\n"

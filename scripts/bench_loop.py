@@ -80,7 +80,7 @@ def part_shares(config_file: Path, overrides: list[str]) -> tuple[dict[str, floa
     stopwatch.watch("recording", session.recorder, "record", "record_mpc")
     stopwatch.watch("sense", wbc, "sense")
     stopwatch.watch("QP data", wbc.qp, "update")
-    stopwatch.watch("ProxQP", wbc.solver, "solve")
+    stopwatch.watch("QP solver", wbc.solver, "solve")
     if planner is not None:
         stopwatch.watch("MPC", planner.mpc, "update")
         stopwatch.watch("plan sampling", planner, "plan_from", "follow")

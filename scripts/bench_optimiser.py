@@ -2,9 +2,10 @@
 
     python scripts/bench_optimiser.py --nodes 20 50 100 --json figures.json
 
-Solo12 standing on four feet (any horizon) and trotting one step: FDDP here and there, from the same guess. Then the
+FDDP here and there, from the same guess: Solo12 standing on four feet (any horizon) and trotting one step, ANYmal C in
+five gaits, Talos on both feet reaching with its right hand, an arm, a quadrotor (also bounded, by box FDDP). Then the
 same stance with hard friction cones and torque limits, by SQP. Medians and minima of all rounds. Crocoddyl comes with
-the extra ``bench``; without it lgmpc is timed alone.
+the extra ``bench``; without it Solo12 and ANYmal are timed alone.
 """
 
 from __future__ import annotations
@@ -19,19 +20,21 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from paired_problems import FEET, GAINS, Stance, Trot
+from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait
+from paired_robots import Pair, arm, paired, quadrotor, talos
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CoMPosition, Control, FrictionCone, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.runs import host_info, versions
-from lgmpc.solvers import Fddp, LineSearchSqp
+from lgmpc.solvers import BoxFddp, Fddp, LineSearchSqp
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver
 
 PUSH = 4.0  # times the stance's: enough for a sixth of all rows to be at their limits
@@ -91,14 +94,16 @@ def parts(ours: Fddp, guess: Trajectory, theirs: Any) -> Calls:
     return calls
 
 
-def compare(name: str, problem: Stance, rounds: int, crocoddyl: Any) -> list[Figure]:
-    """Time FDDP on one problem, and print a table."""
-    guess, ours = problem.guess(), Fddp(problem.ours(), progress=print)
+def compare(name: str, pair: Pair, rounds: int, crocoddyl: Any) -> list[Figure]:
+    """Time FDDP (box FDDP if controls are bounded) on one problem, and print a table."""
+    problem, guess = pair.ours, pair.guess
+    bounded = problem.actions[0].value_function.size1_out("constraint") > 0
+    ours = (BoxFddp if bounded else Fddp)(problem, progress=print)
     solution = ours.solve(guess)
     iterations = {"lgmpc": solution.iterations}
     theirs = None
     if crocoddyl is not None:
-        theirs = crocoddyl.SolverFDDP(problem.theirs())
+        theirs = (crocoddyl.SolverBoxFDDP if bounded else crocoddyl.SolverFDDP)(pair.theirs)
         theirs.problem.nthreads = 1  # it would use all cores otherwise, regardless of OMP_NUM_THREADS
     line = f"\n{name}, N = {problem.nodes}: {solution.status.name.lower()}, cost {solution.cost:.9g}"
     if theirs is not None:
@@ -179,10 +184,15 @@ def time_constrained(nodes: int, rounds: int) -> list[Figure]:
     return figures
 
 
+def _gait(name: str, *, theirs: bool) -> Pair:
+    return paired(anymal_gait(name), theirs=theirs)
+
+
 def main() -> None:
     """Run the comparison."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nodes", type=int, nargs="+", default=[20, 50, 100], help="horizons of the stance")
+    parser.add_argument("--problems", nargs="+", help="beginnings of names (stance, trot, ANYmal, Talos, constrained)")
     parser.add_argument("--rounds", type=int, default=30, help="rounds of each measurement")
     parser.add_argument("--json", type=Path, help="also write the figures there")
     options = parser.parse_args()
@@ -194,9 +204,23 @@ def main() -> None:
         crocoddyl, packages = importlib.import_module("crocoddyl"), packages | {"crocoddyl": version("crocoddyl")}
     print(f"{host.cpu}, {host.cores} cores, {host.system}, OMP_NUM_THREADS={host.threads}")
     print(", ".join(f"{name} {number}" for name, number in packages.items()))
-    figures = [f for nodes in options.nodes for f in compare("stance", Stance(nodes), options.rounds, crocoddyl)]
-    figures += compare("trot", Trot(), options.rounds, crocoddyl)
-    figures += time_constrained(20, options.rounds)
+    theirs = crocoddyl is not None
+    problems: dict[str, Callable[[], Pair]] = {
+        **{f"stance {nodes}": partial(paired, Stance(nodes), theirs=theirs) for nodes in options.nodes},
+        "trot": partial(paired, Trot(), theirs=theirs),
+        **{f"ANYmal {gait}": partial(_gait, gait, theirs=theirs) for gait in ANYMAL_GAITS},
+    }
+    if theirs:
+        problems |= {
+            "Talos": partial(talos, still=()),
+            "arm": arm,
+            "quadrotor": quadrotor,
+            "bounded quadrotor": partial(quadrotor, bounds=(1.0, 6.0)),
+        }
+    chosen = [name for name in problems if any(name.startswith(each) for each in options.problems or ("",))]
+    figures = [f for name in chosen for f in compare(name, problems[name](), options.rounds, crocoddyl)]
+    if not options.problems or "constrained" in options.problems:
+        figures += time_constrained(20, options.rounds)
     if options.json is not None:
         content = {"host": asdict(host), "versions": packages, "figures": [asdict(figure) for figure in figures]}
         options.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

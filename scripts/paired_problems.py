@@ -36,6 +36,18 @@ def solo12() -> Robot:
     return load_robot(spec)
 
 
+def anymal() -> Robot:
+    """ANYmal C with its knees bent."""
+    spec = RobotSpec(
+        model="anymal_c",
+        contact_frames=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
+        effort_limit_nm=80.0,
+        velocity_limit_rad_s=7.5,
+        position_limit_rad=(-9.4, 9.4),
+    )
+    return load_robot(spec)
+
+
 def weighted(costs: Any, name: str, residual: Any, weights: np.ndarray) -> None:
     """Add a weighted square to a sum of Crocoddyl's."""
     import crocoddyl
@@ -61,6 +73,11 @@ class Stance:
     robot: Robot = field(default_factory=solo12, repr=False)
     com_weight: float = 100.0
     effort_weight: float = 0.1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Frames of the feet."""
+        return self.robot.contact_frames
 
     @cached_property
     def feet(self) -> np.ndarray:
@@ -112,7 +129,7 @@ class Stance:
 
     def ours(self) -> ShootingProblem:
         """The problem for lgmpc."""
-        dynamics = ContactForwardDynamics(self.robot.model, FEET)
+        dynamics = ContactForwardDynamics(self.robot.model, self.names)
         costs = [
             CostItem("com", CoMPosition(self.com), self.com_weight),
             CostItem("posture", StateError(dynamics.state, self.x_reference), self.state_weights),
@@ -132,7 +149,7 @@ class Stance:
         state = crocoddyl.StateMultibody(self.robot.model)
         nu = state.nv - 6
         contacts = crocoddyl.ContactModelMultiple(state, nu)
-        for name, frame, point in zip(FEET, self.robot.contact_ids, self.feet, strict=True):
+        for name, frame, point in zip(self.names, self.robot.contact_ids, self.feet, strict=True):
             contact = crocoddyl.ContactModel3D(state, frame, point, pin.LOCAL_WORLD_ALIGNED, nu, GAINS)
             contacts.addContact(name, contact)
         costs = crocoddyl.CostModelSum(state, nu)
@@ -148,14 +165,15 @@ class Stance:
 
 @dataclass(frozen=True)
 class Trot(Stance):
-    """Solo12 takes one trotting step with each diagonal pair of feet: contacts, footholds and swings change on the way.
+    """A robot takes a step with each foot, in groups: contacts, footholds and swings change on the way.
 
-    Friction is a soft cone, and low enough to matter. Here the contacts are flags, and all nodes have the same action;
-    there each phase has a model of its own.
+    Unless given otherwise Solo12 trots. Friction is a soft cone, and low enough to matter. Here the contacts are flags,
+    and all nodes have the same action; there each phase has a model of its own.
 
     Attributes:
+        swings: indices of the feet that swing together, group after group.
         stand: intervals on four feet, before, between and after the swings.
-        swing: intervals on two feet, twice.
+        swing: intervals of each swing.
         stride: how far each foot goes, m.
         height: how high it is lifted, m.
         friction: coefficient of the cones.
@@ -164,6 +182,7 @@ class Trot(Stance):
     """
 
     dt: float = 0.015
+    swings: tuple[tuple[int, ...], ...] = ((0, 3), (1, 2))
     stand: int = 4
     swing: int = 10
     stride: float = 0.05
@@ -171,11 +190,12 @@ class Trot(Stance):
     friction: float = 0.3
     cone_weight: float = 10.0
     swing_weight: float = 1e4
-    nodes: int = field(init=False, default=3 * 4 + 2 * 10)
+    nodes: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         """Count the intervals."""
-        object.__setattr__(self, "nodes", 3 * self.stand + 2 * self.swing)
+        groups = len(self.swings)
+        object.__setattr__(self, "nodes", (groups + 1) * self.stand + groups * self.swing)
 
     @property
     def x0(self) -> np.ndarray:
@@ -193,8 +213,9 @@ class Trot(Stance):
     def flags(self) -> np.ndarray:
         """(N+1, 4) which feet stand."""
         flags = np.ones((self.nodes + 1, 4))
-        flags[self.stand : self.stand + self.swing, [0, 3]] = 0.0
-        flags[2 * self.stand + self.swing : 2 * (self.stand + self.swing), [1, 2]] = 0.0
+        for i, feet in enumerate(self.swings):
+            start = self.stand + i * (self.stand + self.swing)
+            flags[start : start + self.swing, feet] = 0.0
         return flags
 
     @cached_property
@@ -211,21 +232,21 @@ class Trot(Stance):
 
     def ours(self) -> ShootingProblem:
         """The problem for lgmpc."""
-        dynamics = ContactForwardDynamics(self.robot.model, FEET)
+        dynamics = ContactForwardDynamics(self.robot.model, self.names)
         inside = QuadraticBarrier(0.0, np.inf)
         costs = [
             CostItem("com", CoMPosition(self.com), self.com_weight),
             CostItem("posture", StateError(dynamics.state, self.x_reference), self.state_weights),
             CostItem("effort", Control(dynamics.nu), self.effort_weight),
-            *(CostItem(f"cone_{f}", FrictionCone(f, 4, self.friction), self.cone_weight, inside) for f in FEET),
-            *(CostItem(f"swing_{f}", FrameTranslation(f)) for f in FEET),
+            *(CostItem(f"cone_{f}", FrictionCone(f, 4, self.friction), self.cone_weight, inside) for f in self.names),
+            *(CostItem(f"swing_{f}", FrameTranslation(f)) for f in self.names),
         ]
         problem = ShootingProblem(MultibodyAction("trot", dynamics, costs), self.nodes)
         problem.set("duration", self.dt)
         problem.set("contact_flags", self.flags)
         problem.set("contact_points", self.points.reshape(self.nodes + 1, 12))
         problem.set("contact_gains", GAINS)
-        for i, foot in enumerate(FEET):
+        for i, foot in enumerate(self.names):
             problem.set(f"swing_{foot}_reference", self.points[:, i])
             problem.set(f"swing_{foot}_weight", np.repeat(self.swing_weight * (1.0 - self.flags[:, i, None]), 3, 1))
         problem.set_initial_state(self.x0)
@@ -246,7 +267,7 @@ class Trot(Stance):
         nu, last = state.nv - 6, k == self.nodes
         contacts, costs = crocoddyl.ContactModelMultiple(state, nu), crocoddyl.CostModelSum(state, nu)
         cone = crocoddyl.FrictionCone(np.eye(3), self.friction, 4, True, 0.0, np.inf)
-        for i, (foot, frame) in enumerate(zip(FEET, self.robot.contact_ids, strict=True)):
+        for i, (foot, frame) in enumerate(zip(self.names, self.robot.contact_ids, strict=True)):
             point = self.points[k, i]
             if self.flags[k, i] == 0.0:
                 place = crocoddyl.ResidualModelFrameTranslation(state, frame, point, nu)
@@ -264,3 +285,31 @@ class Trot(Stance):
         weighted(costs, "effort", crocoddyl.ResidualModelControl(state, nu), np.full(nu, self.effort_weight))
         actuation = crocoddyl.ActuationModelFloatingBase(state)
         return crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+
+
+ANYMAL_GAITS: dict[str, tuple[tuple[int, ...], ...]] = {
+    "walk": ((3,), (1,), (2,), (0,)),
+    "trot": ((0, 3), (1, 2)),
+    "pace": ((0, 2), (1, 3)),
+    "bound": ((0, 1), (2, 3)),
+    "jump": ((0, 1, 2, 3),),
+}
+
+
+def anymal_gait(name: str) -> Trot:
+    """ANYmal C takes a step with each foot, in the order of a gait."""
+    flight = name == "jump"
+    return Trot(
+        robot=anymal(),
+        dt=0.02,
+        swings=ANYMAL_GAITS[name],
+        stand=12 if flight else 4,
+        swing=12,
+        stride=0.1,
+        height=0.05 if flight else 0.08,
+        friction=0.7,
+        com_weight=1e3,
+        effort_weight=1e-3,
+        cone_weight=0.1,
+        swing_weight=1e4,
+    )

@@ -1,10 +1,13 @@
-"""Largest push that Solo12 survives with its feet where they were: whole-body QP alone, and with the MPC above it.
+"""Largest push that Solo12 survives: with its feet where they were, with steps, or while it walks.
 
-Standing on the benchmark plant (MuJoCo), the base is pushed for 0.2 s, half a second into standing, by a constant
-horizontal force; for each direction the largest impulse is found by bisection. "Stay" means that the robot is up two
-seconds later and every contact point is within 2 cm of where it was.
+On the benchmark plant (MuJoCo) the base is pushed for 0.2 s by a constant horizontal force; for each direction the
+largest impulse is found by bisection. Half a second into standing, "stay" means that the robot is up two seconds later
+and every contact point is within 2 cm of where it was; this is compared between the whole-body QP alone and with the
+MPC above it. With steps or a command, "survived" and "recovered" mean what they mean in bench_locomotion.py.
 
     python scripts/push_recovery.py                      # friction 0.6, 12 directions: some minutes
+    python scripts/push_recovery.py --stepping           # standing; it may step
+    python scripts/push_recovery.py --command 0.5,0,0 --phases 4   # m/s ahead, m/s left, rad/s
     python scripts/push_recovery.py --friction 0.4 0.5 0.7 --directions 12 --set mpc.qp_solver=piqp
     python scripts/push_recovery.py --model full_body    # or kinodynamic, lqr: what predicts
 """
@@ -17,10 +20,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
 import json
+import logging
 import platform
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from bench_locomotion import FOOT_LIMIT_M, STEPPING, Bench, Motion, largest, pushes
 
 from lgmpc.config.build import prepare
 from lgmpc.config.loading import load_config
@@ -28,13 +34,12 @@ from lgmpc.runs import versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
-FOOT_LIMIT_M = 0.02
 DURATION_S = 2.5
 START_S = 0.5
 CONTROLLERS = {"whole-body QP": "mpc.enabled=false", "MPC + whole-body QP": "mpc.enabled=true"}
 
 
-def stays(config_file: Path, overrides: list[str], impulse: float, angle: float) -> bool:
+def stays(config_file: Path, overrides: list[str], angle: float, impulse: float) -> bool:
     """Return whether the robot is up, its feet where they were, after a push of ``impulse`` N.s towards ``angle``."""
     push = [float(impulse * np.cos(angle)), float(impulse * np.sin(angle)), 0.0]
     pushes = f"pushes=[{{body: base_link, time_s: {START_S}, duration_s: 0.2, impulse_ns: {push}}}]"
@@ -43,13 +48,28 @@ def stays(config_file: Path, overrides: list[str], impulse: float, angle: float)
     return metrics is not None and not metrics.fell and metrics.max_foot_displacement_m < FOOT_LIMIT_M
 
 
-def largest(config_file: Path, overrides: list[str], angle: float, resolution: float) -> float:
-    """Return the largest impulse (N.s) for which :func:`stays` holds, by bisection."""
-    low, high = 0.5, 8.0
-    while high - low > resolution:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stays(config_file, overrides, middle, angle) else (low, middle)
-    return low
+def motion(text: str) -> Motion:
+    """Return the command ``VX,VY,W``."""
+    try:
+        vx, vy, yaw_rate = (float(number) for number in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got '{text}', expected three numbers VX,VY,W: m/s, m/s, rad/s") from None
+    return Motion(vx, vy, yaw_rate)
+
+
+def compare_standing(
+    config_file: Path, same: list[str], angles: np.ndarray, resolution: float
+) -> dict[str, dict[str, object]]:
+    """Print and return by controller the largest pushes that the feet hold in place."""
+    found: dict[str, dict[str, object]] = {}
+    for name, switch in CONTROLLERS.items():
+        pushed = partial(stays, config_file, [*same, switch])
+        held = [largest(partial(pushed, angle), resolution) for angle in angles]
+        print(
+            f"{name:20s} stay: median {np.median(held):.2f}  min {min(held):.2f}  max {max(held):.2f} N.s", flush=True
+        )
+        found[name] = {"stay_ns": [round(each, 3) for each in held]}
+    return found
 
 
 def main() -> None:
@@ -57,26 +77,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="what predicts")
     parser.add_argument("--friction", type=float, nargs="+", default=[0.6], help="of floor and controller")
+    parser.add_argument("--command", type=motion, metavar="VX,VY,W", help="to trot at meanwhile, m/s, m/s, rad/s")
+    parser.add_argument("--stepping", action="store_true", help="it may step where it stands")
     parser.add_argument("--directions", type=int, default=12)
+    parser.add_argument("--phases", type=int, default=1, help="of the gait at which pushes begin, with --command")
     parser.add_argument("--resolution", type=float, default=0.05, help="N.s")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
+    logging.getLogger("lgmpc").setLevel(logging.ERROR)  # falls are figures here
     packages = versions()
     print(platform.machine(), {name: packages[name] for name in ("pin", "mujoco", "proxsuite", "osqp")})
     angles = 2.0 * np.pi * np.arange(arguments.directions) / arguments.directions
     config_file = CONFIGS / f"solo12_balance{MODELS[arguments.model]}.yaml"
+    moving = arguments.command is not None and arguments.command.moves
     results = []
     for friction in arguments.friction:
-        for name, switch in CONTROLLERS.items():
-            same = [f"{section}.friction={friction}" for section in ("plant", "mpc", "wbc")]
-            overrides = [*same, switch, *arguments.overrides]
-            found = [largest(config_file, overrides, angle, arguments.resolution) for angle in angles]
-            print(
-                f"friction {friction:.2f}  {name:20s} stay: median {np.median(found):.2f}"
-                f"  min {min(found):.2f}  max {max(found):.2f} N.s",
-                flush=True,
-            )
-            results.append({"friction": friction, "controller": name, "stay_ns": [round(x, 3) for x in found]})
+        print(f"\nfriction {friction:.2f}")
+        same = [f"{section}.friction={friction}" for section in ("plant", "mpc", "wbc")] + arguments.overrides
+        found: dict[str, object]
+        if moving or arguments.stepping:
+            bench = Bench(config_file, "trot", [*same, STEPPING] if arguments.stepping else same)
+            phases = arguments.phases if moving else 1
+            command = arguments.command or Motion()
+            found = pushes(bench, command, "base_link", arguments.directions, phases, arguments.resolution)
+        else:
+            found = {"controllers": compare_standing(config_file, same, angles, arguments.resolution)}
+        results.append({"friction": friction, **found})
     print(json.dumps(results))
 
 

@@ -1,11 +1,11 @@
-"""The rooms of lgmpc and who may import whom, read from the source of every module.
+"""The rooms of lgmpc and their allowed imports, checked in the source of every module.
 
 The arrows:
 
     lie -> state -> robot -> costs -> actions -> ocp -> solvers -> mpc
     robot -> wbc, locomotion      lie, robot -> estimation      lie -> mechanics      parts -> control
     control.interface -> estimation, simulation
-    everything -> config -> cli
+    everything -> config -> sweeps -> cli
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
-# Every room may import these: they are about no robot, no problem and no solver.
-FOUNDATION = "errors typing settings shipped compile proxqp chromium"
+# Every room may import these.
+FOUNDATION = "errors typing settings shipped compile notebook proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
@@ -53,21 +53,24 @@ ARROWS: dict[str, str] = {
     # A document composes the settings of the rooms.
     "config.schema": f"{_PARTS} simulation control runs problems",
     "config.notes": "simulation",
-    "config.robots": "robot",
+    "config.robots": "robot locomotion simulation",
     "config.build": f"{_PARTS} simulation control runs",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.execution": "runs",
-    "config.showing": "robot runs viz",
+    "config.showing": "robot problems solvers runs viz",
+    "config.solutions": "actions ocp problems robot runs solvers",
     "config.session": "runs",
+    "sweeps": "config runs viz",
     "doctor": f"{_PARTS} simulation",
-    "cli": "config problems robot runs viz doctor demos",
+    "cli": "config problems robot runs viz doctor demos sweeps",
     "__main__": "cli",
-    # The foundation itself, and the package's own front page.
+    # The foundation itself, and the package's own module.
     "errors": "",
     "typing": "errors",
-    "settings": "errors typing",
+    "settings": "errors typing notebook",
     "compile": "errors typing",
+    "notebook": "",
     "proxqp": "",
     "chromium": "",
     "shipped": "errors",
@@ -86,10 +89,13 @@ OWNERS: dict[str, str] = {
     "piqp": "solvers doctor",
     "yaml": "config",
     "typer": "cli",
+    "IPython": "viz",
     "rich": "cli",
+    "optuna": "sweeps.study",
+    "pyarrow": "sweeps.parquet",
 }
 
-# What must not be loaded by importing the package or a room that computes: it is slow, or wants a display.
+# Packages that must not be loaded by importing the package or a room that computes: slow, or with a display.
 HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
 COMPUTING = (
     "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control"
@@ -177,7 +183,7 @@ def test_the_table_has_no_cycle() -> None:
 
 
 def test_no_packages_within_a_room_import_each_other_in_a_circle() -> None:
-    """Where the table is silent: of a room's own packages, too, one is about less than the other."""
+    """The packages within a room have no cycle either."""
     packages = {module for module, path in modules(PACKAGE) if path.name == "__init__.py" and module.count(".") == 1}
     assert {"mechanics.integrators", "mechanics.reduction"} <= packages
     graph: dict[str, set[str]] = {name: set() for name in packages}
@@ -217,7 +223,7 @@ def test_no_packages_within_a_room_import_each_other_in_a_circle() -> None:
         ("attic/old.py", "import numpy"),
     ],
 )
-def test_a_planted_offence_is_found(module: str, line: str, tmp_path: Path) -> None:
+def test_a_forbidden_import_is_found(module: str, line: str, tmp_path: Path) -> None:
     path = tmp_path / "lgmpc" / module
     path.parent.mkdir(parents=True)
     path.write_text(f"import numpy\n{line}\n")
@@ -237,7 +243,7 @@ def test_a_planted_offence_is_found(module: str, line: str, tmp_path: Path) -> N
         ("cli/app.py", "from lgmpc import __version__"),
     ],
 )
-def test_a_rightful_import_is_no_offence(module: str, line: str, tmp_path: Path) -> None:
+def test_an_allowed_import_is_not_reported(module: str, line: str, tmp_path: Path) -> None:
     path = tmp_path / "lgmpc" / module
     path.parent.mkdir(parents=True)
     path.write_text(f"{line}\n")

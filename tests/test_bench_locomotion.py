@@ -1,4 +1,4 @@
-"""The bench of locomotion: what it computes beside the library's figures."""
+"""The benchmark of locomotion: its own computations and the library's figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_a_tick_that_plans_takes_the_time_of_its_plan_too() -> None:
     np.testing.assert_allclose(tick_ms(log), [0.6, 0.1, 0.1, 0.8, 0.1, 0.1])
 
 
-def test_a_push_is_run_once_for_both_questions() -> None:
+def test_a_push_is_simulated_once_for_both_criteria() -> None:
     calls = []
 
     def push(motion: Motion, body: str, time: float, impulse: float, angle: float) -> SimpleNamespace:
@@ -34,6 +34,21 @@ def test_a_push_is_run_once_for_both_questions() -> None:
     assert largest(runs.survived, 0.25) == 3.0
     assert largest(runs.recovered, 0.25) == 2.0
     assert len(calls) == len(set(calls))
+
+
+def test_a_robot_that_stood_has_recovered_once_its_feet_are_back() -> None:
+    def push(motion: Motion, body: str, time: float, impulse: float, angle: float) -> SimpleNamespace:
+        error = None if impulse > 3.0 else 0.01 * impulse
+        return SimpleNamespace(fell=False, walking=SimpleNamespace(recovery_time_s=0.1, final_foot_error_m=error))
+
+    def unmoved(motion: Motion, body: str, time: float, impulse: float, angle: float) -> SimpleNamespace:
+        return SimpleNamespace(fell=False, walking=None, max_foot_displacement_m=0.01 * impulse)
+
+    held = Pushes(SimpleNamespace(push=unmoved), Motion(), "base_link", 1.0, 0.0)
+    assert held.recovered(1.9) and not held.recovered(2.1)
+    runs = Pushes(SimpleNamespace(push=push), Motion(), "base_link", 1.0, 0.0)
+    assert runs.recovered(1.9) and not runs.recovered(2.1) and not runs.recovered(3.1)
+    assert Pushes(SimpleNamespace(push=push), Motion(0.5), "base_link", 1.0, 0.0).recovered(3.1)
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from lgmpc.compile import (
+    BatchKernel,
     CompiledFunction,
     cache_folder,
     compile_function,
@@ -39,7 +40,7 @@ needs_compiler = pytest.mark.skipif(
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of this test's own, and no settings from outside."""
+    """An empty cache for one test, and no settings from the environment."""
     for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):
         monkeypatch.delenv(name, raising=False)
     folder = tmp_path / "cache"
@@ -207,7 +208,7 @@ def test_call_names_what_does_not_fit(arguments: tuple, words: str, monkeypatch:
         compile_function(shift_function())(*arguments)
 
 
-def test_unknown_names_are_answered_with_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_of_unknown_names_list_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
     v = casadi.SX.sym("v")
     compiled = compile_function(casadi.Function("f", [v], [v], ["velocity"], ["momentum"]))
@@ -227,6 +228,26 @@ def test_clone_has_its_own_buffers_and_outlives_the_original(way: str) -> None:
     gc.collect()
     twin.run()
     np.testing.assert_array_equal(twin.output("y"), [2.0, 3.0])
+
+
+def test_a_bound_call_works_on_memory_of_the_callers(way: str) -> None:
+    """What is not given stays the function's own; the memory outlives its name."""
+    function = compile_map(shift_function(), 3)
+    x = np.arange(6.0).reshape(3, 2)
+    call = function.bind(x=x)
+    x[2] = 10.0
+    del x
+    gc.collect()
+    function.input("x")[...] = -1.0
+    assert call() == 0
+    np.testing.assert_array_equal(function.output("y"), [[1.0, 2.0], [3.0, 4.0], [11.0, 11.0]])
+    y = np.zeros(6)
+    function.bind(y=y)()
+    np.testing.assert_array_equal(y, 0.0)
+    with pytest.raises(InputError, match="x: got float64 of shape"):
+        function.bind(x=np.zeros((2, 6))[:, ::2])
+    with pytest.raises(InputError, match="got 'xx'"):
+        function.bind(xx=np.zeros(6))
 
 
 @needs_compiler
@@ -254,7 +275,7 @@ def test_several_functions_come_back_in_order(way: str) -> None:
     assert [f(0.0)[0][0] for f in compiled] == [0.0, 1.0, 2.0, 3.0]
 
 
-def test_densify_leaves_dense_functions_alone() -> None:
+def test_densify_returns_dense_functions_unchanged() -> None:
     dense, sparse = shift_function(), scalar_function()
     assert densify_function(dense) is dense
     filled = densify_function(sparse)
@@ -319,6 +340,32 @@ def test_second_time_comes_from_the_cache(cache: Path) -> None:
 
 
 @needs_compiler
+def test_the_progress_of_a_long_compilation_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lgmpc.compile.lanes._STATEMENTS", 4)
+    monkeypatch.setattr("lgmpc.compile.lanes._PARTS", 1)
+    x = casadi.SX.sym("x", 6)
+    messages: list[str] = []
+    kernel = BatchKernel(casadi.Function("growing", [x], [casadi.sin(x) + x], ["x"], ["y"]), messages.append)
+    assert "once, later runs load it" in messages[0]
+    assert messages[1:-1] == [f"compiling 'growing': {k} of 4 files" for k in (1, 2, 3, 4)]
+    given, result = np.arange(30.0).reshape(5, 6), np.zeros((5, 6))
+    kernel.bind(5, x=given, y=result)()
+    np.testing.assert_allclose(result, np.sin(given) + given, rtol=1e-15)
+
+
+@needs_compiler
+def test_one_file_that_fails_fails_the_compilation(tmp_path: Path) -> None:
+    files = [tmp_path / "good.c", tmp_path / "bad.c", tmp_path / "other.c"]
+    for path, text in zip(files, ("int one;", "no C at all", "int two;"), strict=True):
+        path.write_text(text)
+    compiler = find_compiler()
+    assert compiler is not None
+    with pytest.raises(CompileError, match="compiling 'several' failed") as failure:
+        compiler.build(files, tmp_path / "several.so", "several")
+    assert "bad.c" in failure.value.command and not (tmp_path / "several.so").exists()
+
+
+@needs_compiler
 @pytest.mark.parametrize("name", ["clock", "index", "div", "remove", "select"])
 def test_names_of_the_c_library_are_names_like_any_other(name: str, cache: Path) -> None:
     x = casadi.SX.sym("x", 2)
@@ -377,7 +424,7 @@ def test_whole_entry_that_does_not_load_is_built_again(cache: Path, caplog: pyte
 
 
 @needs_compiler
-def test_leavings_of_a_killed_compilation_are_removed_after_a_day(cache: Path) -> None:
+def test_files_of_a_killed_compilation_are_removed_after_a_day(cache: Path) -> None:
     cache.mkdir(mode=0o700)
     old, young = cache / ".build-old", cache / ".build-young"
     for folder in (old, young):

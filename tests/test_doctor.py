@@ -1,4 +1,4 @@
-"""The doctor finds nothing wrong here, and what is broken on purpose is found and answered with a remedy."""
+"""The doctor's checks pass here; faults made on purpose are found, with a remedy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from lgmpc.doctor import Check, diagnose, iterate_checks
+from lgmpc.doctor import Check, iterate_checks
 
 
 @pytest.fixture(autouse=True)
@@ -26,8 +26,8 @@ def check_of(name: str) -> Check:
     return next(check for check in iterate_checks() if check.name == name)
 
 
-def test_everything_the_tests_need_is_sound(tmp_path: Path) -> None:
-    checks = diagnose()
+def test_all_checks_pass_here(tmp_path: Path) -> None:
+    checks = list(iterate_checks())
     assert [check for check in checks if not check.ok and check.name not in ("compiler", "compiled code")] == []
     names = [check.name for check in checks]
     assert len(set(names)) == len(names)
@@ -70,7 +70,7 @@ def test_damaged_library_is_counted(tmp_path: Path) -> None:
     assert check.ok and "1 library" in check.detail and "1 damaged" in check.detail
 
 
-def test_interpreting_on_purpose_is_fine_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requested_interpretation_is_reported_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
     assert check_of("compiler").ok and "LGMPC_JIT=0" in check_of("compiler").detail
     assert check_of("compiled code").detail == "not tried: no compiler is used"
@@ -87,12 +87,12 @@ def test_threads_are_advice_only(setting: str | None, advice: bool, monkeypatch:
     assert check.ok and bool(check.remedy) == advice
 
 
-def test_packages_that_do_not_import_cost_their_own_checks_only(tmp_path: Path) -> None:
+def test_packages_that_do_not_import_fail_their_own_checks_only(tmp_path: Path) -> None:
     script = """
 import sys
 sys.modules["osqp"] = sys.modules["mujoco"] = sys.modules["casadi"] = None
-from lgmpc.doctor import diagnose
-print(*(check.name for check in diagnose() if not check.ok), sep=",")
+from lgmpc.doctor import iterate_checks
+print(*(check.name for check in iterate_checks() if not check.ok), sep=",")
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=dict(os.environ))
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The examples of ``scripts/`` run and reach what they claim."""
+"""The examples of ``scripts/`` run and reach their targets."""
 
 from __future__ import annotations
 
@@ -20,5 +20,5 @@ def test_optimise_com_circle() -> None:
     solution, error = example.solve()
     assert solution.status.name == "CONVERGED", solution.explain()
     assert np.abs(solution.defects()).max() < 1e-9
-    assert error.max() < 0.002  # measured 1.1 mm: the effort costs something too
+    assert error.max() < 0.002  # measured 1.1 mm, with the cost of effort
     assert np.abs(solution.us).max() < 1.8  # unconstrained here, yet within the motors' reach

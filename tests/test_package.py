@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import lgmpc
-from lgmpc.shipped import shipped_configs
+from lgmpc.shipped import shipped_configs, shipped_sweeps
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD_WHEEL = "import sys; from hatchling import build; print(build.build_wheel(sys.argv[1]))"
@@ -68,6 +68,7 @@ def test_the_wheel_carries_package_configs_assets_and_metadata(wheel: Path) -> N
         metadata = BytesParser().parsebytes(archive.read(f"{info}/METADATA"))
     assert {name.split("/")[0] for name in names} == {"lgmpc", info}
     assert {f"lgmpc/configs/{name}.yaml" for name in shipped_configs()} <= names
+    assert {f"lgmpc/configs/sweeps/{name}.yaml" for name in shipped_sweeps()} <= names
     assert {
         "lgmpc/configs/schema.json",
         "lgmpc/py.typed",
@@ -75,8 +76,9 @@ def test_the_wheel_carries_package_configs_assets_and_metadata(wheel: Path) -> N
         f"{info}/licenses/LICENSE",
     } <= names
     assert not [name for name in names if name.endswith((".pyc", ".so", ".part"))]
-    modules = {str(path.relative_to(ROOT)) for path in (ROOT / "lgmpc").rglob("*.py")}
-    assert {name for name in names if name.endswith(".py")} == modules
+    for suffix in (".py", ".c"):
+        sources = {str(path.relative_to(ROOT)) for path in (ROOT / "lgmpc").rglob(f"*{suffix}")}
+        assert {name for name in names if name.endswith(suffix)} == sources
     assert metadata["Version"] == lgmpc.__version__
     assert metadata["Author"] == "lgmpc developers"
 
@@ -98,7 +100,8 @@ def test_the_wheel_runs_the_main_job_by_name_outside_the_clone(wheel: Path, tmp_
     where = environment.run(environment.python, "-c", "import lgmpc; print(lgmpc.__file__)", cwd=tmp_path)
     assert Path(where.stdout.strip()).is_relative_to(tmp_path), where.stderr
     listed = environment.run(environment.command, "configs", cwd=tmp_path)
-    assert listed.stdout.count("\n") == len(shipped_configs()) + 1, listed.stderr
+    names = {line.split()[0] for line in listed.stdout.splitlines() if line}
+    assert names == {*shipped_configs(), *shipped_sweeps(), "next:"}, listed.stderr
     ran = environment.run(environment.command, "run", "solo12_balance", "--json", cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
     result = json.loads(ran.stdout)

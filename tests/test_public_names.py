@@ -1,4 +1,4 @@
-"""What ``import lgmpc`` gives, and what it loads."""
+"""The names of ``import lgmpc``, and the modules that it loads."""
 
 import ast
 import importlib

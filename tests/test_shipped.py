@@ -1,4 +1,4 @@
-"""The configs that come with lgmpc: found by name, described in a line, copied to be edited."""
+"""Shipped configs: found by name, described in a line, copied for editing."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def test_an_installed_package_has_its_own_folder(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_says_in_a_line_what_happens_and_which_command_takes_it(name: str) -> None:
+def test_each_has_a_summary_of_one_line_and_its_command(name: str) -> None:
     config = shipped.shipped_config(name)
     assert 40 < len(config.summary) < 125
     assert config.summary.endswith(".") and "\n" not in config.summary

@@ -1,14 +1,22 @@
 from __future__ import annotations
 
+import ctypes
 import gc
+import shutil
 import weakref
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.compile import StageKernel
+from lgmpc.compile import BatchKernel, StageKernel, find_compiler
+from lgmpc.compile.lanes import generate_lanes, has_lanes
 from lgmpc.errors import InputError
+
+needs_compiler = pytest.mark.skipif(
+    all(shutil.which(name) is None for name in ("cc", "gcc", "clang")), reason="no C compiler is installed"
+)
 
 
 @pytest.fixture
@@ -66,3 +74,116 @@ def test_memory_that_does_not_fit_is_refused(kernel: StageKernel, name: str, arr
     memory[name] = array
     with pytest.raises(InputError, match=message):
         kernel.bind(5, **{key: value for key, value in memory.items() if value is not None})
+
+
+# Lanes
+
+
+def operations() -> ca.Function:
+    """Every scalar operation that CasADi writes in C; results that are an input, a constant, a value read again."""
+    x, y, p = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("p")
+    one = (
+        ca.exp, ca.log, ca.sqrt, ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh,
+        ca.acosh, ca.atanh, ca.expm1, ca.log1p, ca.erf, ca.floor, ca.ceil, ca.fabs, ca.sign, ca.logic_not,
+    )  # fmt: skip
+    two = (ca.fmod, ca.remainder, ca.copysign, ca.atan2, ca.hypot, ca.logic_and, ca.logic_or)
+    unary = ca.vertcat(*(f(x) for f in one), -x, 1 / x, x * x, 2 * x, x**3.5, 0.1 * x, x + np.inf)
+    binary = ca.vertcat(*(f(x, y) for f in two), x**y, x + y, x - y, x * y, x / y, x < y, x <= y, x == y, x != y)
+    # No standard fixes the sign of the smaller of 0 and -0.
+    limited = ca.vertcat(ca.fmin(x, y * y + 1), ca.fmax(x, -y * y - 1))
+    mixed = ca.vertcat(limited, ca.if_else(x < y, p, y), x, 3.0, 0.0, unary[3] * binary[-8] + p)
+    return ca.Function("operations", [x, y, p], [unary, binary, mixed], ["x", "y", "p"], ["unary", "binary", "mixed"])
+
+
+def long_function() -> ca.Function:
+    """More statements than one C function or one file gets, whose values are read far from where they are made."""
+    x = ca.SX.sym("x", 6)
+    first, values = ca.vertsplit(ca.sin(x)), ca.vertsplit(x)
+    for k in range(2500):
+        i, j = k % 6, (5 * k + 2) % 6
+        values[i] = 0.7 * values[j] - values[i] * first[k % 5] + 0.1 * (x[k % 3] if k % 7 else values[(k + 3) % 6])
+    m = ca.vertcat(*values) @ ca.vertcat(*first).T
+    return ca.Function("long_function", [x], [m, ca.vertcat(*values), m @ x], ["x"], ["m", "values", "product"])
+
+
+def everything(kernel: StageKernel, function: ca.Function, stages: int, rng: np.random.Generator) -> list[np.ndarray]:
+    """Results of all stages, in memory with one row more, for numbers that cover what floating point has."""
+    given = [rng.normal(size=(stages, function.numel_in(i))) * 2 for i in range(function.n_in())]
+    special = np.array([0.0, -0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e-310, 2.5])
+    for array in given:
+        chosen = rng.random(array.shape) < 0.4
+        array[chosen] = rng.choice(special, size=int(chosen.sum()))
+    results = [np.full((stages + 1, function.numel_out(i)), 7.0) for i in range(function.n_out())]
+    memory = dict(zip((*function.name_in(), *function.name_out()), (*given, *results), strict=True))
+    assert kernel.bind(stages, **memory)() == 0
+    return results
+
+
+@pytest.mark.parametrize(
+    ("make", "flags"),
+    [(long_function, ""), *((operations, flags) for flags in ("", *(f"-DLANES={n}" for n in (1, 2, 8))))],
+)
+def test_lanes_give_the_same_bits_as_one_stage_after_the_other(make, flags: str, monkeypatch) -> None:
+    monkeypatch.setenv("LGMPC_CFLAGS", flags)
+    function = make()
+    single, batch = StageKernel(function), BatchKernel(function)
+    for stages in (1, 3, 8, 13):
+        expected, got = (everything(k, function, stages, np.random.default_rng(stages)) for k in (single, batch))
+        for name, one, other in zip(function.name_out(), expected, got, strict=True):
+            # Bits, but of NaN, whose sign no standard fixes.
+            same = (one.view(np.int64) == other.view(np.int64)) | (np.isnan(one) & np.isnan(other))
+            assert same.all(), f"{name}: {np.argwhere(~same)[:5]}"
+            assert (other[-1] == 7.0).all(), "the row behind the last stage"
+
+
+def test_long_functions_are_cut_into_files() -> None:
+    files = generate_lanes(long_function())
+    assert len(files) >= 2
+    assert max(file.count("\n") for file in files) < 14_000
+
+
+@needs_compiler
+def test_the_processors_lanes_are_used(tmp_path: Path) -> None:
+    compiler = find_compiler()
+    files = generate_lanes(operations())
+    assert compiler is not None
+    source = tmp_path / "lanes.c"
+    source.write_text(files[0] + "\nEXPORT int lanes(void) { return LANES; }\n")
+    compiler.build([source, *_written(tmp_path, files[1:])], tmp_path / "lanes.so", "lanes")
+    flags = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    expected = 8 if "avx512f" in flags else 4 if " avx " in flags else 2
+    assert ctypes.CDLL(str(tmp_path / "lanes.so")).lanes() == expected
+
+
+def _written(folder: Path, files: tuple[str, ...]) -> list[Path]:
+    paths = [folder / f"part{i}.c" for i in range(len(files))]
+    for path, text in zip(paths, files, strict=True):
+        path.write_text(text)
+    return paths
+
+
+def test_functions_that_are_no_list_of_scalar_operations_run_stage_by_stage() -> None:
+    m, b = ca.MX.sym("m", 3, 3), ca.MX.sym("b", 3)
+    function = ca.Function("solves", [m, b], [ca.solve(m + 9 * ca.MX.eye(3), b, "qr")], ["m", "b"], ["z"])
+    assert not has_lanes(function)
+    rng = np.random.default_rng(0)
+    ms, bs, zs = rng.normal(size=(5, 9)), rng.normal(size=(5, 3)), np.zeros((5, 3))
+    assert BatchKernel(function).bind(5, m=ms, b=bs, z=zs)() == 0
+    for matrix, right, z in zip(ms, bs, zs, strict=True):
+        np.testing.assert_allclose((matrix.reshape(3, 3).T + 9 * np.eye(3)) @ z, right, rtol=1e-12)
+
+
+def test_a_batch_needs_results_of_its_own(kernel: StageKernel) -> None:
+    batch, xs = BatchKernel(long_function()), np.zeros((6, 6))
+    with pytest.raises(InputError, match="values: got memory of 'x'; expected memory of its own"):
+        batch.bind(5, x=xs[:-1], m=np.zeros((5, 36)), values=xs[1:], product=np.zeros((5, 6)))
+
+
+def test_lanes_are_interpreted_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = BatchKernel(long_function())
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    interpreted = BatchKernel(long_function())
+    assert compiled.compiled != interpreted.compiled or find_compiler() is None
+    results = [everything(k, long_function(), 5, np.random.default_rng(1)) for k in (compiled, interpreted)]
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, other)

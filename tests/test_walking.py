@@ -21,12 +21,27 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.errors import ConfigError
 from lgmpc.mpc import MpcStatus
 from lgmpc.runs import Metrics, RunLog, WalkingMetrics
-from lgmpc.runs.log import CONTACT_STATES
+from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.wbc import TickStatus
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
-WALKING = ["solo12_velocity", "solo12_walk_command", "solo12_trot_push", "anymal_velocity", "go2_velocity"]
+WALKING = [
+    "solo12_velocity",
+    "solo12_velocity_inekf",
+    "solo12_velocity_as_built",
+    "solo12_walk_command",
+    "solo12_trot_push",
+    "solo12_step_recovery",
+    "solo12_fast",
+    "solo12_gaits",
+    "solo12_random_commands",
+    "solo12_payload",
+    "solo12_slippery",
+    "anymal_velocity",
+    "go2_velocity",
+    "hyq_velocity",
+]
 
 TROT = (
     "commands=[{at_s: 0.2, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}, {at_s: 2.0, velocity_m_s: [0.0, 0.0, 0.0]}]",
@@ -52,17 +67,17 @@ def walked(session: ClosedLoopSession) -> tuple[RunLog, Metrics, WalkingMetrics]
 def test_a_short_trot_follows_its_command_and_ends_standing(plant: str) -> None:
     log, metrics, walking = walked(session_of(*TROT, f"plant.kind={plant}"))
     assert not metrics.fell and metrics.solver_failures == 0
-    assert walking.velocity_rmse_m_s is not None and walking.velocity_rmse_m_s < 0.01
-    assert walking.raw_velocity_rmse_m_s is not None and walking.raw_velocity_rmse_m_s < 0.06
+    assert walking.velocity_rmse_m_s is not None and walking.velocity_rmse_m_s < 0.005
+    assert walking.raw_velocity_rmse_m_s is not None and walking.raw_velocity_rmse_m_s < 0.03
     assert walking.yaw_rate_rmse_rad_s is not None and walking.yaw_rate_rmse_rad_s < 0.002
     assert walking.height_std_m is not None and walking.height_std_m < 0.002
     assert walking.cost_of_transport is not None and 0.4 < walking.cost_of_transport < 0.9
-    assert walking.walking_tilt_deg < 0.6
+    assert walking.walking_tilt_deg < 4.0
     assert walking.max_scuff_m < 0.002
     assert 36 <= walking.steps <= 60
     assert walking.ends_standing
     assert walking.stop_strides is not None and walking.stop_strides < 1.8
-    assert walking.final_foot_error_m is not None and walking.final_foot_error_m < 0.005
+    assert walking.final_foot_error_m is not None and walking.final_foot_error_m < 0.003
     # The log says what the feet did: diagonal pairs in turn, while the base went 0.9 m.
     assert log.stance is not None and log.command is not None
     swinging = log.stance[(log.time > 0.5) & (log.time < 2.0)] == 0
@@ -78,6 +93,18 @@ def test_a_short_trot_follows_its_command_and_ends_standing(plant: str) -> None:
 def test_shipped_configs_that_walk_pass_their_gates(name: str, plant: str) -> None:
     result = session_of(f"plant.kind={plant}", name=name).run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
+
+
+@pytest.mark.slow
+def test_an_estimated_state_costs_no_accuracy_of_the_velocity() -> None:
+    """At most a tenth on top of the exact state's deviation; the estimate drifts by less than 1 % of the way."""
+    _, _, estimated = walked(session_of(name="solo12_velocity_inekf"))
+    _, _, exact = walked(session_of("estimator={kind: ground_truth}", name="solo12_velocity_inekf"))
+    assert estimated.velocity_rmse_m_s is not None and exact.velocity_rmse_m_s is not None
+    assert (
+        estimated.velocity_rmse_m_s < 1.1 * exact.velocity_rmse_m_s
+    )  # measured 2.9 and 3.1 mm/s; in Pinocchio 3.2 and 2.7
+    assert estimated.odometry_drift_percent is not None and estimated.odometry_drift_percent < 1.0  # 0.2
 
 
 @pytest.mark.slow
@@ -160,7 +187,9 @@ def test_a_failing_mpc_keeps_the_previous_plan_with_the_new_contacts() -> None:
     for k, standing in zip(failed, stance, strict=True):
         assert faulty.statuses[k][2] is TickStatus.SOLVED
         np.testing.assert_allclose(faulty.forces[k][~standing], 0.0, atol=1e-6)
-        assert faulty.forces[k][standing, 2].sum() > 5.0
+        # The bound on a foot's force opens within 25 ms of its touchdown.
+        carries = log.stance[k - 10 : k + 1].all(axis=0)
+        assert not carries.any() or faulty.forces[k][carries, 2].sum() > 5.0
         assert np.isfinite(faulty.commands[k].tau).all()
     assert metrics.solver_failures == 5
     assert not metrics.fell and walking.ends_standing
@@ -193,10 +222,26 @@ def test_a_failing_whole_body_qp_holds_the_last_torques_with_damping() -> None:
     assert not metrics.fell and walking.ends_standing
 
 
+def test_a_whole_body_qp_that_fails_for_good_ends_in_damping(caplog: pytest.LogCaptureFixture) -> None:
+    session = session_of(*TROT, "duration_s=1.4")
+    faulty = Faulty(session, lose_a_weight, 1.0, 9.0)
+    with caplog.at_level(logging.WARNING):
+        result = session.run(lambda progress: None)
+    assert result.metrics is not None and not result.verdict.passed
+    log = session.recorder.log()
+    assert log.mode is not None
+    damped = log.time[log.mode == MODES.index("damp")]
+    assert damped[0] == pytest.approx(1.1, abs=5e-3)
+    last = faulty.commands[-1]
+    np.testing.assert_array_equal(last.tau, 0.0)
+    assert last.kd > 0.0
+    assert any("no solution" in record.getMessage() for record in caplog.records)
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("commands=[{at_s: 1.0, gait: trott}]", ("commands.0.gait: got trott", "Did you mean trot?")),
+        ("commands=[{at_s: 1.0, gait: trott}]", ("commands.0.gait: got trott", "Did you mean trot")),
         (
             "commands=[{at_s: 2.0, gait: trot}, {at_s: 1.0}]",
             ("commands.1.at_s: got 1", "not before that of the entry ahead of it (2 s)"),

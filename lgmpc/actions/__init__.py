@@ -1,4 +1,4 @@
-"""Actions: the intervals of an optimal control problem, written once as CasADi expressions."""
+"""Actions: models of one interval of an optimal control problem, as CasADi expressions."""
 
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
@@ -7,7 +7,7 @@ from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
 from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
+from lgmpc.actions.integrators import Integrator, RungeKutta2, RungeKutta3, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
@@ -41,6 +41,8 @@ __all__ = [
     "ParameterLayout",
     "RigidBody",
     "RigidBodyAction",
+    "RungeKutta2",
+    "RungeKutta3",
     "RungeKutta4",
     "SemiImplicitEuler",
     "Stage",

@@ -1,7 +1,7 @@
-"""What an action is: one interval of an optimal control problem, written once as CasADi expressions.
+"""The base class of actions: one interval of an optimal control problem, written as CasADi expressions.
 
-Solvers never see these expressions. They see the two stage functions that follow from them (values; linear-quadratic
-expansion in tangent coordinates), which :mod:`lgmpc.ocp` maps over a horizon and compiles.
+Solvers use the two stage functions that follow from the expressions (values; linear-quadratic expansion in tangent
+coordinates), which :mod:`lgmpc.ocp` maps over a horizon and compiles.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions.implicit import Unknowns
+from lgmpc.actions.linearisation import Expansion, at_zero
 from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.state.base import State
 from lgmpc.typing import Array
@@ -39,14 +40,14 @@ class Stage:
 
 @dataclass(frozen=True)
 class StageValue:
-    """What an action amounts to at one point.
+    """The values of an action at one point.
 
     Attributes:
         x_next: (nx,) state at the end of the interval.
         cost: running cost.
         constraint: (ng,) value of the path constraint.
-        lower: (ng,) its bounds.
-        upper: (ng,).
+        lower: (ng,) its lower bounds.
+        upper: (ng,) its upper bounds.
     """
 
     x_next: Array
@@ -57,7 +58,7 @@ class StageValue:
 
     @property
     def violation(self) -> float:
-        """Largest amount by which the constraint leaves its bounds; 0 if it does not."""
+        """Largest violation of the constraint's bounds; 0 if they hold."""
         if self.constraint.size == 0:
             return 0.0
         outside = np.maximum(self.lower - self.constraint, self.constraint - self.upper)
@@ -68,7 +69,7 @@ class Action(ABC):
     """One interval: dynamics, cost and path constraint as expressions of state x, control u and parameters p.
 
     A subclass sets the attributes and writes the four methods with CasADi operations that SX symbols support.
-    Whatever may change between two solves is a parameter, never a number inside an expression.
+    All that may change between two solves is a parameter, never a number inside an expression.
 
     Attributes:
         name: a C identifier; part of the names of the compiled functions.
@@ -132,7 +133,7 @@ class Action(ABC):
 
             dx+  = A dx + B du + b,                     b = f(x, u) (-) x_next
             cost + [q; r]^T [dx; du] + 1/2 [dx; du]^T [Q S^T; S R] [dx; du]
-            lower <= C dx + D du <= upper               (the constraint's value already subtracted from the bounds)
+            lower <= C dx + D du <= upper               (bounds minus the constraint's value)
 
         With ``x_next = f(x, u)`` A and B are the derivatives of the dynamics in tangent coordinates at both ends.
         """
@@ -161,9 +162,14 @@ class Action(ABC):
             "cost": cost.value,
         }
         inputs = [x, u, x_next, p]
-        outputs = _at_zero(unknowns.resolve([*inputs, dx], list(expressions.values())), dx)
+        outputs = at_zero(unknowns.resolve([*inputs, dx], list(expressions.values())), dx)
         names = ["x", "u", "x_next", "p"]
         return ca.Function(f"{self.name}_quadratic", inputs, outputs, names, list(expressions))
+
+    @property
+    def expansion(self) -> Expansion | None:
+        """The same expansion in steps, for actions that have one."""
+        return None
 
     @cached_property
     def terminal_quadratic_function(self) -> ca.Function:
@@ -173,11 +179,11 @@ class Action(ABC):
         cost = self.terminal_cost(self.state.integrate_symbolic(x, dx), p)
         weight = cost.weight
         hessian, gradient = Unknowns().square(cost.residual, weight * cost.curvature, weight * cost.gradient, dx)
-        outputs = _at_zero([hessian[0][0], gradient[0], cost.value], dx)
+        outputs = at_zero([hessian[0][0], gradient[0], cost.value], dx)
         return ca.Function(f"{self.name}_terminal_quadratic", [x, p], outputs, ["x", "p"], ["Q", "q", "cost"])
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
-        """Evaluate the action at one point (interpreted: for looking and testing, not for loops).
+        """Evaluate the action at one point (interpreted: for inspection and tests, not for loops).
 
         Args:
             x: (nx,) state.
@@ -186,9 +192,3 @@ class Action(ABC):
         """
         x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
         return StageValue(x_next, float(cost[0]), value, lower, upper)
-
-
-def _at_zero(expressions: list[Any], dx: Any) -> list[Any]:
-    # Substituting dx = 0 leaves structural zeros where a derivative vanishes identically at 0.
-    zero = ca.SX.zeros(*dx.shape)
-    return [ca.sparsify(ca.simplify(e)) if e.numel() else e for e in ca.substitute(expressions, [dx], [zero])]

@@ -1,4 +1,4 @@
-r"""Centroidal dynamics under contact forces held constant over each interval, integrated without error.
+r"""Centroidal dynamics under contact forces that are constant over each interval, integrated exactly.
 
 State ``x = [c; l; k]``: centre of mass (m), linear momentum (N.s), angular momentum about the centre of mass (N.m.s);
 world axes. Control: the forces ``f_i`` (N, world axes, on the robot) at contact points ``p_i`` that do not move during
@@ -14,15 +14,14 @@ W is constant over an interval of duration h, so from (c0, l0, k0)
     k(h) = k0 + h (sum p_i x f_i + tau_e) - I x F,
            I = integral of c over [0, h] = h c0 + h^2 l0 / (2 m) + h^3 W / (6 m)
 
-and ``W x F = (m g + f_e) x F`` because ``F x F = 0``. Nothing is neglected: c is quadratic and k cubic in time, and the
-step is affine in the forces except for the products of F with c0 and l0 in k. (Centroidal dynamics: Orin, Goswami, Lee,
-"Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013. The integral is elementary.)
+and ``W x F = (m g + f_e) x F`` because ``F x F = 0``. The step is exact: c is quadratic and k cubic in time, and it is
+affine in the forces except for the products of F with c0 and l0 in k. (Centroidal dynamics: Orin, Goswami, Lee,
+"Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.)
 
-Each contact's force stays in the pyramid inscribed in its friction cone (:mod:`lgmpc.robot.friction`), so that no foot
-slips; and f_z stays between its bounds. A flag of 0 lifts a foot: its force is multiplied by 0 wherever it acts, the
-cost alone draws the (then meaningless) control to zero, and its constraints are opened so far that zero lies strictly
-inside. So every solver, interior point methods included, receives constraints with a nonempty interior, whatever the
-flags.
+Each contact's force is constrained to the pyramid inscribed in its friction cone (:mod:`lgmpc.robot.friction`), and f_z
+to its bounds. The force of a foot whose flag is 0 is multiplied by 0 in the dynamics, its reference in the cost is
+zero, and its constraints are relaxed so far that zero lies strictly inside. For any flags the constraints thus have a
+nonempty interior, which interior-point methods require.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ __all__ = ["CentroidalAction"]
 
 
 class CentroidalAction(Action):
-    """Centre of mass and momenta driven by contact forces, friction and normal force limited (see the module).
+    """Centre of mass and momenta driven by contact forces, friction and normal force bounded (see the module).
 
     ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, for each contact,
     ``facets`` rows ``mu cos(pi/n) f_z - n_j . f >= 0`` and one row ``f_z``.
@@ -51,7 +50,7 @@ class CentroidalAction(Action):
         facets: sides of the friction pyramid, at least 3.
 
     Raises:
-        InputError: no contact, or less than three facets.
+        InputError: no contact, or fewer than three facets.
     """
 
     def __init__(self, contacts: int, facets: int = 8) -> None:
@@ -64,12 +63,12 @@ class CentroidalAction(Action):
         self.state = StateVector(9)
         self.nu = 3 * contacts
         self.parameters = ParameterLayout(
-            Parameter("mass", 1, "mass of the robot, kg"),
+            Parameter("mass", 1, "mass of the robot, kg", sign="positive"),
             Parameter("gravity", 3, "acceleration of gravity, world axes, m/s^2"),
-            Parameter("duration", 1, "length of the interval, s"),
+            Parameter("duration", 1, "length of the interval, s", sign="positive"),
             Parameter("contact_points", 3 * contacts, "positions of the contact points, world, m"),
             Parameter("contact_flags", contacts, "1 in contact, 0 in the air"),
-            Parameter("friction", 1, "friction coefficient"),
+            Parameter("friction", 1, "friction coefficient", sign="not negative"),
             Parameter("normal_force_min", 1, "lowest normal force of a foot in contact, N"),
             Parameter("normal_force_max", 1, "highest normal force, N"),
             Parameter(
@@ -77,8 +76,8 @@ class CentroidalAction(Action):
             ),
             Parameter("x_reference", 9, "[c; l; k] to stay near"),
             Parameter("u_reference", 3 * contacts, "forces to stay near, N"),
-            Parameter("x_weight", 9, "weights of the squared state errors"),
-            Parameter("u_weight", 3 * contacts, "weights of the squared force errors, 1/N^2, positive"),
+            Parameter("x_weight", 9, "weights of the squared state errors", sign="not negative"),
+            Parameter("u_weight", 3 * contacts, "weights of the squared force errors, 1/N^2", sign="positive"),
         )
 
     def step(self, x: Any, u: Any, p: Any) -> Any:
@@ -99,20 +98,20 @@ class CentroidalAction(Action):
         return ca.vertcat(c_next, l + h * resultant, k_next)
 
     def cost(self, x: Any, u: Any, p: Any) -> Cost:
-        """Weighted distance from the reference state and forces."""
+        """Return the weighted squared distance from the reference state and forces."""
         s = self.parameters.split(p)
-        # A foot in the air is drawn to zero force.
+        # The reference force of a foot in the air is zero.
         u_reference = ca.vec(self._effective_forces(s["u_reference"], s))
         residual = ca.vertcat(x - s["x_reference"], u - u_reference)
         return LeastSquares(residual, ca.vertcat(s["x_weight"], s["u_weight"]))
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Weighted distance from the reference state, with the last node's weights."""
+        """Return the weighted squared distance from the reference state, with the last node's weights."""
         s = self.parameters.split(p)
         return LeastSquares(x - s["x_reference"], s["x_weight"])
 
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
-        """Friction pyramid and normal force of each contact."""
+        """Return the friction pyramid and the normal force of each contact."""
         s = self.parameters.split(p)
         half_width = pyramid_half_width(s["friction"], self.facets)
         rows: list[Any] = []
@@ -131,5 +130,5 @@ class CentroidalAction(Action):
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
 
     def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
-        """Return the forces (3, nc) that act: those of feet in contact."""
+        """Return the forces (3, nc), zero for feet in the air."""
         return ca.reshape(u, 3, self.contacts) @ ca.diag(s["contact_flags"])

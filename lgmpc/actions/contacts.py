@@ -13,18 +13,18 @@ from lgmpc.costs import Parameter
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import quaternion, so3
 from lgmpc.robot.names import frame_index
-from lgmpc.robot.symbolic import SymbolicModel
+from lgmpc.robot.symbolic import Factored, LdlFactor, MassFactor, SymbolicModel
 
 __all__ = ["Contact", "ContactSet"]
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A frame that touches the ground.
+    """A frame in contact with the ground.
 
     Attributes:
         frame: its name.
-        size: 3 holds its origin (a point), 6 its orientation too (a surface).
+        size: 3 constrains its origin (a point), 6 its orientation too (a surface).
 
     Raises:
         InputError: another size.
@@ -39,7 +39,7 @@ class Contact:
 
 
 class ContactSet:
-    """Jacobians, accelerations and the linear solve that contacts have in common, in world axes at each frame's origin.
+    """Jacobians, accelerations and the common linear solve of contacts, in world axes at each frame's origin.
 
     With the flags phi (1 in contact, 0 in the air) on the diagonal of Phi, the equations
 
@@ -57,13 +57,13 @@ class ContactSet:
         parameters: of all contacts.
 
     Raises:
-        InputError: no contact, or a frame that is not there, or twice.
+        InputError: no contact, an unknown frame, or one named twice.
     """
 
     def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
         self.contacts = tuple(Contact(c) if isinstance(c, str) else c for c in contacts)
         if not self.contacts:
-            raise InputError("contacts", "none", "at least one (without contacts take FreeForwardDynamics)")
+            raise InputError("contacts", "none", "at least one (without contacts use FreeForwardDynamics)")
         for i, contact in enumerate(self.contacts):
             frame_index(model, contact.frame)
             if any(other.frame == contact.frame for other in self.contacts[:i]):
@@ -73,11 +73,18 @@ class ContactSet:
         turned = sum(contact.size == 6 for contact in self.contacts)
         self.parameters = (
             Parameter("contact_flags", n, "1 in contact, 0 in the air", 1.0),
-            Parameter("contact_damping", 1, "compliance added to the contacts' inverse inertia, 1/kg"),
+            Parameter(
+                "contact_damping", 1, "compliance added to the contacts' inverse inertia, 1/kg", sign="not negative"
+            ),
         )
         self.anchors: tuple[Parameter, ...] = (
             Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
-            Parameter("contact_gains", 2, "stiffness (1/s2) and damping (1/s) that draw contacts back to their place"),
+            Parameter(
+                "contact_gains",
+                2,
+                "Baumgarte stiffness (1/s2) and damping (1/s) towards contact_points",
+                sign="not negative",
+            ),
         )
         if turned:
             meaning = "how surface contacts are held, quaternions x y z w"
@@ -92,7 +99,7 @@ class ContactSet:
         return ca.vertcat(ca.SX(0, 1), *(robot.frame_velocity(q, v, c.frame)[: c.size] for c in self.contacts))
 
     def acceleration(self, robot: SymbolicModel, q: Any, v: Any, a: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nf,) accelerations of the contacts plus what draws them back: zero where they hold.
+        """Return (nf,) accelerations of the contacts plus Baumgarte's terms, zero for contacts at rest in their place.
 
         ``J a + dJ/dt v + stiffness (p - p_held) + damping J v`` (Baumgarte 1972); of orientations ``log(R R_held^T)``.
         """
@@ -125,11 +132,11 @@ class ContactSet:
         return found
 
     def solver(self, robot: SymbolicModel, q: Any, values: Mapping[str, Any]) -> ContactSolver:
-        """Return what solves the equations above at a configuration."""
+        """Return the solver of the equations above at a configuration."""
         return ContactSolver(robot.crba(q), self.jacobian(robot, q), self.flags(values), values["contact_damping"])
 
 
-class ContactSolver:
+class ContactSolver(Factored):
     """Solves the equations of :class:`ContactSet` through the Schur complement of M.
 
     With ``M = L D L^T``, leaves first so that L has no more entries than M, and ``Y = L^-1 J^T Phi``, every step keeps
@@ -144,35 +151,16 @@ class ContactSolver:
     """
 
     def __init__(self, mass: Any, jacobian: Any, flags: Any, damping: Any) -> None:
-        self._order = list(range(mass.shape[0]))[::-1]
-        pivots, self._upper, _ = ca.ldl(mass[self._order, self._order], False)
-        self._reciprocal = ca.diag(1 / pivots)
-        self._half = self._lower_solve((ca.diag(flags) @ jacobian).T)
-        self._rows = self._half.T @ self._reciprocal
-        complement = ca.triu2symm(ca.triu(self._rows @ self._half)) + ca.diag(1 - flags + damping)
-        self._schur = ca.ldl(complement, False)
+        self._mass = MassFactor(mass)
+        half = self._mass.forward((ca.diag(flags) @ jacobian).T)
+        complement = ca.triu2symm(ca.triu(half.T @ self._mass.scale(half))) + ca.diag(1 - flags + damping)
+        self._schur = LdlFactor(complement)
+        self.matrices = (*self._mass.matrices, half, *self._schur.matrices)
 
     def solve(self, right: Any) -> Any:
         """Return [y; f] (nv + nf, m) for right-hand sides [r1; r2] (nv + nf, m)."""
-        nv = len(self._order)
-        half = self._lower_solve(right[:nv, :])
-        forces = ca.ldl_solve(right[nv:, :] - self._rows @ half, *self._schur)
-        y = self._reciprocal @ (half + self._half @ forces)
-        for i in reversed(range(nv)):
-            for k in self._entries(i):
-                y[k, :] -= self._upper[k, i] * y[i, :]
-        return ca.vertcat(y[self._order, :], forces)
-
-    def _lower_solve(self, right: Any) -> Any:
-        """Return ``L^-1 right``, rows in order of elimination."""
-        x = ca.SX(right[self._order, :])
-        for i in range(len(self._order)):
-            for k in self._entries(i):
-                x[i, :] -= self._upper[k, i] * x[k, :]
-        return x
-
-    def _entries(self, column: int) -> list[int]:
-        """Rows of the entries of one column of L^T above its diagonal."""
-        pattern = self._upper.sparsity()
-        start, stop = pattern.colind()[column], pattern.colind()[column + 1]
-        return [row for row in pattern.row()[start:stop] if row < column]
+        upper, reciprocal, coupling, *schur = self.matrices
+        mass, nv = self._mass.with_matrices(upper, reciprocal), upper.shape[0]
+        half = mass.forward(right[:nv, :])
+        forces = self._schur.with_matrices(*schur).solve(right[nv:, :] - coupling.T @ mass.scale(half))
+        return ca.vertcat(mass.back(mass.scale(half + coupling @ forces)), forces)

@@ -1,4 +1,4 @@
-"""What moves a robot over an interval: accelerations, efforts and contact forces from state and control."""
+"""Equations of motion: accelerations, efforts and contact forces from state and control."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Dynamics", "Motion", "actuated"]
 
 @dataclass(frozen=True)
 class Motion:
-    """What a dynamics gives at one point.
+    """Accelerations, efforts and forces at one point.
 
     Attributes:
         a: (nv,) acceleration.
@@ -70,12 +70,12 @@ class Dynamics(ABC):
             v: (nv,) velocity.
             u: (nu,) control.
             values: parameters by name.
-            unknowns: where quantities that an equation defines are declared.
+            unknowns: collects the quantities that are defined by an equation.
         """
 
 
 def actuated(model: pin.Model) -> slice:
-    """Entries of the velocity that motors drive: all but the free-flyer's, if the model begins with one."""
+    """Entries of the velocity that are actuated: all but the free-flyer's, if the model begins with one."""
     floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
     return slice(6 if floating else 0, int(model.nv))
 

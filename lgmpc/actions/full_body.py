@@ -35,10 +35,10 @@ class ContactForwardDynamics(Dynamics):
     Args:
         model: the robot; its base, if free, is not actuated.
         contacts: names of frames (points) or contacts.
-        loads: what else acts on it.
+        loads: further forces on the robot.
 
     Raises:
-        InputError: a contact frame that is not there, or twice.
+        InputError: a contact frame that is unknown or named twice.
         ModelError: unsupported joints.
     """
 
@@ -66,8 +66,7 @@ class ContactForwardDynamics(Dynamics):
             return ca.vertcat(robot.rnea(q, v, a, external) - effort, held + loose)
 
         still = flags * contacts.acceleration(robot, q, v, None, values)
-        value = solver.solve(ca.vertcat(effort - robot.nle(q, v), -still))
-        z = unknowns.define(value, residual, solver.solve)
+        z = unknowns.define_linear(solver, ca.vertcat(effort - robot.nle(q, v), -still), residual)
         return Motion(z[:nv], u, contacts.by_frame(z[nv:]))
 
 
@@ -106,9 +105,9 @@ class FreeForwardDynamics(Dynamics):
         )
         if submerged:
             parameters += (
-                Parameter("added_mass", 6, "inertia of the fluid that moves along, body axes, kg and kg.m2"),
+                Parameter("added_mass", 6, "added mass of the fluid, body axes, kg and kg.m2"),
                 Parameter("buoyancy", 3, "buoyant force, world axes, N"),
-                Parameter("buoyancy_center", 3, "where it acts, body frame, m"),
+                Parameter("buoyancy_center", 3, "centre of buoyancy, body frame, m"),
             )
         super().__init__(model, matrix.shape[1], parameters)
 
@@ -122,7 +121,7 @@ class FreeForwardDynamics(Dynamics):
         def residual(a: Any) -> Any:
             return robot.rnea(q, v, a) + added * a - effort
 
-        a = unknowns.define(factor.solve(effort - robot.nle(q, v)), residual, factor.solve)
+        a = unknowns.define_linear(factor, effort - robot.nle(q, v), residual)
         joints = actuated(self.model)
         return Motion(a, (self.actuation @ u)[joints])
 
@@ -134,7 +133,7 @@ class FreeForwardDynamics(Dynamics):
         return mass
 
     def forces(self, q: Any, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv,) the generalised forces other than gravity and those of inertia, the fluid's included."""
+        """Return (nv,) the generalised forces other than gravity and inertial forces, the fluid's included."""
         effort = self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
         if not self.submerged:
             return effort
@@ -143,7 +142,7 @@ class FreeForwardDynamics(Dynamics):
         return effort + ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
 
     def _kirchhoff(self, v: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv,) what the moving frame does to the momentum of the fluid that moves along, ``-v x* (m_a v)``."""
+        """Return (nv,) the momentum term of the added mass in the moving frame, ``-v x* (m_a v)``."""
         if not self.submerged:
             return ca.SX(self.robot.nv, 1)
         base = se3.coadjoint(v[:6]) @ (values["added_mass"] * v[:6])
@@ -155,7 +154,7 @@ class FreeForwardDynamics(Dynamics):
 
 
 class ContactInverseDynamics(Dynamics):
-    """u = [accelerations; contact forces]; the equations of motion are constraints, so nothing is solved.
+    """u = [accelerations; contact forces]; the equations of motion are path constraints.
 
     The path constraint holds the free base's equations of motion and, for each contact,
     ``J a + dJ/dt v + Baumgarte = 0`` or, in the air, zero force. Efforts follow from the other equations: bound them
@@ -166,7 +165,7 @@ class ContactInverseDynamics(Dynamics):
         contacts: names of frames (points) or contacts.
 
     Raises:
-        InputError: a contact frame that is not there, or twice.
+        InputError: a contact frame that is unknown or named twice.
         ModelError: unsupported joints.
     """
 
@@ -176,7 +175,7 @@ class ContactInverseDynamics(Dynamics):
         super().__init__(model, int(model.nv) + self.contacts.nf, parameters)
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
-        """Return the control's accelerations and forces, with the constraint that makes them a motion."""
+        """Return the control's accelerations and forces, with the equations of motion as a constraint."""
         robot, contacts, nv = self.robot, self.contacts, self.robot.nv
         a, f = u[:nv], u[nv:]
         flags = contacts.flags(values)

@@ -18,24 +18,23 @@ __all__ = ["HoldAction"]
 
 
 class HoldAction(ItemAction):
-    """An interval without length or control: the state stays what it is, and keeps to constraints.
+    """An interval of zero length without control: the state stays the same and satisfies constraints.
 
     Behind the last interval it makes them terminal constraints; the horizon then ends with the same state twice:
 
         arrive = HoldAction("arrive", model, costs, [ConstraintItem("hand", FramePlacement("hand", goal))])
         problem = ShootingProblem([move] * 50 + [arrive])
 
-    Between two others it is a waypoint. The SQP and the nonlinear programme keep to it; FDDP refuses it, as any
-    constraint.
+    Between two others it is a waypoint. SQP and nonlinear programmes satisfy it; FDDP refuses it, as any constraint.
 
     Args:
         name: a C identifier; part of the names of the compiled functions.
         model: the robot.
-        costs: of the last state, where this is the last action (they count once, not twice).
+        costs: of the last state, where this is the last action (counted once).
         constraints: on the state: configuration and velocity.
 
     Raises:
-        InputError: no identifier, or two items of one name.
+        InputError: a name that is no identifier, or two items of one name.
         ModelError: unsupported joints.
     """
 

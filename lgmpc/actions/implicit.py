@@ -1,7 +1,7 @@
-"""Quantities that an action defines by an equation, such as contact forces, and their derivatives.
+"""Quantities defined by an equation, such as contact forces, and their derivatives.
 
-The steps that find them are not differentiated: where ``g(w, z) = 0`` defines z as a function of w,
-``dz/dw = -(dg/dz)^-1 dg/dw``. So the derivatives of a contact dynamics cost those of its equations of motion and one
+The algorithm that computes them is not differentiated: where ``g(w, z) = 0`` defines z as a function of w,
+``dz/dw = -(dg/dz)^-1 dg/dw``. The derivatives of a contact dynamics thus cost those of its equations of motion and one
 solve, instead of those of a factorisation.
 """
 
@@ -13,7 +13,26 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["Unknowns"]
+from lgmpc.robot.symbolic import Factored
+
+__all__ = ["LinearUnknown", "Unknowns"]
+
+
+@dataclass(frozen=True)
+class LinearUnknown:
+    """An unknown whose equation ``A z = right`` is linear in it.
+
+    Attributes:
+        symbol: (n,) the unknown.
+        residual: (n,) ``A z - right``, in whatever form is cheapest to differentiate.
+        system: A, factorised.
+        right: (n,) right-hand side.
+    """
+
+    symbol: Any
+    residual: Any
+    system: Factored
+    right: Any
 
 
 @dataclass(frozen=True)
@@ -25,24 +44,25 @@ class _Unknown:
 
 
 class Unknowns:
-    """The unknowns of a stage, in the order in which they depend on each other.
+    """The unknowns of a stage, in order of dependence.
 
     Args:
-        keep: whether unknowns stand for themselves, to be differentiated implicitly; otherwise :meth:`define` returns
-            their value.
+        keep: whether unknowns stay symbols, to be differentiated implicitly; otherwise :meth:`define` returns their
+            value.
     """
 
     def __init__(self, keep: bool = False) -> None:
         self._keep = keep
         self._found: list[_Unknown] = []
+        self._linear: list[LinearUnknown] = []
         self._slopes: list[Any] = []
 
     def define(self, value: Any, residual: Callable[[Any], Any], solve: Callable[[Any], Any]) -> Any:
-        """Return the column that stands for an unknown in all further expressions.
+        """Return the column that represents an unknown in all further expressions.
 
         Args:
             value: the unknown's value.
-            residual: the column g(z) that is zero at it.
+            residual: the column g(z) whose root it is.
             solve: ``right -> (dg/dz)^-1 right`` for (n, m) right-hand sides.
         """
         if not self._keep:
@@ -51,8 +71,20 @@ class Unknowns:
         self._found.append(_Unknown(symbol, value, residual(symbol), solve))
         return symbol
 
+    def define_linear(self, system: Factored, right: Any, residual: Callable[[Any], Any]) -> Any:
+        """Return the column that represents the solution of a linear equation; see :class:`LinearUnknown`."""
+        z = self.define(system.solve(right), residual, system.solve)
+        if self._keep:
+            self._linear.append(LinearUnknown(z, self._found[-1].residual, system, right))
+        return z
+
+    @property
+    def only_linear(self) -> LinearUnknown | None:
+        """The unknown, if there is one and its equation is linear in it; None otherwise."""
+        return self._linear[0] if len(self._found) == len(self._linear) == 1 else None
+
     def jacobians(self, expression: Any, *variables: Any) -> tuple[Any, ...]:
-        """Return the derivatives of an expression with respect to each of the variables; always the same ones."""
+        """Return the derivatives of an expression with respect to each variable; all calls have the same variables."""
         direct = [ca.jacobian(expression, variable) for variable in variables]
         through, slopes = self._active(expression, variables)
         if through.shape[1] == 0:
@@ -62,7 +94,8 @@ class Unknowns:
     def square(self, residual: Any, weight: Any, gradient: Any, *variables: Any) -> tuple[list[list[Any]], list[Any]]:
         """Return ``J^T diag(weight) J`` in blocks, and ``J^T gradient``, for the residual's total Jacobian J.
 
-        A residual with more rows than unknowns it depends on is squared in the unknowns first, where it is sparse.
+        For a residual with more rows than unknowns that it depends on, the product in the unknowns is formed first: it
+        is sparse.
         """
         direct = [ca.jacobian(residual, variable) for variable in variables]
         through, slopes = self._active(residual, variables)
@@ -82,7 +115,7 @@ class Unknowns:
         return _mirrored(blocks), [direct[i].T @ gradient + slopes[i].T @ pulled for i in n]
 
     def resolve(self, inputs: list[Any], outputs: list[Any]) -> list[Any]:
-        """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values put in."""
+        """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values substituted."""
         for unknown in reversed(self._found):
             function = ca.Function("resolve", [*inputs, *(u.symbol for u in self._found)], outputs)
             others = [u.value if u is unknown else u.symbol for u in self._found]
@@ -90,7 +123,7 @@ class Unknowns:
         return outputs
 
     def _active(self, expression: Any, variables: tuple[Any, ...]) -> tuple[Any, list[Any]]:
-        """Derivative with respect to those unknowns' entries that the expression depends on, and these one's slopes."""
+        """Return the derivative by the unknowns that the expression depends on, and these unknowns' derivatives."""
         if self._found and not self._slopes:
             self._solve(variables)
         through: list[Any] = [ca.SX(expression.shape[0], 0)]
@@ -115,7 +148,7 @@ class Unknowns:
 
 
 def _mirrored(blocks: list[list[Any]]) -> list[list[Any]]:
-    """Take the diagonal blocks' lower triangles from the upper ones, so that they are not computed twice."""
+    """Copy the upper triangles of the diagonal blocks to the lower ones, so that they are computed once."""
     for i, row in enumerate(blocks):
         row[i] = ca.triu2symm(ca.triu(row[i]))
     return blocks

@@ -1,4 +1,4 @@
-r"""Kinodynamics: the centroidal momentum moved by contact forces, with the robot's full kinematics.
+r"""Kinodynamics: centroidal momentum driven by contact forces, with the robot's full kinematics.
 
 State ``x = (q, h)`` with the centroidal momentum h = [l; k]; control ``u = [f; v_j]``: contact forces and joint
 velocities. The base's velocity follows from ``h = A_b v_b + A_j v_j`` (A the centroidal momentum matrix), so that no
@@ -110,7 +110,7 @@ class StateMomentum(State):
 class KinodynamicAction(ItemAction):
     """Centroidal momentum and full kinematics over an interval (see the module).
 
-    The path constraint holds, for each contact, zero velocity (plus ``contact_stiffness`` times what it is off its
+    The path constraint requires, for each contact, zero velocity (plus ``contact_stiffness`` times its error from
     ``contact_points``) while its flag is 1 and zero force while it is 0. Running costs are multiplied by the
     duration. In costs and constraints ``v`` is the velocity, ``momentum`` that of the state; there is no acceleration
     and no effort.
@@ -120,10 +120,10 @@ class KinodynamicAction(ItemAction):
         model: the robot; its first joint is a free-flyer.
         contacts: names of frames (points) or contacts.
         costs: evaluated at the interval's beginning; those of the state alone are the terminal cost.
-        constraints: held at the interval's beginning.
+        constraints: evaluated at the interval's beginning.
 
     Raises:
-        InputError: no free base, no identifier, a contact frame that is not there, or two items of one name.
+        InputError: no free base, a name that is no identifier, an unknown contact frame, or two items of one name.
         ModelError: unsupported joints.
     """
 
@@ -142,10 +142,10 @@ class KinodynamicAction(ItemAction):
         self._gravity = ca.DM(np.asarray(model.gravity.linear))
         n = len(self.contacts.contacts)
         parameters = (
-            Parameter("duration", 1, "length of the interval, s", 0.01),
+            Parameter("duration", 1, "length of the interval, s", 0.01, "positive"),
             Parameter("contact_flags", n, "1 in contact, 0 in the air", 1.0),
             Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
-            Parameter("contact_stiffness", 1, "how fast contacts are drawn back to their place, 1/s"),
+            Parameter("contact_stiffness", 1, "rate at which contacts return to contact_points, 1/s"),
             Parameter("external_wrench", 6, "[force; moment about the centre of mass], world axes, N, N.m"),
         )
         nu = self.contacts.nf + joints.stop - joints.start
@@ -182,7 +182,7 @@ class KinodynamicAction(ItemAction):
         return Stage(x_next, cost, Bounded.stack(Bounded(rows, zero, zero), constraint_of(self.constraints, s)))
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Return the costs that the state alone decides, not multiplied by a duration."""
+        """Return the costs that depend on the state alone, not multiplied by a duration."""
         s = StageSymbols(self.robot, x, self.parameters.split(p), momentum=x[self.robot.nq :])
         return cost_of(self.costs, s, terminal=True)
 
@@ -196,7 +196,7 @@ class KinodynamicAction(ItemAction):
         return ca.vertcat(force, moment) + values["external_wrench"]
 
     def _pull(self, q: Any, values: dict[str, Any]) -> Any:
-        """Return (nf,) the velocities that contacts should have to come back to their place, negative."""
+        """Return (nf,) minus the velocities at which contacts return to their points."""
         rows = []
         for i, contact in enumerate(self.contacts.contacts):
             error = (

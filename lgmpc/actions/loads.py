@@ -1,4 +1,4 @@
-"""Forces on a robot besides those of its motors, its contacts and gravity."""
+"""Forces on a robot other than those of its motors, its contacts and gravity."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["ExternalWrench", "Load"]
 
 
 class Load(ABC):
-    """A generalised force that parameters decide.
+    """A generalised force that depends on parameters.
 
     Attributes:
         parameters: what may change between two solves.

@@ -1,8 +1,9 @@
-"""Actions of a robot: a dynamics, an integrator, costs and constraints; and the impact between two of them."""
+"""Actions of a robot: dynamics, integrator, costs and constraints; and impacts between two of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -15,6 +16,7 @@ from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.dynamics import Dynamics
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, SemiImplicitEuler
+from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.costs import (
     Bounded,
     ConstraintItem,
@@ -34,19 +36,22 @@ __all__ = ["ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
 
 
 class ItemAction(Action):
-    """An action whose costs and constraints are items.
+    """An action with lists of costs and constraints.
 
     Args:
         name: a C identifier; part of the names of the compiled functions.
         robot: the symbolic algorithms.
         state: the space of x.
         nu: dimension of the control.
-        parameters: the action's own, in front of those of the items.
+        parameters: the action's own, before those of the items.
         costs: the costs.
         constraints: the constraints.
 
+    Attributes:
+        own_parameters: number of entries of the action's own parameters, the first ones.
+
     Raises:
-        InputError: no identifier, or two parameters of one name.
+        InputError: a name that is no identifier, or two parameters of one name.
     """
 
     def __init__(
@@ -67,8 +72,14 @@ class ItemAction(Action):
         self.nu = nu
         self.costs = tuple(costs)
         self.constraints = tuple(constraints)
-        items = (*self.costs, *self.constraints)
-        self.parameters = ParameterLayout(*parameters, *(p for item in items for p in item.parameters()))
+        items, own = (*self.costs, *self.constraints), tuple(parameters)
+        self.parameters = ParameterLayout(*own, *(p for item in items for p in item.parameters()))
+        self.own_parameters = sum(parameter.size for parameter in own)
+
+    @cached_property
+    def expansion(self) -> Expansion | None:
+        """The expansion in steps; None where it has other unknowns than those of one linear equation."""
+        return expand_in_steps(self)
 
     def step(self, x: Any, u: Any, p: Any) -> Any:
         """Return the state (nx,) at the end of the interval."""
@@ -83,7 +94,7 @@ class ItemAction(Action):
         return self.stage(x, u, p, Unknowns()).path
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Return the costs that the state alone decides, not multiplied by a duration."""
+        """Return the costs that depend on the state alone, not multiplied by a duration."""
         symbols = StageSymbols(self.robot, x, self.parameters.split(p))
         return cost_of(self.costs, symbols, terminal=True)
 
@@ -95,17 +106,17 @@ class MultibodyAction(ItemAction):
 
     Args:
         name: a C identifier; part of the names of the compiled functions.
-        dynamics: what moves the robot.
+        dynamics: equations of motion.
         costs: evaluated at the interval's beginning; those of the state alone are the terminal cost.
-        constraints: held at the interval's beginning.
+        constraints: evaluated at the interval's beginning.
         integrator: semi-implicit Euler unless given.
 
     Attributes:
-        dynamics: what moves the robot.
-        integrator: the method.
+        dynamics: equations of motion.
+        integrator: the integration method.
 
     Raises:
-        InputError: no identifier, or two items of one name.
+        InputError: a name that is no identifier, or two items of one name.
     """
 
     def __init__(
@@ -118,7 +129,7 @@ class MultibodyAction(ItemAction):
     ) -> None:
         self.dynamics = dynamics
         self.integrator = SemiImplicitEuler() if integrator is None else integrator
-        parameters = (Parameter("duration", 1, "length of the interval, s", 0.01), *dynamics.parameters)
+        parameters = (Parameter("duration", 1, "length of the interval, s", 0.01, "positive"), *dynamics.parameters)
         super().__init__(name, dynamics.robot, dynamics.state, dynamics.nu, parameters, costs, constraints)
 
     def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
@@ -145,10 +156,10 @@ class ImpulseAction(ItemAction):
         model: the robot.
         contacts: names of frames (points) or contacts.
         costs: counted once, not multiplied by any duration.
-        constraints: held at the impact.
+        constraints: evaluated at the impact.
 
     Raises:
-        InputError: no identifier, a contact frame that is not there, or two items of one name.
+        InputError: a name that is no identifier, an unknown contact frame, or two items of one name.
         ModelError: unsupported joints.
     """
 
@@ -171,7 +182,7 @@ class ImpulseAction(ItemAction):
         q, v, nv = x[: robot.nq], x[robot.nq :], robot.nv
         solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
         before = values["restitution"] * contacts.velocity(robot, q, v)
-        # The change of velocity is no acceleration: no gravity, no Coriolis forces.
+        # An impulse acts in no time: no gravity, no Coriolis forces.
         mass, rows = robot.crba(q), contacts.jacobian(robot, q)
 
         def residual(z: Any) -> Any:
@@ -180,8 +191,7 @@ class ImpulseAction(ItemAction):
             momentum = mass @ (after - v) - rows.T @ (flags * f)
             return ca.vertcat(momentum, flags * (contacts.velocity(robot, q, after) + before) + loose)
 
-        value = solver.solve(ca.vertcat(mass @ v, -flags * before))
-        z = unknowns.define(value, residual, solver.solve)
+        z = unknowns.define_linear(solver, ca.vertcat(mass @ v, -flags * before), residual)
         symbols = StageSymbols(robot, x, values, u=u, forces=contacts.by_frame(z[nv:]))
         path = constraint_of(self.constraints, symbols)
         return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path)
@@ -192,12 +202,12 @@ def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, dra
 
     Args:
         model: its first joint is a free-flyer.
-        positions: (n, 3) where thrusters act, base frame, m.
+        positions: (n, 3) of the thrusters, base frame, m.
         directions: (n, 3) unit vectors of positive thrust, base frame.
         drag_ratio: (n,) or a number: moment about the direction per thrust, signed by the sense of rotation, m.
 
     Raises:
-        InputError: shapes that do not fit, or directions that are not of unit length.
+        InputError: inconsistent shapes, or directions that are not of unit length.
     """
     points, axes = np.asarray(positions, dtype=np.float64), np.asarray(directions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:

@@ -1,4 +1,4 @@
-"""The full-body stage on Pinocchio's analytic derivatives: for robots too large to compile, and as a cross-check."""
+"""The full-body stage on Pinocchio's analytic derivatives: where nothing can be compiled, and as a cross-check."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class StageQuadratic:
         r: (nu,).
         C: (ng, ndx) constraint by state.
         D: (ng, nu) constraint by control.
-        lower: (ng,) what is left of its bounds.
-        upper: (ng,).
-        cost: value.
+        lower: (ng,) lower bounds minus the constraint's value.
+        upper: (ng,) upper bounds minus the constraint's value.
+        cost: the cost's value.
     """
 
     A: Array
@@ -60,15 +60,15 @@ class StageQuadratic:
 
 
 class NumericContactAction(Action):
-    """A contact action that Pinocchio evaluates and expands, instead of compiled expressions: the same to rounding.
+    """A contact action evaluated and expanded by Pinocchio instead of compiled expressions: equal to rounding.
 
-    A problem of it takes no time to compile and several times as long to solve. Costs and constraints are interpreted,
-    as functions of state, control, acceleration and forces. The expressions are the given action's; FDDP and SQP do
-    not need them, solvers of the whole symbolic problem and measures of solutions do. Derivatives:
-    Carpentier and Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018.
+    Nothing is compiled; an expansion takes hundreds of times as long as machine code. Costs and constraints are
+    interpreted, as functions of state, control, acceleration and forces. The expressions are the given action's;
+    solvers of the symbolic problem and measures of solutions use them, FDDP and SQP do not. Derivatives: Carpentier and
+    Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018.
 
     Args:
-        action: of contact forward dynamics without loads and semi-implicit Euler steps.
+        action: contact forward dynamics without loads, with semi-implicit Euler steps.
 
     Raises:
         InputError: another dynamics or integrator, or loads.
@@ -200,7 +200,7 @@ class NumericContactAction(Action):
         return np.asarray(np.linalg.solve(self._kkt(mass, by_a, values), right), dtype=np.float64)
 
     def _slope(self, x: Array, u: Array, z: Array, values: Mapping[str, Array]) -> Array:
-        """Return (nv + nf, ndx + nu) derivatives of accelerations and forces."""
+        """Return (nv + nf, ndx + nu) the derivatives of accelerations and forces."""
         model, data, nv = self.model, self._data, self.model.nv
         q, v, a = x[: model.nq], x[model.nq :], z[:nv]
         flags = self._flags(values)
@@ -217,9 +217,9 @@ class NumericContactAction(Action):
         return np.asarray(np.linalg.solve(self._kkt(mass, by_a, values), -right), dtype=np.float64)
 
     def _external(self, forces: Array) -> tuple[Any, Array]:
-        """Return the forces in the joints' frames, and what is left of d(-J^T f)/dq when these are held constant.
+        """Return the forces in the joints' frames, and the rest of d(-J^T f)/dq when these are held constant.
 
-        A force that is constant in the world turns in the joint's frame by ``f x theta``.
+        A force that is constant in world axes changes in the joint's frame by ``f x theta``.
         """
         model, data = self.model, self._data
         external = [pin.Force.Zero() for _ in range(model.njoints)]
@@ -240,7 +240,7 @@ class NumericContactAction(Action):
         return external, turning
 
     def _contact_rows(self, q: Array, v: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-        """Return accelerations of the contacts plus Baumgarte's terms (nf,), their derivatives by dx, and J."""
+        """Return the contacts' accelerations plus Baumgarte's terms (nf,), their derivatives by dx, and J."""
         model, data, nv = self.model, self._data, self.model.nv
         stiffness, damping = values["contact_gains"]
         value, by_x, by_a, surface = [], [], [], 0
@@ -253,7 +253,7 @@ class NumericContactAction(Action):
             placement, turn = data.oMf[frame], jacobian[3:]
             rotation = placement.rotation
             spin, sweep = pin.skew(speed.angular), pin.skew(speed.linear)
-            # Classical acceleration: spatial plus omega x v, then both turned to world axes.
+            # Classical acceleration: spatial plus omega x v, then both rotated to world axes.
             linear = acceleration.linear + np.cross(speed.angular, speed.linear)
             linear_q = a_q[:3] + spin @ v_q[:3] - sweep @ v_q[3:] - pin.skew(linear) @ turn
             linear_v = a_v[:3] + spin @ jacobian[:3] - sweep @ turn
@@ -276,7 +276,7 @@ class NumericContactAction(Action):
         return np.concatenate(value), np.vstack(by_x), np.vstack(by_a).reshape(-1, nv)
 
     def _item_function(self) -> ca.Function:
-        """Costs and constraints, and their derivatives, as functions of (x, u, z, p), z = accelerations and forces."""
+        """Return costs, constraints and their derivatives as functions of (x, u, z, p), z = [accelerations; forces]."""
         action, robot = self.action, self.action.robot
         x, dx = ca.SX.sym("x", action.state.nx), ca.SX.sym("dx", action.state.ndx)
         u, p = ca.SX.sym("u", action.nu), ca.SX.sym("p", action.parameters.size)

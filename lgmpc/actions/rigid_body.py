@@ -1,4 +1,4 @@
-"""A rigid body on SE(3): the smallest action whose configuration is a group."""
+"""A rigid body on SE(3)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EARTH = (0.0, 0.0, -9.81)
 
 
 class RigidBody(FreeForwardDynamics):
-    r"""Newton-Euler equations of one rigid body, written at any point of it; the chapter's section on SE(3).
+    r"""Newton-Euler equations of one rigid body, about any point of it.
 
         G v' = ad_v^T G v + Ad_g^T w_gravity + B u,        G = [ m 1     -m [c]     ]
                                                                [ m [c]   I - m [c]^2 ]
@@ -43,7 +43,7 @@ class RigidBody(FreeForwardDynamics):
         gravity: (3,) world axes, m/s2.
 
     Raises:
-        InputError: a mass that is not positive, an inertia that no body has, or misshapen or non-finite arrays.
+        InputError: a mass that is not positive, an inertia that no body has, or arrays of wrong shape or not finite.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class RigidBodyAction(MultibodyAction):
 
     Args:
         name: a C identifier; part of the names of the compiled functions.
-        body: what moves.
+        body: the rigid body.
         costs: evaluated at the interval's beginning; those of the state alone are the terminal cost.
-        constraints: held at the interval's beginning.
-        integrator: the variational one unless given, which keeps the momentum maps; semi-implicit Euler's method and
-            :class:`~lgmpc.actions.RungeKutta4` serve as well.
+        constraints: evaluated at the interval's beginning.
+        integrator: the variational one unless given, which conserves the momentum maps; semi-implicit Euler and
+            :class:`~lgmpc.actions.RungeKutta4` are alternatives.
 
     Raises:
-        InputError: no identifier, or two items of one name.
+        InputError: a name that is no identifier, or two items of one name.
     """
 
     def __init__(

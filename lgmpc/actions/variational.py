@@ -23,14 +23,14 @@ _GROUPS: dict[BlockKind, ModuleType] = {BlockKind.ROTATION: so3, BlockKind.PLACE
 
 
 class Variational(Integrator):
-    r"""Lie-group variational integrator of a robot without contacts: second order, momentum maps kept to rounding.
+    r"""Lie-group variational integrator of a robot without contacts: second order, conserves momentum maps to rounding.
 
     From the discrete Lagrangian
 
         L_d = h T(q (+) h/2 xi, xi) - h/2 (V(q) + V(q+)),        q+ = q (+) h xi
 
-    with the kinetic energy at the midpoint, where xi is the velocity of the curve that joins the two configurations.
-    With M(q) the mass matrix, C the derivative of T in the midpoint and F the generalised force, gravity included, the
+    with the kinetic energy at the midpoint, where xi is the constant velocity between the two configurations.
+    With M(q) the mass matrix, C the derivative of T by the midpoint and F the generalised force, gravity included, the
     discrete Lagrange-d'Alembert equations are, for momenta p = M v and ``x = h xi``,
 
         Jl(x)^-T (M xi - h/2 Jl(x/2)^T C) = p + h/2 F(q, xi)
@@ -43,8 +43,8 @@ class Variational(Integrator):
     integrators for constrained mechanical systems in generalized coordinates", IEEE T-RO 25 (2009).
 
     Args:
-        iterations: of Newton's method with one Jacobian, taken at ``v + h/2 a``: the error, of order h^2 there,
-            shrinks by a factor of order h^3 with each.
+        iterations: of Newton's method with the Jacobian fixed at the initial guess ``v + h/2 a``, whose error is of
+            order h^2; each iteration multiplies the error by a factor of order h^3.
     """
 
     def __init__(self, iterations: int = 4) -> None:
@@ -61,7 +61,7 @@ class Variational(Integrator):
             InputError: the dynamics has contacts.
         """
         if not isinstance(dynamics, FreeForwardDynamics):
-            raise InputError("integrator", "Variational", "another one: this is for dynamics without contacts")
+            raise InputError("integrator", "Variational", "one for contacts (SemiImplicitEuler, RungeKutta4)")
         robot, h = dynamics.robot, values["duration"]
         groups = _Groups(robot)
         midpoint = _midpoint(dynamics, values)
@@ -89,7 +89,7 @@ class Variational(Integrator):
         found = xi
         xi = unknowns.define(found, residual, lambda right: solver_at(found)(right))
 
-        # Jl^-T M xi by the first equation, not by evaluation: the base's momentum is then kept to rounding.
+        # Jl^-T M xi by the first equation, not by evaluation: the base's momentum is then conserved to rounding.
         x, q_next = h * xi, robot.integrate(q, h * xi)
         pull = midpoint(robot.integrate(q, x / 2), xi)[1]
         before = momentum + h / 2 * force(q, xi) + h / 2 * groups.left_inverse(x, groups.left(x / 2, pull))
@@ -99,7 +99,7 @@ class Variational(Integrator):
 
 
 def _midpoint(dynamics: FreeForwardDynamics, values: Mapping[str, Any]) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Return the function from (q, xi) to the momentum ``M xi`` and the derivative (nv,) of T when q moves."""
+    """Return the function from (q, xi) to the momentum ``M xi`` and the derivative (nv,) of T by q."""
     robot = dynamics.robot
     q, xi, step = ca.SX.sym("q", robot.nq), ca.SX.sym("xi", robot.nv), ca.SX.sym("step", robot.nv)
     momentum = dynamics.mass_matrix(q, values) @ xi
@@ -114,7 +114,7 @@ def _midpoint(dynamics: FreeForwardDynamics, values: Mapping[str, Any]) -> Calla
 
 
 class _Groups:
-    """The transposed Jacobians of the exponential of a configuration's group, joint by joint; angles have none."""
+    """The transposed Jacobians of the exponential of a configuration's group, joint by joint; identities for angles."""
 
     def __init__(self, robot: SymbolicModel) -> None:
         blocks = configuration_blocks(robot.model)
@@ -137,7 +137,7 @@ class _Groups:
         return self._each(x, covector, lambda group, part: group.right_jacobian_inverse(part))
 
     def carried(self, x: Any, covector: Any) -> Any:
-        """Return ``Ad^T_{exp(x)} covector``: a momentum seen from where x leads."""
+        """Return ``Ad^T_{exp(x)} covector``: a momentum in the frame displaced by exp(x)."""
         return self._each(x, covector, lambda group, part: group.adjoint(group.exp(part)))
 
     def _each(self, x: Any, covector: Any, matrix: Callable[[Any, Any], Any]) -> Any:
@@ -150,7 +150,7 @@ class _Groups:
 
 
 class _Elimination:
-    """Gauss' elimination of a matrix with the mass matrix's zeros, leaves of the tree first, so that they stay zeros.
+    """Gaussian elimination of a matrix with the mass matrix's sparsity, leaves of the tree first: no fill-in.
 
     Without pivoting: the matrix differs from the mass matrix, which is positive definite, by terms of order h.
     """

@@ -1,4 +1,4 @@
-"""The command line. Everything heavy is imported by the command that needs it, so that help appears at once."""
+"""The command line. Each command imports what it requires, so that help is printed at once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    # Every matrix here is small: a BLAS that starts threads for each of them is slower and jitters.
+    # All matrices are small: a multi-threaded BLAS is slower, with irregular timings.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     codecs.register_error("lgmpc.path", _bytes_or_escape)
@@ -20,7 +20,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="lgmpc.path")
     try:
-        from lgmpc.cli.app import app  # in here, so that Ctrl-C while it loads ends quietly too
+        from lgmpc.cli.app import app  # here, so that Ctrl-C during the import is handled too
 
         app(prog_name="lgmpc")
     except KeyboardInterrupt:
@@ -28,7 +28,7 @@ def main() -> None:
 
 
 def _bytes_or_escape(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Print a path in the bytes it has on disk, whatever the locale's encoding, and other text with escapes."""
+    """Encode a path by its bytes on disk for any locale, and other text with escapes."""
     try:
         return codecs.lookup_error("surrogateescape")(error)
     except UnicodeError:

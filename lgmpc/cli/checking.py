@@ -1,4 +1,4 @@
-"""``lgmpc check``: what a config describes, with notes on what was probably not meant."""
+"""``lgmpc check``: the contents of a config, with notes on probable mistakes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lgmpc.robot import Robot
 __all__ = ["show_checked"]
 
 Lines = Iterable[tuple[str, str]]
-"""Names and descriptions, a pair a line."""
+"""Pairs of names and descriptions."""
 
 
 def show_checked(config: Config | SolveConfig) -> None:
-    """Build what a config describes, without running or solving it, and print it.
+    """Build a session from a config, without running or solving it, and print its parts.
 
     Raises:
         LgmpcError: what cannot be built, naming the key.

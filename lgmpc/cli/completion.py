@@ -9,7 +9,7 @@ from pathlib import Path
 
 import typer
 
-__all__ = ["complete_config", "complete_demo", "complete_run"]
+__all__ = ["complete_config", "complete_demo", "complete_run", "complete_sweep"]
 
 
 def complete_config(incomplete: str) -> list[tuple[str, str]]:
@@ -18,6 +18,14 @@ def complete_config(incomplete: str) -> list[tuple[str, str]]:
 
     configs = shipped_configs().values()
     return [(config.name, config.summary) for config in configs if config.name.startswith(incomplete)]
+
+
+def complete_sweep(incomplete: str) -> list[tuple[str, str]]:
+    """Return name and summary of the shipped sweeps whose names begin with ``incomplete``."""
+    from lgmpc.shipped import shipped_sweeps
+
+    sweeps = shipped_sweeps().values()
+    return [(sweep.name, sweep.summary) for sweep in sweeps if sweep.name.startswith(incomplete)]
 
 
 def complete_run(context: typer.Context, incomplete: str) -> list[str]:

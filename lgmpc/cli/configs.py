@@ -10,18 +10,20 @@ from rich.text import Text
 from lgmpc.cli.screen import out
 from lgmpc.errors import InputError
 from lgmpc.runs.atomic import atomic_write
-from lgmpc.shipped import shipped_config, shipped_configs
+from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
 
 __all__ = ["copy_config", "list_configs"]
 
 
 def list_configs() -> None:
-    """Print each shipped config, the command that takes it, and what happens in it."""
-    console, configs = out(), shipped_configs()
-    width = max(map(len, configs))
-    for name, config in configs.items():
-        console.print(Text.assemble((f"{name:{width}}", "bold"), f"  {config.command:5}  {config.summary}"))
-    console.print("next: lgmpc run NAME or lgmpc solve NAME; lgmpc configs --copy NAME writes one to edit", style="dim")
+    """Print name, command and summary of each shipped config, and of each sweep."""
+    console = out()
+    for configs in (shipped_configs(), shipped_sweeps()):
+        width = max(map(len, configs), default=0)
+        for name, config in configs.items():
+            console.print(Text.assemble((f"{name:{width}}", "bold"), f"  {config.command:5}  {config.summary}"))
+        console.print()
+    console.print("next: lgmpc run, solve or sweep NAME; lgmpc configs --copy NAME writes one to edit", style="dim")
 
 
 def copy_config(name: str, destination: Path | None, *, force: bool) -> None:

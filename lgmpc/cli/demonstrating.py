@@ -1,4 +1,4 @@
-"""``lgmpc demo``: the list, and one demonstration from its computation to its table, its files and its viewer."""
+"""``lgmpc demo``: the list of demonstrations; computation, table, files and viewer of one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lgmpc.runs.atomic import reason_of
 __all__ = ["list_demos", "show_demo"]
 
 _NARROWEST = 16
-"""Columns of text for the names of quantities, on a terminal of any width."""
+"""Width of the names of quantities, in characters."""
 
 
 def list_demos() -> None:
@@ -37,7 +37,7 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
 
     Args:
         name: of the demonstration.
-        folder: where its files go.
+        folder: of its files.
         kind: of the figure's file, "png" or "svg".
         view: open the scene in a browser, if it has one and there is a desktop.
         as_json: print the table as JSON.
@@ -48,7 +48,7 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError("--out", folder, f"a folder that can be made ({reason_of(error)})") from error
+        raise InputError("--out", folder, f"a folder that can be created ({reason_of(error)})") from error
     console = err()
     with console.status(f"{demo.name}: {demo.summary}"):
         outcome = demo.run()

@@ -1,4 +1,4 @@
-"""``lgmpc doctor``: one line per check, as soon as it is done."""
+"""``lgmpc doctor``: one line per check."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WIDTH = 28
 
 
 def show_diagnosis() -> int:
-    """Do all checks, print each, and return 0 if the installation is sound, else 1."""
+    """Print the result of each check, and return 0 if all passed, else 1."""
     console = out()
     failed = 0
     with err().status("checking"):
@@ -24,7 +24,7 @@ def show_diagnosis() -> int:
             if check.remedy:
                 console.print(Text(f"{'':8}{'':{_WIDTH}}-> {check.remedy}", "yellow"))
     if failed:
-        console.print(Text.assemble((f"{failed} broken", "bold red"), ": the lines that begin with -> say what to do"))
+        console.print(Text.assemble((f"{failed} broken", "bold red"), ": remedies are in the lines that begin with ->"))
         return 1
     console.print(Text("sound", "bold green"))
     return 0

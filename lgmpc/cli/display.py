@@ -1,38 +1,40 @@
-"""What running and solving show: progress on stderr, and the table of figures with their limits."""
+"""Progress on stderr, and the table of figures with their limits, of runs and solves."""
 
 from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol, TextIO, TypeVar
+from typing import Generic, Protocol, TextIO, TypeVar
 
 from rich.console import Console
 from rich.logging import RichHandler
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
 from lgmpc.runs.figures import figure_number, figure_words
 
-__all__ = ["Display", "Row", "Silent", "figure_table", "warnings_on"]
+__all__ = ["Counted", "Display", "Row", "Silent", "counting_display", "figure_table", "warnings_on"]
 
 Step = TypeVar("Step", contravariant=True)
 
 
 class Display(Protocol[Step]):
-    """Shows the progress of something."""
+    """Displays progress."""
 
     def announce(self, message: str) -> None:
-        """Show what is being prepared."""
+        """Display what is being prepared."""
 
     def advance(self, now: Step) -> None:
-        """Show a step of it."""
+        """Display a progress report."""
 
 
 class Silent:
-    """Shows nothing."""
+    """Displays nothing."""
 
     def announce(self, message: str) -> None:
         """Do nothing."""
@@ -41,9 +43,83 @@ class Silent:
         """Do nothing."""
 
 
+class Counted(Protocol):
+    """Progress through a known number of steps."""
+
+    @property
+    def done(self) -> int:
+        """Steps that are finished."""
+
+    @property
+    def total(self) -> int:
+        """All steps."""
+
+
+CountedStep = TypeVar("CountedStep", bound=Counted)
+
+
+class _Lines(Generic[CountedStep]):
+    """For pipes and files: a line for each ``every`` steps."""
+
+    def __init__(self, console: Console, steps: str, every: int, state: Callable[[CountedStep], str]) -> None:
+        self._console, self._steps, self._every, self._state = console, steps, every, state
+        self._next = 0
+
+    def announce(self, message: str) -> None:
+        self._console.print(message, markup=False)
+
+    def advance(self, now: CountedStep) -> None:
+        if now.done >= self._next:
+            self._next = now.done + self._every
+            self._console.print(f"{now.done} of {now.total} {self._steps}{self._state(now)}", markup=False)
+
+
+class _Moving(Generic[CountedStep]):
+    """For terminals: a bar over the steps."""
+
+    def __init__(self, bar: Bar, total: int, state: Callable[[CountedStep], str]) -> None:
+        self._bar, self._state = bar, state
+        self._task = bar.add_task("preparing", total=total, state="")
+
+    def announce(self, message: str) -> None:
+        self._bar.update(self._task, description=message)
+
+    def advance(self, now: CountedStep) -> None:
+        self._bar.update(self._task, completed=now.done, state=self._state(now))
+
+
+@contextmanager
+def counting_display(
+    console: Console, total: int, steps: str, state: Callable[[CountedStep], str], *, every: int = 1, quiet: bool
+) -> Iterator[Display[CountedStep]]:
+    """Display progress through ``total`` steps: a bar on terminals, lines elsewhere.
+
+    Args:
+        console: to print to.
+        total: number of steps.
+        steps: what they are called, in the plural.
+        state: words about a report, to follow its count.
+        every: steps between two lines.
+        quiet: display nothing.
+    """
+    if quiet:
+        yield Silent()
+    elif not console.is_terminal:
+        yield _Lines(console, steps, every, state)
+    else:
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TextColumn("{task.completed} / {task.total}{task.fields[state]}", markup=False),
+        )
+        with Bar(*columns, console=console, transient=True) as bar:
+            yield _Moving(bar, total, state)
+
+
 @contextmanager
 def warnings_on(console: Console) -> Iterator[None]:
-    """Show log records from WARNING on, and Python's warnings without the line of code they came from."""
+    """Print log records from WARNING on, and Python's warnings without their line of code."""
     handler = RichHandler(logging.WARNING, console, show_path=False, show_time=False)
     logger = logging.getLogger("lgmpc")
 
@@ -71,10 +147,10 @@ class Row:
     """A line of the table.
 
     Attributes:
-        words: what was measured.
-        unit: of the numbers; empty if they have none.
+        words: name of the quantity.
+        unit: of the values; empty if they have none.
         value: ``None`` or NaN if it was not measured.
-        limit: that it should keep, if any.
+        limit: of the value, if any.
         highest: whether the limit is the highest value allowed, not the lowest.
     """
 
@@ -86,7 +162,7 @@ class Row:
 
     @classmethod
     def of(cls, figure: str, value: float | None, limit: float | None = None, *, highest: bool = True) -> Row:
-        """Take words and unit from a figure's name: ``slip_m`` is shown as "slip", in mm."""
+        """Return the row of a figure, whose name determines words and unit: ``slip_m`` is "slip", in mm."""
         words, unit, scale = figure_words(figure)
         shown = None if value is None else scale * value
         return cls(words, unit, shown, None if limit is None else scale * limit, highest)
@@ -99,7 +175,7 @@ class Row:
         return self.value <= self.limit if self.highest else self.value >= self.limit
 
     def cells(self) -> tuple[str, str, str, Text]:
-        """Return what the table shows: name, measured, allowed, verdict."""
+        """Return the cells: name, measured, allowed, verdict."""
         name = f"{self.words} / {self.unit}" if self.unit else self.words
         shown = "-" if self.value is None else figure_number(self.value, self.unit, self.limit)
         if self.limit is None:

@@ -1,4 +1,4 @@
-"""From exceptions to one screen of text and an exit code."""
+"""Error messages and exit codes for exceptions."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ P = ParamSpec("P")
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
-    """Turn every exception of ``command`` into a message and an exit code.
+    """Run ``command`` and convert every exception to a message and an exit code.
 
-    An :class:`LgmpcError` is shown as it is and gives its exit code; a signal that stops the command gives 128 + its
-    number, 130 for Ctrl-C; a terminal that is gone is none of lgmpc's mistakes; anything else is: its traceback is
-    saved to a file, which the message names, and the exit code is 70.
+    The message of an :class:`LgmpcError` is printed, with its exit code; a signal gives 128 + its number, 130 for
+    Ctrl-C; a closed terminal is no error. The traceback of any other exception is saved to a file, which the message
+    names, and the exit code is 70.
     """
 
     @functools.wraps(command)
@@ -76,7 +76,7 @@ def _came_of_ctrl_c(error: BaseException | None) -> bool:
 
 
 def _terminal_is_gone() -> bool:
-    """Return whether stderr is a terminal that has closed: Linux then refuses even to write nothing."""
+    """Return whether stderr is a closed terminal, to which Linux rejects even an empty write."""
     try:
         os.write(sys.stderr.fileno(), b"")
     except OSError as error:
@@ -85,12 +85,12 @@ def _terminal_is_gone() -> bool:
 
 
 def _silence(stream: TextIO) -> None:
-    """Discard what is still written to ``stream``, at the latest when Python ends."""
+    """Discard further output to ``stream``, including that at the exit of Python."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _save_traceback() -> Path | None:
-    """Write the traceback of the current exception where a user finds it; ``None`` if no folder can be written."""
+    """Write the traceback of the current exception and return its file; ``None`` if no folder can be written."""
     stamp = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
     text = f"lgmpc {__version__}, Python {sys.version}\n{sys.argv}\n\n{traceback.format_exc()}"
     for folder in _log_folders():

@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
-__all__ = ["CHECK", "CONFIGS", "DEMO", "DOCTOR", "OVERVIEW", "PLAY", "PLOT", "RUN", "SCHEMA", "SOLVE"]
+__all__ = [
+    "ABLATE",
+    "CHECK",
+    "COMPARE",
+    "CONFIGS",
+    "DEMO",
+    "DOCTOR",
+    "EXPLAIN",
+    "OVERVIEW",
+    "PLAY",
+    "PLOT",
+    "REPORT",
+    "RUN",
+    "SCHEMA",
+    "SOLVE",
+    "SWEEP",
+    "TUNE",
+]
 
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
@@ -21,6 +38,7 @@ OVERVIEW = f"""{_WHAT}
   lgmpc configs                list the configs that come with lgmpc
   lgmpc run solo12_balance     push Solo12, see it recover
   lgmpc solve solo12_trot      optimise a trajectory
+  lgmpc sweep push_map         how hard a push from each side, and what the MPC is worth
   lgmpc play latest            replay the last of them in the browser
   lgmpc demo                   list the demonstrations
 
@@ -47,6 +65,13 @@ SOLVE = _examples(
     "lgmpc solve solo12_com_circle_full_body --json | jq .figures",
     "lgmpc solve runs/<time>-<name>/config.yaml    repeat it",
 )
+SWEEP = _examples(
+    "lgmpc sweep push_map",
+    'lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2',
+    "lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups",
+    "lgmpc sweep push_map --resume              go on after Ctrl-C, or beside another process",
+    "lgmpc sweep push_map --resume --parquet    results.parquet for pandas and others",
+)
 PLAY = _examples(
     "lgmpc play latest                          in the browser, with a time slider",
     "lgmpc play latest --html balance.html      one page that needs nothing else",
@@ -55,6 +80,32 @@ PLAY = _examples(
 PLOT = _examples(
     "lgmpc plot latest                          into the run's own folder, figures/",
     "lgmpc plot runs/<time>-<name> --out /tmp/figures",
+)
+EXPLAIN = _examples(
+    "lgmpc explain latest                       why the last run failed, or how near it came to that",
+    "lgmpc explain sweeps/random_1000/logs/fail-<key>",
+    "lgmpc explain latest --json | jq -r '.events[] | [.start_s, .words] | @tsv'",
+)
+REPORT = _examples(
+    "lgmpc report latest                        report.html in the run's own folder",
+    "lgmpc report latest --html fall.html       to send to someone who has nothing installed",
+    "lgmpc report sweeps/push_map               tables, figure and points of a sweep",
+)
+COMPARE = _examples(
+    "lgmpc compare runs/<time>-a runs/<time>-b",
+    "lgmpc compare sweeps/before sweeps/after --margin 0.02 --metric max_tilt_deg",
+    "lgmpc compare sweeps/before sweeps/after --json | jq .quantities",
+)
+ABLATE = _examples(
+    "lgmpc ablate solo12_velocity               every usual part",
+    "lgmpc ablate solo12_balance mpc wbc.weights.posture wbc.gains.com.kp=10",
+    'lgmpc ablate solo12_balance --set "pushes.0.impulse_ns=[0, 4, 0]" --seeds 5 --json',
+)
+TUNE = _examples(
+    "lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m",
+    "lgmpc tune random_1000 --set samples.count=20 --keys mpc.weights.force --objective passed --trials 30",
+    "lgmpc tune push_map --keys wbc.weights.com --objective boundary --resume",
+    "lgmpc run tuning/random_1000/best.yaml     what was found",
 )
 DEMO = _examples(
     "lgmpc demo                                 the list",

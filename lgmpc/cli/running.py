@@ -1,4 +1,4 @@
-"""``lgmpc run`` while it runs: a bar over simulated time."""
+"""``lgmpc run``: progress over simulated time, and the result."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import Config
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
-from lgmpc.runs import Gate, Metrics, measured
+from lgmpc.runs import Gate, Metrics, Outcome, measured
+from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 
 __all__ = ["run_shown"]
 
 
 def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> int:
-    """Run ``config``, showing its progress, print the verdict, and return the exit code."""
+    """Run ``config`` with a progress display, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
         finished = run_config(config, folder, notify=display.announce, progress=display.advance)
@@ -34,13 +36,24 @@ def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> in
 
 
 def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
-    """Print the figures, the verdict, and the commands that show the run."""
+    """Print the figures, the verdict, and the commands for the saved run."""
     console, metrics = out(), run.session.metrics
     if metrics is not None and not quiet:
         console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))
     show_verdict(console, run.session.verdict, run.result.name)
     if not quiet:
-        show_next(console, run.folder.path)
+        if run.session.certificate is not None:
+            console.print(_certified(run.session.certificate))
+        failed = run.session.verdict.outcome is Outcome.FAIL
+        show_next(console, run.folder.path, *((("explain", "what led to the failure"),) if failed else ()))
+
+
+def _certified(certificate: Certificate) -> Text:
+    """Return whether physics and hardware were respected, or what was not."""
+    names = ", ".join(check.name for check in certificate.checks)
+    if certificate.certified:
+        return Text(f"certified: {names}", "dim")
+    return Text(f"not certified: {'; '.join(map(str, certificate.broken))}", "yellow")
 
 
 def _limited(metrics: Metrics, gate: Gate) -> Iterator[Row]:
@@ -64,7 +77,7 @@ def _always_shown(metrics: Metrics) -> Iterator[Row]:
 
 
 class _Lines:
-    """For pipes and files: one line per stage."""
+    """Display for pipes and files: one line per stage."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -80,7 +93,7 @@ class _Lines:
 
 
 class _Moving:
-    """For terminals: a bar over simulated time."""
+    """Display for terminals: a bar over simulated time."""
 
     def __init__(self, bar: Bar, duration_s: float) -> None:
         self._bar = bar

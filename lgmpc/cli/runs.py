@@ -1,4 +1,4 @@
-"""Runs that are saved: finding one by what the user typed, ``lgmpc play``, ``lgmpc plot``."""
+"""Saved runs: lookup by path, name or ``latest``; ``lgmpc play`` and ``lgmpc plot``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ __all__ = ["find_run", "play_folder", "plot_folder", "run_names"]
 
 
 def find_run(text: str, runs: Path) -> Path:
-    """Return the run folder that ``text`` names.
+    """Return the run folder named by ``text``.
 
     Args:
         text: a path, the name of a folder in ``runs``, or ``latest``.
         runs: folder of run folders.
 
     Raises:
-        RunFolderError: if there is none; names what is there.
+        RunFolderError: if there is none; names the nearest.
     """
     if text != "latest":
         for path in (Path(text), runs / text):

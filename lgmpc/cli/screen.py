@@ -27,16 +27,16 @@ __all__ = [
 ]
 
 MOST_PROBLEMS = 10
-"""How many problems of one config are shown: a screen's worth."""
+"""Largest number of printed problems of one config."""
 
 MOST_LINES = 20
-"""How many lines of 80 characters all problems of one config may take together: a screen's worth too."""
+"""Largest number of lines of 80 characters of all printed problems of one config."""
 
 ISSUES_URL = "the project's issue tracker"
 
 
 def out() -> Console:
-    """Return the console for results (made anew, so that tests and pipes see the current stdout)."""
+    """Return the console for results (a new one, which writes to the current stdout)."""
     return Console(highlight=False, soft_wrap=True)
 
 
@@ -46,7 +46,7 @@ def err() -> Console:
 
 
 def show_error(error: LgmpcError) -> None:
-    """Print what the user did wrong and, where it helps, what to do next."""
+    """Print an error of the user's input, with a hint where there is one."""
     console = err()
     head, problems = _parts(error)
     console.print(Text.assemble(("error: ", "bold red"), head))
@@ -73,22 +73,22 @@ def _shorten(text: str, length: int) -> str:
 
 
 def show_interrupted() -> None:
-    """Print that nothing was saved."""
+    """Print that the command was stopped and nothing was saved."""
     err().print("\nstopped; nothing was saved")
 
 
 def show_crash(error: Exception, report: Path | None) -> None:
-    """Print an error of lgmpc itself, and where its details are."""
+    """Print an error of lgmpc itself, and the file with its details."""
     console = err()
     summary = " ".join(str(error).split())
     console.print(Text.assemble(("internal error: ", "bold red"), f"{type(error).__name__}: {summary[:300]}"))
     if report is not None:
         console.print(Text(f"This is a mistake in lgmpc, not yours. The details are in {report}"))
-        console.print(f"Please send that file to {ISSUES_URL}; `lgmpc doctor` shows whether the installation is sound.")
+        console.print(f"Please send that file to {ISSUES_URL}; `lgmpc doctor` checks the installation.")
 
 
 def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
-    """Print whether a run passed, and if not, why."""
+    """Print a verdict with its reasons."""
     style = {"pass": "bold green", "fail": "bold red", "interrupted": "bold yellow"}[verdict.outcome.value]
     console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {name}"))
     for reason in verdict.reasons:
@@ -96,13 +96,14 @@ def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
 
 
 def print_result(path: Path, result: RunResult | SolveResult) -> None:
-    """Print what ``run.json`` holds, and the folder that it is in, as JSON."""
+    """Print the content of ``run.json``, and its folder, as JSON."""
     print(json.dumps({"folder": str(path), **json.loads(result.to_json())}, indent=2))
 
 
-def show_next(console: Console, path: Path) -> None:
-    """Print where a run is, and the commands that show it."""
+def show_next(console: Console, path: Path, *others: tuple[str, str]) -> None:
+    """Print a run's folder, and the commands that show it: these two, and others with what each is for."""
     console.print(Text(f"saved in {path}"))
     argument = shlex.quote(str(path))
-    console.print(Text(f"next: lgmpc play {argument}    (replay in the browser)"), style="dim")
-    console.print(Text(f"      lgmpc plot {argument}    (figures)"), style="dim")
+    commands = (("play", "replay in the browser"), ("plot", "figures"), *others)
+    for lead, (command, purpose) in zip(("next:", "", ""), commands, strict=False):
+        console.print(Text(f"{lead:5} lgmpc {command} {argument}    ({purpose})"), style="dim")

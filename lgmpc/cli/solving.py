@@ -1,4 +1,4 @@
-"""``lgmpc solve``: a table of iterations while it solves, then the result."""
+"""``lgmpc solve``: the table of iterations, and the result."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from lgmpc.runs.figures import figure_of
 __all__ = ["solve_shown"]
 
 _ROWS = 12
-"""Iterations that the moving table shows: the last ones."""
+"""Number of iterations in the moving table, the last ones."""
 
 
 def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool) -> int:
-    """Solve the problem of ``config``, showing the iterations, print the verdict, and return the exit code."""
+    """Solve the problem of ``config`` with a display of iterations, print the verdict, and return the exit code."""
     console = err()
     with _display(console, config, quiet=quiet) as display, warnings_on(console):
         finished = solve_config(config, folder, notify=display.announce, progress=display.advance)
@@ -52,7 +52,7 @@ def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
 
 
 def _rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator[Row]:
-    """Every figure; those with bounds first, a line for each bound."""
+    """Return the rows of all figures: those with bounds first, a row for each bound."""
     for bound, limit in bounds.items():
         yield Row.of(figure_of(bound), figures[figure_of(bound)], limit, highest=bound.startswith("max_"))
     bounded = set(map(figure_of, bounds))
@@ -62,7 +62,7 @@ def _rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator
 
 
 class _Lines:
-    """For pipes and files: a line for each stage and iteration."""
+    """Display for pipes and files: a line for each stage and iteration."""
 
     def __init__(self, console: Console, columns: Columns) -> None:
         self._console = console
@@ -80,7 +80,7 @@ class _Lines:
 
 
 class _Moving:
-    """For terminals: a table of the last iterations, which grows in place."""
+    """Display for terminals: a table of the last iterations, updated in place."""
 
     def __init__(self, live: Live, columns: Columns) -> None:
         self._live = live
@@ -110,14 +110,14 @@ Columns = Mapping[str, Callable[[Iteration], str]]
 
 
 def _columns(method: str) -> Columns:
-    """Return the columns of a method: FDDP compares what is left to gain with its tolerance, SQP the residual."""
-    criterion = "left to gain" if "fddp" in method else "residual"
+    """Return the columns of a method: the criterion of FDDP is the expected reduction, that of SQP the residual."""
+    criterion = "reduction" if "fddp" in method else "residual"
     return {
         "iteration": lambda now: str(now.count),
         "cost": lambda now: f"{now.cost:.6g}",
         criterion: lambda now: _scientific(now.criterion),
         "gap": lambda now: _scientific(now.gap),
-        "step": lambda now: "-" if math.isnan(now.step) else "refused" if now.step == 0.0 else f"{now.step:.4g}",
+        "step": lambda now: "-" if math.isnan(now.step) else "rejected" if now.step == 0.0 else f"{now.step:.4g}",
         "regularis.": lambda now: _scientific(now.regularization),
         "ms": lambda now: f"{1e3 * now.elapsed_s:.0f}",
     }

@@ -1,32 +1,44 @@
-"""CasADi functions as machine code: generated C, built once, cached on disk, called without copies.
+"""CasADi functions as machine code: generated C, compiled once, cached on disk, called without copies.
 
     f = casadi.Function("f", [x, u], [xdot], ["x", "u"], ["xdot"])
     fast = compile_function(f)
     fast.input("x")[:] = ...         # write into the preallocated buffers
-    fast.run()                       # about 0.2 us on top of the machine code, no allocation
+    fast.run()                       # no allocation
     fast.output("xdot")              # valid until the next run
 
     whole = compile_map(f, 20)       # all stages of a horizon in one call: whole.input("x") is (20, nx)
+    batch = BatchKernel(f).bind(20, x=xs, u=us, xdot=out)  # on one's own arrays, several stages at a time
 
 Environment:
 
 * ``LGMPC_JIT=0`` interprets every function on CasADi's virtual machine (about 20 times slower).
 * ``LGMPC_CACHE_DIR`` moves the cache of libraries (default: the user's cache folder, ``~/.cache/lgmpc`` on Linux).
 * ``CC`` chooses the C compiler, ``LGMPC_CFLAGS`` adds flags to lgmpc's own.
+* ``LGMPC_CFLAGS=-DLANES=1`` (2, 4, 8) chooses how many stages a ``BatchKernel`` evaluates at a time (default: as many
+  doubles as the processor's vectors hold).
 """
 
 from lgmpc.compile.build import compile_function, compile_functions, compile_map, densify_function, map_function
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction
-from lgmpc.compile.kernel import StageKernel
+from lgmpc.compile.kernel import BatchKernel, StageKernel
+from lgmpc.compile.lanes import VECTORS
+from lgmpc.compile.native import aligned_zeros
+from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
 from lgmpc.compile.programme import compile_programme, compile_source
 
 __all__ = [
+    "VECTORS",
+    "BatchKernel",
     "CacheReport",
     "CompiledFunction",
     "Compiler",
+    "Entries",
+    "Pipeline",
+    "PipelineStep",
     "StageKernel",
+    "aligned_zeros",
     "cache_folder",
     "compile_function",
     "compile_functions",

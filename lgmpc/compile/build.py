@@ -1,4 +1,4 @@
-"""Compiling functions, for one point or for a whole horizon, and interpreting them where nothing can be compiled."""
+"""Compilation of functions, for one point or for a whole horizon; interpretation where nothing can be compiled."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _warning = threading.Lock()
 
 
 def compile_function(function: casadi.Function, *, progress: Progress | None = None) -> CompiledFunction:
-    """Build (or find in the cache) the machine code of a function.
+    """Compile a function, or load it from the cache.
 
-    Everything that changes between calls belongs among the function's inputs: only a change of its expressions compiles
-    again. Without a C compiler, or with ``LGMPC_JIT=0``, the function is interpreted; the former warns once a process.
+    Values that change between calls must be inputs: a change of the expressions compiles again. Without a C compiler
+    (with one warning a process), or with ``LGMPC_JIT=0``, the function is interpreted.
 
     Args:
         function: inputs and outputs of any sparsity; sparse ones become dense.
-        progress: called with a description of what is being compiled, when that takes time; it is logged in any case.
+        progress: called with a description of what is being compiled, when that takes time; it is always logged.
 
     Returns:
         The function with buffers of its own.
@@ -46,10 +46,10 @@ def compile_function(function: casadi.Function, *, progress: Progress | None = N
 def compile_map(
     function: casadi.Function, stages: int, *, shared: Sequence[str] = (), progress: Progress | None = None
 ) -> CompiledFunction:
-    """Like :func:`compile_function`, for all stages of a horizon in one call: the loop runs in C.
+    """Compile a function for all stages of a horizon in one call, with the loop in C; see :func:`compile_function`.
 
-    Every buffer gets the stage as its first index: ``(stages, n)`` or ``(stages, rows, columns)``. The machine code
-    does not depend on the number of stages: another horizon compiles nothing.
+    The first index of every buffer is the stage: ``(stages, n)`` or ``(stages, rows, columns)``. The machine code
+    does not depend on the number of stages.
 
     Args:
         function: of one stage.
@@ -80,13 +80,13 @@ def compile_functions(
 
 
 def densify_function(function: casadi.Function) -> casadi.Function:
-    """The same function with dense inputs and outputs (itself if they are so already)."""
+    """Return the function with dense inputs and outputs (itself if they are dense)."""
     inputs, outputs = range(function.n_in()), range(function.n_out())
     if all(function.sparsity_in(i).is_dense() for i in inputs) and all(
         function.sparsity_out(i).is_dense() for i in outputs
     ):
         return function
-    # An SX function stays one flat list of scalar operations; anything else is called from a wrapper.
+    # An SX function remains one flat list of scalar operations; any other is called from a wrapper.
     symbol: Any = casadi.SX.sym if function.is_a("SXFunction") else casadi.MX.sym
     names = function.name_in()
     arguments = [symbol(names[i], *function.size_in(i)) for i in inputs]
@@ -95,10 +95,10 @@ def densify_function(function: casadi.Function) -> casadi.Function:
 
 
 def map_function(function: casadi.Function, stages: int, shared: Sequence[str] = ()) -> casadi.Function:
-    """The CasADi function of a whole horizon, its stages side by side in columns.
+    """Return the CasADi function of a whole horizon, one column a stage.
 
-    It is for use within other CasADi expressions (a nonlinear programme, say). To evaluate a horizon from Python,
-    :func:`compile_map` copies less, and its machine code serves every horizon.
+    For use within other CasADi expressions, such as a nonlinear programme. To evaluate a horizon from Python,
+    :func:`compile_map` copies less, and its machine code does not depend on the number of stages.
 
     Args:
         function: of one stage.

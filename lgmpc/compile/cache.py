@@ -1,8 +1,7 @@
 """The cache of shared libraries: a private folder of files whose names verify their content.
 
-An entry is one file, ``<function>-<key>-<digest>.so``. The key names what it was made from, the digest its bytes: a
-truncated or altered file is detected before it is loaded. It appears by one rename: a reader finds a whole library or
-none.
+An entry is one file, ``<function>-<key>-<digest>.so``: the key is a hash of what it was built from, the digest one of
+its bytes, so that a truncated or altered file is detected before it is loaded. Entries are created by an atomic rename.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,10 +32,10 @@ _STALE_S = 24 * 3600.0
 
 @dataclass(frozen=True)
 class CacheReport:
-    """What the cache holds.
+    """The content of the cache.
 
     Attributes:
-        folder: where it is.
+        folder: of the cache.
         entries: number of libraries.
         size_bytes: of all files in it.
         damaged: names of the libraries whose content does not match their name.
@@ -49,7 +48,7 @@ class CacheReport:
 
 
 def request_key(*parts: str) -> str:
-    """Name what an entry is made from: 32 hexadecimal digits."""
+    """Return the hash of what an entry is built from: 32 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         data = part.encode()
@@ -58,12 +57,12 @@ def request_key(*parts: str) -> str:
 
 
 def cache_folder() -> Path:
-    """The folder of compiled libraries, created if need be and checked to be writable by this user alone.
+    """Return the folder of compiled libraries, created if necessary and checked to be writable by this user alone.
 
     Code is loaded from it, so a user with write access to it can run anything as this user.
 
     Raises:
-        InputError: the folder cannot be used, or others may write to it or replace it; the message holds the remedy.
+        InputError: the folder cannot be used, or others may write to it or replace it; the message states the remedy.
     """
     chosen = os.environ.get("LGMPC_CACHE_DIR", "").strip()
     path = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("lgmpc"))
@@ -100,7 +99,7 @@ def _refuse(folder: Path, what: str, expected: str) -> InputError:
 
 
 def find_entry(folder: Path, name: str, key: str) -> Path | None:
-    """The library that was made for this request, or None; a damaged one is removed and reported to the log."""
+    """Return the library built for this request, or None; a damaged one is removed and reported to the log."""
     for path in sorted(folder.glob(f"{name}-{key}-*.so")):
         if _is_whole(path):
             return path
@@ -110,17 +109,22 @@ def find_entry(folder: Path, name: str, key: str) -> Path | None:
 
 
 def make_entry(
-    folder: Path, name: str, key: str, source: str, build: Callable[[Path, Path], None], waiting: Callable[[], None]
+    folder: Path,
+    name: str,
+    key: str,
+    sources: Sequence[str],
+    build: Callable[[Sequence[Path], Path], None],
+    waiting: Callable[[], None],
 ) -> Path:
-    """Build a library and put it into the cache, unless another process does so first.
+    """Build a library and add it to the cache, unless another process has done so.
 
     Args:
         folder: the cache.
         name: of the function.
         key: of the request.
-        source: C code.
-        build: called with the C file and the library to write.
-        waiting: called once if another process is building it already.
+        sources: C code, one a file.
+        build: called with the C files and the library to write.
+        waiting: called once if another process is building it.
 
     Returns:
         The file of the finished entry.
@@ -136,9 +140,11 @@ def make_entry(
                 return entry
             _remove_stale(folder)
             with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as scratch:
-                code, library = Path(scratch, f"{name}.c"), Path(scratch, f"{name}.so")
-                code.write_text(source)
-                build(code, library)
+                files = [Path(scratch, f"{name}{i or ''}.c") for i in range(len(sources))]
+                library = Path(scratch, f"{name}.so")
+                for file, source in zip(files, sources, strict=True):
+                    file.write_text(source)
+                build(files, library)
                 entry = folder / f"{name}-{key}-{_digest(library)}.so"
                 library.replace(entry)
             return entry
@@ -147,7 +153,7 @@ def make_entry(
 
 
 def discard(path: Path) -> None:
-    """Remove a file that may be gone already, or may have to stay (in a read-only folder)."""
+    """Remove a file, if it exists and can be removed."""
     with contextlib.suppress(OSError):
         path.unlink()
 
@@ -171,7 +177,7 @@ def _is_whole(path: Path) -> bool:
 
 
 def _remove_stale(folder: Path) -> None:
-    """Remove what an interrupted compilation left behind."""
+    """Remove the files of interrupted compilations."""
     for path in folder.glob(".build-*"):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > _STALE_S:
@@ -180,10 +186,10 @@ def _remove_stale(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
-    """Hold an advisory lock so that two processes do not compile the same thing.
+    """Hold an advisory lock so that two processes do not compile the same function.
 
-    It only saves work: entries appear by an atomic rename, so two that build at once (where the file system has no
-    locks, or one took the lock just as its file was removed) end with the same whole entry.
+    It only saves work: entries are created by an atomic rename, so that two processes that build at once (without file
+    locks, or when the lock's file has just been removed) produce the same entry.
     """
     with path.open("w") as handle:
         try:

@@ -1,4 +1,4 @@
-"""The C compiler: which one, which flags, and what identifies the code that it makes."""
+"""The C compiler: its search, its flags, and the identity of its code."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import shlex
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +21,8 @@ from lgmpc.errors import CompileError, InputError
 __all__ = ["FLAGS", "Compiler", "find_compiler", "jit_enabled"]
 
 # Measured with gcc 12 on the Jacobians of Solo12's inverse dynamics (26,000 scalar statements): -O1 3.4 s and 4.4 us a
-# call, -O2 8 s and 3.9 us, -O3 no better. -march=native (from _describe) takes 16 % off a call: AVX needs fewer moves.
-# No contraction into fused multiply-adds: machine code then gives the interpreter's bits, and the fused gained nothing.
+# call, -O2 8 s and 3.9 us, -O3 no better. -march=native (from _describe) saves 16 % of a call: AVX needs fewer moves.
+# No contraction into fused multiply-adds: machine code then equals the interpreter bit for bit, at the same speed.
 # No math errno: sqrt is one instruction. Hidden symbols: CasADi's small helpers can be inlined.
 # Never -ffast-math: it breaks NaN, signed zeros and guarded divisions.
 FLAGS: tuple[str, ...] = (
@@ -29,15 +32,16 @@ FLAGS: tuple[str, ...] = (
     "-fPIC",
     "-shared",
     "-fvisibility=hidden",
-    "-DGCC_HASCLASSVISIBILITY",  # has CasADi's header export its entry points all the same
+    "-DGCC_HASCLASSVISIBILITY",  # exports CasADi's entry points nevertheless
 )
-# A function that is called like one of the C library's (clock, index, ...) calls itself, not that one.
+# Calls within the library to a function that is named like one of the C library (clock, ...) stay in the library.
 _ELF_FLAGS = ("-Wl,-Bsymbolic",)
-# Switches off GCC's graph-colouring register allocator, quadratic in straight-line code: 2.2 s and 4.1 us instead.
+# Disables GCC's graph-colouring register allocator, quadratic in straight-line code: 2.2 s and 4.1 us instead.
 _GCC_FLAGS = ("--param=ira-max-conflict-table-size=0",)
 
 _UNSAFE_FLAGS = ("-ffast-math", "-Ofast", "-funsafe-math-optimizations", "-ffinite-math-only")
 _CANDIDATES = ("cc", "gcc", "clang")
+_processors = threading.BoundedSemaphore(os.cpu_count() or 1)  # of compilers that run at once in this process
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,9 @@ class Compiler:
 
     Attributes:
         command: the program and its own arguments.
-        version: everything that ``--version`` printed.
-        flags: what it is called with, the user's ``LGMPC_CFLAGS`` last.
-        cpu: identity of the processor that the code is made for.
+        version: the output of ``--version``.
+        flags: its options, the user's ``LGMPC_CFLAGS`` last.
+        cpu: identity of the processor that the code is compiled for.
     """
 
     command: tuple[str, ...]
@@ -63,35 +67,61 @@ class Compiler:
 
     @property
     def identity(self) -> str:
-        """All that decides which machine code comes out of the same source."""
+        """All that determines the machine code of a given source."""
         return "\n".join((*self.command, self.version, *self.flags, self.cpu))
 
-    def build(self, source: Path, library: Path, function: str) -> None:
-        """Compile one C file into a shared library.
+    def build(
+        self,
+        sources: Sequence[Path],
+        library: Path,
+        function: str,
+        report: Callable[[str], None] = lambda message: None,
+    ) -> None:
+        """Compile C files into one shared library, as many at a time as there are processors.
 
         Args:
-            source: the C file.
+            sources: the C files, all in the library's folder.
             library: the file to write.
-            function: name of the function, for the message of an error.
+            function: name of the function, for messages.
+            report: called with the progress after each of several files.
 
         Raises:
-            CompileError: the compiler failed; the error holds all that it printed.
+            CompileError: the compiler failed; the error contains its output.
         """
-        command = [*self.command, *self.flags, source.name, "-o", library.name, "-lm"]
+        if len(sources) == 1:
+            self._call([sources[0].name], library, function, "-lm")
+            return
+        objects = [source.with_suffix(".o") for source in sources]
+        pool = ThreadPoolExecutor(os.cpu_count() or 1)
         try:
-            done = subprocess.run(command, cwd=source.parent, capture_output=True, text=True, errors="replace")
+            calls = [
+                pool.submit(self._call, ["-c", source.name], target, function)
+                for source, target in zip(sources, objects, strict=True)
+            ]
+            for done, call in enumerate(as_completed(calls), 1):
+                call.result()
+                report(f"compiling '{function}': {done} of {len(calls)} files")
+        finally:
+            pool.shutdown(cancel_futures=True)
+        self._call([path.name for path in objects], library, function, "-lm")
+
+    def _call(self, arguments: list[str], target: Path, function: str, *libraries: str) -> None:
+        command = [*self.command, *self.flags, *arguments, "-o", target.name, *libraries]
+        try:
+            with _processors:
+                done = subprocess.run(command, cwd=target.parent, capture_output=True, text=True, errors="replace")
         except OSError as error:
             raise CompileError(function, shlex.join(command), str(error)) from error
-        if done.returncode != 0 or not library.exists():
+        if done.returncode != 0 or not target.exists():
             log = (done.stdout + done.stderr).strip() or f"no output, exit code {done.returncode}"
             raise CompileError(function, shlex.join(command), log)
 
 
 def jit_enabled() -> bool:
-    """Whether functions may be compiled: ``LGMPC_JIT`` is not 0 (or false, no, off).
+    """Return whether functions may be compiled: ``LGMPC_JIT`` is not 0 (or false, no, off).
 
     Raises:
-        InputError: ``LGMPC_JIT`` holds something else.
+        InputError: ``LGMPC_JIT`` has another value.
     """
     value = os.environ.get("LGMPC_JIT", "").strip().lower()
     if value in ("", "1", "true", "yes", "on"):
@@ -102,10 +132,10 @@ def jit_enabled() -> bool:
 
 
 def find_compiler() -> Compiler | None:
-    """The compiler that ``CC`` names, else the first of cc, gcc, clang and the pip package ziglang; None without one.
+    """Return the compiler that ``CC`` names, else the first of cc, gcc, clang and the pip package ziglang, or None.
 
     Raises:
-        InputError: ``CC`` names a program that cannot be run, or ``LGMPC_CFLAGS`` holds a flag that breaks arithmetic.
+        InputError: ``CC`` names a program that cannot be run, or ``LGMPC_CFLAGS`` a flag that breaks arithmetic.
     """
     extra = tuple(shlex.split(os.environ.get("LGMPC_CFLAGS", "")))
     for flag in extra:
@@ -118,7 +148,7 @@ def find_compiler() -> Compiler | None:
         command = tuple(shlex.split(chosen))
         version = _version(command)
         if version is None:
-            raise InputError("CC", repr(chosen), "a C compiler that runs; unset CC, and lgmpc searches for one")
+            raise InputError("CC", repr(chosen), "a C compiler that runs; or unset CC, and lgmpc searches for one")
         return _describe(command, version, extra)
     for name in _CANDIDATES:
         version = _version((name,))
@@ -163,7 +193,7 @@ def _version(command: tuple[str, ...]) -> str | None:
 
 @functools.lru_cache(maxsize=1)
 def _cpu() -> str:
-    """What ``-march=native`` depends on: machines that share a home folder do not run each other's code."""
+    """Return what ``-march=native`` depends on: machines that share a home folder must not share machine code."""
     identifying = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
     lines: dict[str, str] = {}
     try:

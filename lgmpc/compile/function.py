@@ -1,4 +1,4 @@
-"""A function on preallocated buffers, whatever evaluates it: machine code or CasADi's interpreter."""
+"""A function on preallocated buffers, evaluated by machine code or CasADi's interpreter."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Argument:
         return math.prod(self.shape)
 
     def allocate(self) -> tuple[Array, Array]:
-        """Memory in the order of CasADi (stage after stage, column after column), and the view of it for callers."""
+        """Return memory in CasADi's order (stage after stage, column after column), and the callers' view of it."""
         memory = np.zeros(self.size * (self.stages or 1))
         if self.stages is None:
             return memory, memory.reshape(self.shape, order="F")
@@ -48,7 +48,7 @@ class Signature:
 
     @classmethod
     def of(cls, function: casadi.Function, stages: int | None = None, shared: Sequence[str] = ()) -> Signature:
-        """Read a CasADi function's names and shapes; the inputs in ``shared`` have no stage index."""
+        """Return the signature of a CasADi function; the inputs in ``shared`` have no stage index."""
 
         def describe(name: str, size: tuple[int, int]) -> Argument:
             shape = (size[0],) if size[1] == 1 else size
@@ -72,15 +72,15 @@ class Signature:
         return tuple(argument.name for argument in self.outputs)
 
 
-# Given the memory of all inputs and outputs, returns a call without arguments that returns CasADi's code (0 = done).
+# From the memory of all inputs and outputs to a call without arguments that returns CasADi's code (0: success).
 Bind = Callable[[Signature, Sequence[Array]], Callable[[], int]]
 
 
 class CompiledFunction:
-    """A CasADi function evaluated on buffers that it owns.
+    """A CasADi function with its own buffers for inputs and outputs.
 
     Write into :attr:`inputs`, call :meth:`run`, read :attr:`outputs`. One instance is for one thread at a time (the
-    machine code runs without Python's global lock): use a :meth:`clone` in every other thread. Made by
+    machine code runs without Python's global lock): use a :meth:`clone` in every other thread. Created by
     :func:`compile_function`.
 
     Attributes:
@@ -88,11 +88,11 @@ class CompiledFunction:
         compiled: whether it is machine code; otherwise CasADi interprets it.
         inputs: one dense float64 array per input, zero at first: ``(n,)`` for a column, else ``(rows, columns)`` in
             Fortran order; for a horizon (:func:`compile_map`) with the stage as additional first index. Write into
-            them, never replace them.
+            them; do not replace them.
         outputs: results of the last :meth:`run`, laid out in the same way; the next run overwrites them.
     """
 
-    __slots__ = ("__weakref__", "_bind", "_evaluate", "_signature", "compiled", "inputs", "name", "outputs")
+    __slots__ = ("__weakref__", "_bind", "_evaluate", "_memory", "_signature", "compiled", "inputs", "name", "outputs")
 
     def __init__(self, signature: Signature, bind: Bind, compiled: bool) -> None:
         self.name = signature.name
@@ -103,16 +103,17 @@ class CompiledFunction:
         self.outputs: tuple[Array, ...] = tuple(view for _, view in outputs)
         self._signature = signature
         self._bind = bind
-        self._evaluate = bind(signature, [memory for memory, _ in inputs + outputs])
+        self._memory = tuple(memory for memory, _ in inputs + outputs)
+        self._evaluate = bind(signature, self._memory)
 
     def run(self) -> None:
-        """Evaluate inputs to outputs, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
+        """Evaluate, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
 
         Raises:
-            SolverError: a solver inside the function failed (plain arithmetic never does); outputs are then undefined.
+            SolverError: a solver inside the function failed; outputs are then undefined.
         """
         if self._evaluate():
-            remedy = "Its data or its starting point may admit no solution"
+            remedy = "Its problem may be infeasible, or its initial point too far from a solution"
             raise SolverError(f"solver inside '{self.name}'", "no solution", remedy)
 
     def __call__(self, *args: object) -> tuple[Array, ...]:
@@ -139,7 +140,7 @@ class CompiledFunction:
         return tuple(output.copy(order="K") for output in self.outputs)
 
     def input(self, name: str) -> Array:
-        """The buffer of the input with this name.
+        """Return the buffer of the input with this name.
 
         Raises:
             InputError: no such input.
@@ -147,7 +148,7 @@ class CompiledFunction:
         return self.inputs[index_of(f"input of '{self.name}'", name, self.input_names)]
 
     def output(self, name: str) -> Array:
-        """The buffer of the output with this name.
+        """Return the buffer of the output with this name.
 
         Raises:
             InputError: no such output.
@@ -164,8 +165,29 @@ class CompiledFunction:
         """Names of the outputs, in order."""
         return self._signature.output_names
 
+    def bind(self, **memory: Array) -> Callable[[], int]:
+        """Make a call on memory of the caller's; it returns 0, as plain arithmetic always does, and allocates nothing.
+
+        Args:
+            memory: an array for some of the inputs and outputs, by name; the others stay this function's own. Arrays
+                are float64 and contiguous, and hold the numbers in the order of CasADi: stage after stage, column
+                after column.
+
+        Raises:
+            InputError: an unknown name, or an array that does not fit.
+        """
+        names = (*self.input_names, *self.output_names)
+        arrays = list(self._memory)
+        for name, array in memory.items():
+            place = index_of(f"argument of '{self.name}'", name, names)
+            size = arrays[place].size
+            if array.dtype != np.float64 or array.size != size or not array.flags.c_contiguous:
+                raise InputError(name, f"{array.dtype} of shape {array.shape}", f"float64, contiguous, {size} numbers")
+            arrays[place] = array.reshape(-1)
+        return self._bind(self._signature, arrays)
+
     def clone(self) -> CompiledFunction:
-        """Return one on the same machine code with buffers of its own, the inputs' values copied."""
+        """Return a copy on the same machine code with its own buffers, the inputs' values copied."""
         twin = CompiledFunction(self._signature, self._bind, self.compiled)
         for mine, theirs in zip(self.inputs, twin.inputs, strict=True):
             theirs[...] = mine
@@ -178,7 +200,7 @@ class CompiledFunction:
 
 
 def index_of(what: str, name: str, names: tuple[str, ...]) -> int:
-    """Position of a name among names; an error that lists them where it is not one."""
+    """Return the index of a name among names; an InputError lists them if it is none of them."""
     try:
         return names.index(name)
     except ValueError:

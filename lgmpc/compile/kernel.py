@@ -1,7 +1,8 @@
-"""Stage functions on memory that the caller owns: a loop in C, whose stages read each other's results."""
+"""Stage functions on the caller's memory: a loop in C, whose stages may read the results of previous ones."""
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -10,19 +11,21 @@ import numpy as np
 
 from lgmpc.compile.build import densify_function
 from lgmpc.compile.compiler import find_compiler, jit_enabled
-from lgmpc.compile.function import Signature, index_of
+from lgmpc.compile.function import Argument, Signature, index_of
+from lgmpc.compile.lanes import has_lanes
 from lgmpc.compile.native import Progress, bind_library, load_library
+from lgmpc.compile.pipeline import Pipeline, bind_pipeline, load_pipeline
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["StageKernel"]
+__all__ = ["BatchKernel", "StageKernel"]
 
 
 class StageKernel:
     """A function of one stage, compiled once and bound to any memory, over any number of stages.
 
-    The stages are evaluated in order. So a roll-out is a kernel whose result ``x_next`` is bound to the same array as
-    its argument ``x``, one row on.
+    The stages are evaluated in order. A roll-out is a kernel whose result ``x_next`` is bound to the same array as
+    its argument ``x``, offset by one row.
 
     Args:
         function: of one stage.
@@ -44,7 +47,7 @@ class StageKernel:
         self.compiled = self._library is not None
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
-        """Make the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
+        """Return the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
 
         Args:
             stages: their number.
@@ -71,13 +74,68 @@ class StageKernel:
                 raise InputError(argument.name, got, f"float64 of shape ({stages}, {argument.size}), contiguous rows")
             arrays.append(array)
             steps.append(0 if shared else array.strides[0] // array.itemsize)
+        return self._bind(stages, arrays, steps)
+
+    def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
+        """Return the call on arrays that fit; ``steps`` are their numbers from one stage to the next."""
         if self._library is not None:
             return bind_library(self._library, self._signature, arrays, stages, steps)
+        arguments = (*self._signature.inputs, *self._signature.outputs)
         rows_of = [
             [(a[k] if step else a)[: g.size] for k in range(stages)]
             for a, step, g in zip(arrays, steps, arguments, strict=True)
         ]
         return _interpret(self._function, len(self._signature.inputs), stages, rows_of)
+
+
+class BatchKernel(StageKernel):
+    """A :class:`StageKernel` of stages that do not read each other's results: several at a time, one in each lane.
+
+    The results are those of a :class:`StageKernel`, bit for bit. Functions of other than scalar operations run one
+    stage after the other.
+
+    Args:
+        function: of one stage, or a pipeline of several.
+        progress: called with a description of what is being compiled.
+    """
+
+    def __init__(self, function: casadi.Function | Pipeline, progress: Progress | None = None) -> None:
+        pipeline = function if isinstance(function, Pipeline) else _pipeline_of(densify_function(function))
+        compiler = find_compiler() if jit_enabled() else None
+        self._libraries: list[ctypes.CDLL] = []
+        if pipeline is None or compiler is None:
+            super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)
+            return
+        self._pipeline = pipeline
+        self._signature = Signature(
+            pipeline.name,
+            1,
+            tuple(Argument(name, (size,), None) for name, size in pipeline.inputs.items()),
+            tuple(Argument(name, (len(pipeline.entries(name)),), None) for name in pipeline.outputs),
+        )
+        self._libraries = load_pipeline(pipeline, compiler, progress)
+        self.compiled = True
+
+    def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
+        """Make the call, as :meth:`StageKernel.bind` does.
+
+        Raises:
+            InputError: a name is missing or unknown, or an array does not fit, or one that is written is also read.
+        """
+        for result in self._signature.output_names:
+            for given in self._signature.input_names:
+                if given in memory and result in memory and np.may_share_memory(memory[given], memory[result]):
+                    raise InputError(result, f"memory of '{given}'", "memory of its own (a StageKernel shares memory)")
+        return super().bind(stages, **memory)
+
+    def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
+        if not self._libraries:
+            return super()._bind(stages, arrays, steps)
+        return bind_pipeline(self._pipeline, self._libraries, stages, arrays, steps)
+
+
+def _pipeline_of(function: casadi.Function) -> Pipeline | None:
+    return Pipeline.of(function) if has_lanes(function) else None
 
 
 def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[list[Array]]) -> Callable[[], int]:
@@ -93,7 +151,7 @@ def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[lis
                 buffer.set_arg(i, row.data)
             else:
                 buffer.set_res(i - n_in, row.data)
-        # The buffer holds addresses only: what they point at has to exist as long as the call.
+        # The buffer contains addresses only: the call keeps the arrays alive.
         calls.append((evaluate, buffer, [column[k] for column in rows]))
 
     def call() -> int:

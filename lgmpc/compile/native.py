@@ -1,4 +1,4 @@
-"""A CasADi function as machine code: its C source, its library in the cache, the call into it."""
+"""A CasADi function as machine code: its C source, its library in the cache, calls of it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import re
 import time
 import weakref
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import casadi
 import numpy as np
@@ -16,18 +17,29 @@ import numpy as np
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler
 from lgmpc.compile.function import Signature
+from lgmpc.compile.lanes import LANES_IDENTITY, generate_lanes
 from lgmpc.errors import CompileError
 from lgmpc.typing import Array
 
-__all__ = ["Progress", "bind_library", "generate_source", "load_library"]
+__all__ = [
+    "LANES",
+    "ONE_BY_ONE",
+    "CodeWriter",
+    "Progress",
+    "aligned_zeros",
+    "bind_library",
+    "generate_source",
+    "load_library",
+]
 
 Progress = Callable[[str], None]
 
 _log = logging.getLogger("lgmpc.compile")
-_CODEGEN_VERSION = "2"  # part of every cache key: raise it when the code around CasADi's changes
+_ALIGNMENT = 8  # doubles: the widest vectors hold so many
+_CODEGEN_VERSION = "2"  # part of every cache key: increase it when the code around CasADi's changes
 
-# One pointer as the only argument costs half of what CasADi's five do to pass from Python, and the loop over stages is
-# here rather than in casadi.Function.map: that copies every output twice and every shared input once per stage.
+# Passing one pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
+# casadi.Function.map copies every output twice and every shared input once per stage.
 _ENTRY = """
 CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
   double** base = (double**) frame[0];
@@ -46,15 +58,15 @@ CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
 }}
 """
 
-# CasADi's runtime (dense products, factorisations) is loops, 2.7 times faster at -O2 than at the -O1 that suits the
-# long straight-line bodies after it. GCC alone understands the pragma; clang needs none, its -O1 is as fast here.
+# CasADi's runtime (dense products, factorisations) consists of loops, 2.7 times faster at -O2 than at the -O1 of the
+# long straight-line bodies after it. The pragma is GCC's; clang's -O1 is as fast without one.
 _RUNTIME = re.compile(r"^#include <math\.h>\n(.*?)^static int casadi_f\d+\(", re.MULTILINE | re.DOTALL)
 _NOT_C = re.compile(r"#error Code generation not supported for (\w+)")
 _FAST = '#pragma GCC push_options\n#pragma GCC optimize ("O2")\n'
 
 
 def generate_source(function: casadi.Function) -> str:
-    """C code of the function and of lgmpc's entry into it.
+    """Return the C code of the function and of lgmpc's entry point.
 
     Raises:
         CompileError: CasADi cannot write some part of it in C.
@@ -75,16 +87,41 @@ def generate_source(function: casadi.Function) -> str:
     return code + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
 
 
+@dataclass(frozen=True)
+class CodeWriter:
+    """A way to write a function of one stage in C, with an entry that loops over stages.
+
+    Attributes:
+        identity: all that, besides the function, decides the C code.
+        write: returns C files.
+    """
+
+    identity: tuple[str, ...]
+    write: Callable[[casadi.Function], tuple[str, ...]]
+
+
+def _one_file(function: casadi.Function) -> tuple[str, ...]:
+    return (generate_source(function),)
+
+
+# Stages one after the other, which may read what those before them wrote.
+ONE_BY_ONE = CodeWriter((_ENTRY, _FAST), _one_file)
+# Several at a time: functions that are a list of scalar operations.
+LANES = CodeWriter(LANES_IDENTITY, generate_lanes)
+
+
 def _identity(function: casadi.Function) -> str:
-    """Text that identifies the function: written in a third of the time that its C code takes."""
+    """Return a text that identifies the function, generated in a third of the time of its C code."""
     try:
         return str(function.serialize())
-    except RuntimeError:  # CasADi cannot write down what it calls
+    except RuntimeError:  # CasADi cannot serialise what it calls
         return generate_source(function)
 
 
-def load_library(function: casadi.Function, compiler: Compiler, progress: Progress | None) -> ctypes.CDLL:
-    """Load the function's library from the cache, building it first where it is missing, damaged or cannot be loaded.
+def load_library(
+    function: casadi.Function, compiler: Compiler, progress: Progress | None, writer: CodeWriter = ONE_BY_ONE
+) -> ctypes.CDLL:
+    """Load the function's library from the cache, built first if it is missing, damaged or cannot be loaded.
 
     Raises:
         CompileError: the function has no C code, or the compiler failed on it, or the result cannot be loaded.
@@ -99,7 +136,7 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
     name = function.name()
     folder = cache_folder()
     key = request_key(
-        _CODEGEN_VERSION, casadi.CasadiMeta.version(), compiler.identity, _ENTRY, _FAST, _identity(function)
+        _CODEGEN_VERSION, casadi.CasadiMeta.version(), compiler.identity, *writer.identity, _identity(function)
     )
     entry = find_entry(folder, name, key)
     if entry is not None:
@@ -109,14 +146,15 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
             _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
             discard(entry)
 
-    start, source = time.perf_counter(), generate_source(function)
-    report(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+    start, sources = time.perf_counter(), writer.write(function)
+    size = sum(len(source) for source in sources)
+    report(f"compiling '{name}' ({size / 1e6:.1f} MB of C) with {compiler.name}; once, later runs load it")
     entry = make_entry(
         folder,
         name,
         key,
-        source,
-        lambda code, library: compiler.build(code, library, name),
+        sources,
+        lambda files, library: compiler.build(files, library, name, report),
         lambda: report(f"waiting for another process that is compiling '{name}'"),
     )
     try:
@@ -128,6 +166,13 @@ def load_library(function: casadi.Function, compiler: Compiler, progress: Progre
     return library
 
 
+def aligned_zeros(size: int) -> Array:
+    """Return work memory (size,) at an address that is a multiple of the vectors' size."""
+    work = np.zeros(size + _ALIGNMENT)
+    start = -(work.ctypes.data // work.itemsize) % _ALIGNMENT
+    return work[start : start + size]
+
+
 def bind_library(
     library: ctypes.CDLL,
     signature: Signature,
@@ -135,9 +180,9 @@ def bind_library(
     stages: int | None = None,
     steps: Sequence[int] | None = None,
 ) -> Callable[[], int]:
-    """Make the call that evaluates the library's function on this memory (inputs, then outputs).
+    """Return the call that evaluates the library's function on this memory (inputs, then outputs).
 
-    ``stages`` and ``steps`` (numbers from each array's stage to its next) are the signature's unless given.
+    ``stages`` and ``steps`` (each array's numbers from one stage to the next) are the signature's unless given.
     """
     name = signature.name
     sizes = [ctypes.c_longlong() for _ in range(4)]
@@ -150,10 +195,10 @@ def bind_library(
     slot = library[f"{name}_checkout"]()
     plan = np.array([signature.stages if stages is None else stages, slot, *steps], dtype=np.int64)
     arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
-    iw, w = np.zeros(n_iw, dtype=np.int64), np.zeros(n_w)
+    iw, w = np.zeros(n_iw, dtype=np.int64), aligned_zeros(n_w)
     parts = (base, plan, arg, res, iw, w)
     frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
-    # The frame holds addresses only: what they point at has to exist as long as the frame.
+    # The frame contains addresses only: keep the arrays alive as long as the frame.
     frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
     weakref.finalize(frame, library[f"{name}_release"], slot)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))

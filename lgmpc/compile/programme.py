@@ -1,4 +1,4 @@
-"""Libraries from C that is not one CasADi function: a nonlinear programme's functions, and code of lgmpc's own."""
+"""Libraries from other C sources: the functions of a nonlinear programme, and lgmpc's own code."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ __all__ = ["compile_programme", "compile_source"]
 
 
 def compile_programme(solver: casadi.Function, *, progress: Progress | None = None) -> Path | None:
-    """Build (or find in the cache) the machine code of what a solver made by ``casadi.nlpsol`` evaluates.
+    """Compile the functions of a solver made by ``casadi.nlpsol``, or find them in the cache.
 
     Args:
-        solver: made from expressions; its name and options decide what it evaluates.
+        solver: made from expressions; its name and options determine its functions.
         progress: called with a description of what is being compiled, if anything is.
 
     Returns:
-        A library to give to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
+        A library to pass to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
         be compiled.
 
     Raises:
@@ -41,11 +41,11 @@ def compile_programme(solver: casadi.Function, *, progress: Progress | None = No
 
 
 def compile_source(name: str, source: str, *, progress: Progress | None = None) -> Path | None:
-    """Build (or find in the cache) a library from C.
+    """Compile a C source into a library, or find it in the cache.
 
     Args:
         name: a C identifier, part of the file's name.
-        source: one C file; what is to be found in it needs default visibility.
+        source: one C file; its entry points need default visibility.
         progress: called with a description of what is being compiled, if anything is.
 
     Returns:
@@ -64,5 +64,5 @@ def compile_source(name: str, source: str, *, progress: Progress | None = None) 
     if entry is None:
         if progress is not None:
             progress(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
-        entry = make_entry(folder, name, key, source, lambda c, so: compiler.build(c, so, name), lambda: None)
+        entry = make_entry(folder, name, key, (source,), lambda c, so: compiler.build(c, so, name), lambda: None)
     return entry

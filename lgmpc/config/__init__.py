@@ -1,4 +1,4 @@
-"""Configs: their shape, reading and writing them, and the session that one of them describes."""
+"""Configs: their schema, reading and writing them, and the sessions built from them."""
 
 from lgmpc.config.loading import (
     dump_config,

@@ -1,6 +1,8 @@
-"""From the config of a closed loop to the objects it describes. The only file that imports every room."""
+"""Construction of a closed loop from its config: the only module that imports every room."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -8,10 +10,10 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
+from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
-from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
@@ -19,10 +21,16 @@ from lgmpc.mpc import make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Rates
-from lgmpc.simulation.plant import make_plant
+from lgmpc.simulation.drives import Computing, Drives, StateLink
+from lgmpc.simulation.initial import initial_state
+from lgmpc.simulation.loop import Hardware, Rates, Sensing, TrueState
+from lgmpc.simulation.parameters import real_effort_limit
+from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.wbc import WholeBodyController
+
+_LINK, _DRIVES, _COMPUTING = 1, 2, 3
+"""Streams of random numbers besides that of the sensors, each with the config's seed."""
 
 __all__ = ["build_controller", "build_estimator", "build_robot", "build_sensors", "prepare"]
 
@@ -33,7 +41,7 @@ def build_sensors(config: Config, robot: Robot) -> Sensors:
 
 
 def build_estimator(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedEstimator | None:
-    """Return the estimator of section ``estimator``; None where the controllers receive the simulator's state."""
+    """Return the estimator of section ``estimator``; None if the controllers receive the simulator's state."""
     if isinstance(config.estimator, GroundTruth):
         return None
     return LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, progress=notify)
@@ -42,34 +50,34 @@ def build_estimator(config: Config, robot: Robot, notify: Notify = lambda messag
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedController:
     """Return the controller of sections ``mpc``, ``wbc``, ``locomotion``, ``commands`` and ``reference``.
 
-    Raises:
-        ConfigError: a command names a gait that does not exist, or a gait has not one offset for each foot.
+    Args:
+        config: the closed loop.
+        robot: from :func:`build_robot`, which checks that the config fits it.
+        notify: called with a description of what is being prepared.
     """
     period = 1.0 / config.wbc.rate_hz
-    try:
-        gaits = gaits_of(robot, config.locomotion)
-        commands = CommandTimeline(config.commands, gaits=gaits)
-    except InputError as error:
-        raise config.error(error.argument, error.got, error.expected, error.choices) from error
+    gaits = gaits_of(robot, config.locomotion)
     mpc = make_mpc(robot, config.mpc, notify) if config.mpc.enabled else None
     return LeggedController(
         robot,
         WholeBodyController(robot, config.wbc),
         FrictionMonitor(config.wbc.friction, period),
-        Planner(robot, mpc, period) if mpc is not None else None,
-        commands=commands,
+        Planner(robot, mpc, period, config.delays.total_s) if mpc is not None else None,
+        commands=CommandTimeline(config.commands, gaits=gaits),
         offset=None if isinstance(config.reference, StandReference) else config.reference,
         locomotion=config.locomotion,
         gaits=gaits,
+        modes=config.modes,
+        delays=config.delays,
         period=period,
     )
 
 
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:
-    """Build everything that a run needs.
+    """Build the session of a closed loop.
 
     Args:
-        config: what to run.
+        config: the closed loop.
         notify: called with a description of what is being prepared.
 
     Raises:
@@ -85,7 +93,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     recorder = Recorder(
         nq=robot.nq,
         nv=robot.nv,
-        effort_limit=robot.effort_limit,
+        effort_limit=real_effort_limit(robot, config.plant),
         joint_names=robot.joint_names,
         estimated=estimator is not None,
         stepping=True,
@@ -103,11 +111,40 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         robot=robot,
         plant=plant,
         controller=controller,
+        initial=initial_state(robot, config.plant),
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
         rates=rates,
         recorder=recorder,
         log_every=round(config.wbc.rate_hz / config.log.rate_hz),
         gate=config.gate,
-        sensors=None if estimator is None else build_sensors(config, robot),
+        after_fall_s=math.inf if config.after_fall_s is None else config.after_fall_s,
+        simulated=config.plant,
+        sensing=_build_sensing(config, robot, estimator),
+        hardware=_build_hardware(config, plant, controller, estimator),
         estimator=estimator,
     )
+
+
+def _build_sensing(config: Config, robot: Robot, estimator: LeggedEstimator | None) -> Sensing | TrueState | None:
+    """Return where the controller receives the state from; None: the plant's own, at once."""
+    link = config.plant.link
+    rng = np.random.default_rng((config.seed, _LINK))
+    if estimator is not None:
+        way = None if link.transparent else StateLink[Measurement](link, rng)
+        return Sensing(build_sensors(config, robot), estimator, way)
+    return None if link.transparent else TrueState(StateLink[RobotState](link, rng), robot.nu)
+
+
+def _build_hardware(
+    config: Config, plant: Plant, controller: LeggedController, estimator: LeggedEstimator | None
+) -> Hardware:
+    """Return what commands pass through, its random numbers seeded by ``seed``."""
+    drives = Drives(config.plant.link, config.plant.actuators, plant.dt, np.random.default_rng((config.seed, _DRIVES)))
+    computing = Computing(config.timing, np.random.default_rng((config.seed, _COMPUTING)))
+
+    def measured() -> tuple[float, bool]:
+        planner = controller.planner
+        time = 1e-3 * controller.wbc_ms + (0.0 if estimator is None else estimator.spent)
+        return (time, False) if planner is None else (time + planner.spent, planner.planned)
+
+    return Hardware(drives, computing, measured)

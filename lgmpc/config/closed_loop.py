@@ -1,4 +1,4 @@
-"""The session that a config describes: plant, controller and pushes in closed loop, recorded and judged."""
+"""The session of a closed loop: plant, controller and pushes, recorded and judged."""
 
 from __future__ import annotations
 
@@ -7,55 +7,72 @@ import math
 from dataclasses import dataclass
 from time import perf_counter
 
+import numpy as np
+
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
+from lgmpc.control.modes import Mode
 from lgmpc.errors import SolverError
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Outcome, Recorder, Verdict, compute_metrics, judge
-from lgmpc.runs.log import CONTACT_STATES
-from lgmpc.runs.metrics import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
+from lgmpc.runs import Gate, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
+from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
+from lgmpc.runs.forensics import finite_part
+from lgmpc.runs.limited import JointLimits
+from lgmpc.runs.log import CONTACT_STATES, MODES
+from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
+from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
+from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, TrueState, simulate
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.plant import Plant
-from lgmpc.simulation.sensors import Sensors
+from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyTerms
 
 __all__ = ["ClosedLoopSession"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
+_MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}
+_LOW = (Mode.LIE, Mode.RISE, Mode.SIT)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
-_AFTERMATH = 0.5  # s that a fall is still watched: long enough for the replay, and nothing is learnt from more
 
 
 @dataclass
 class ClosedLoopSession:
-    """A :class:`lgmpc.config.session.Session`; see there.
+    """A :class:`lgmpc.config.session.Session` of a closed loop.
 
     Attributes:
         robot: the controller's model.
-        plant: the simulated world.
+        plant: the simulated robot and floor.
         controller: the controller.
+        initial: (nq + nv,) initial state.
         pushes: the disturbances.
-        rates: steps and ticks.
+        rates: of the plant's steps and the control ticks.
         recorder: empty.
         log_every: control ticks per logged tick in the saved log.
-        gate: what counts as success.
-        sensors: of the simulated robot; None, as the estimator, if the controller receives the plant's true state.
-        estimator: of the state from what the sensors measure.
+        gate: the criteria of success.
+        after_fall_s: time recorded after a fall, s; inf: to the run's end.
+        simulated: what the simulated robot differs in from the controller's model.
+        sensing: where the controller receives the state from; None if it is the plant's true state, at once.
+        hardware: what commands pass through, and what computing takes.
+        estimator: of the state from the sensors' measurements; None if the controller receives the true state.
     """
 
     robot: Robot
     plant: Plant
     controller: LeggedController
+    initial: Array
     pushes: PushSchedule
     rates: Rates
     recorder: Recorder
     log_every: int
     gate: Gate
-    sensors: Sensors | None = None
+    after_fall_s: float
+    simulated: PlantSettings
+    sensing: Sensing | TrueState | None = None
+    hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
 
     @property
@@ -64,14 +81,13 @@ class ClosedLoopSession:
         return self.recorder.log_bytes(self.log_every)
 
     def run(self, progress: ProgressReport) -> SessionResult:
-        """Simulate from the robot's reference posture at rest; see :meth:`lgmpc.config.session.Session.run`."""
+        """Simulate from the initial state; see :meth:`lgmpc.config.session.Session.run`."""
         observer = _Observer(self, progress)
-        self.plant.reset(self.robot.x_reference)
-        sensing = Sensing(self.sensors, self.estimator) if self.sensors and self.estimator else None
+        self.plant.reset(self.initial)
         interrupted, broken = False, ""
         started = perf_counter()
         try:
-            simulate(self.plant, self.controller, self.pushes, self.rates, observer, sensing)
+            simulate(self.plant, self.controller, self.pushes, self.rates, observer, self.sensing, self.hardware)
         except KeyboardInterrupt:
             interrupted = True
         except SolverError as error:
@@ -85,11 +101,23 @@ class ClosedLoopSession:
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
-        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
+        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, self._certificate(log))
+
+    def _certificate(self, log: RunLog) -> Certificate | None:
+        finite, _ = finite_part(log)
+        if finite.ticks < 2:
+            return None
+        robot, balances = self.robot, None
+        whole = bool((np.diff(finite.time) < 1.5 * finite.control_period_s).all())
+        if self.rates.substeps == 1 and whole:  # every step of the plant is in the log
+            edges = window_edges(finite)
+            momentum, energy = momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges])
+            balances = Balances(edges, momentum, energy)
+        return certify(finite, JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit), balances)
 
 
 class _Observer:
-    """Record every control tick, report the progress now and then, and end a run soon after the robot fell."""
+    """Record every control tick, report the progress periodically, and end a run soon after the robot fell."""
 
     def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
         self._record = session.recorder.record
@@ -98,27 +126,30 @@ class _Observer:
         self._record_estimate = session.recorder.record_estimate
         self._estimator = session.estimator
         # Runs are judged by the true state, not by the estimate.
-        self._truth = None if session.estimator is None else WholeBodyTerms(session.robot)
+        self._truth = None if session.sensing is None else WholeBodyTerms(session.robot)
         self._controller = session.controller
         self._progress = progress
         self._duration = session.rates.ticks * session.rates.period
         self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
-        self._start_height = float(session.robot.q_reference[2])
-        self._end = math.inf
+        self._height = float(session.robot.q_reference[2])
+        self._after_fall = session.after_fall_s
+        self._end, self._fell = math.inf, False
         self._started = perf_counter()
 
     def __call__(self, tick: Tick) -> bool:
         sample, controller = tick.sample, self._controller
         wbc, planner = controller.wbc, controller.planner
         terms = wbc.terms
-        if self._truth is not None and self._estimator is not None:
-            estimator = self._estimator
+        if self._truth is not None:
             terms = self._truth
             terms.update(sample.q, sample.v)
+        if self._estimator is not None:
+            estimator = self._estimator
             self._record_estimate(tick.state.q, tick.state.v, estimator.contacts, 1e3 * estimator.spent)
         feet, command = controller.feet, controller.command
         self._record_steps(
             command=(command.vx, command.vy, command.yaw_rate),
+            mode=_MODE_CODES[controller.modes.mode],
             gait_period_s=feet.clock.gait.period_s,
             stance=feet.stance,
             contact_states=[_STATE_CODES[state] for state in feet.events.states],
@@ -154,7 +185,8 @@ class _Observer:
     def _report(self, time: float, terms: WholeBodyTerms) -> None:
         elapsed = perf_counter() - self._started
         tilt = math.degrees(math.acos(min(max(float(terms.rotation[2, 2]), -1.0), 1.0)))
-        if math.isinf(self._end) and (tilt > FALL_TILT_DEG or terms.q[2] < FALL_HEIGHT_FRACTION * self._start_height):
-            _LOG.warning("the robot fell at %.2f s; the run ends %g s later", time, _AFTERMATH)
-            self._end = time + _AFTERMATH
+        low = terms.q[2] < FALL_HEIGHT_FRACTION * self._height
+        if not self._fell and self._controller.modes.mode not in _LOW and (low or tilt > FALL_TILT_DEG):
+            self._fell, self._end = True, time + self._after_fall
+            _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, min(self._end, self._duration))
         self._progress(Progress(time, self._duration, tilt, time / elapsed if elapsed > 0 else 0.0))

@@ -1,11 +1,11 @@
-"""Run the config of a closed loop, or solve that of a problem, from start to end, into its folder."""
+"""Execution of configs: run a closed loop, or solve a problem, and save it in a run folder."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 
@@ -23,14 +23,14 @@ __all__ = ["FinishedRun", "FinishedSolve", "new_folder", "run_config", "solve_co
 
 @contextmanager
 def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFolder]:
-    """Lend ``out/<time>-<name>/`` with the config in it.
+    """Create ``out/<time>-<name>/`` with the config in it, for the duration of a block.
 
-    It is made first, so that a run never ends with nowhere to go. If the block is left by an exception (the run cannot
-    start, breaks, or cannot be saved) it is removed again, and so are ``out`` and the folders around it that did not
-    exist before.
+    It is created before the run, so that an unwritable folder is found first. If an exception leaves the block (the run
+    cannot start, fails, or cannot be saved), it is removed, and so are ``out`` and its parents that did not exist
+    before.
 
     Raises:
-        RunFolderError: if it cannot be made or written.
+        RunFolderError: if it cannot be created or written.
     """
     out = Path(out)
     missing = [each for each in (out, *out.parents) if not each.exists()]
@@ -43,30 +43,34 @@ def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFol
         if folder is not None:
             shutil.rmtree(folder.path, ignore_errors=True)
         for each in missing:
-            with suppress(OSError):  # another run is in it by now
+            with suppress(OSError):  # another run has been saved in it
                 each.rmdir()
         raise
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that is over and saved.
+    """A finished and saved run.
 
     Attributes:
         folder: where it was saved.
         session: its log, metrics and verdict.
-        result: what ``run.json`` holds.
-        signal: what ended it early.
+        result: the content of ``run.json``.
+        signal: the signal that ended it early, if any.
     """
 
     folder: RunFolder
-    session: SessionResult
+    session: SessionResult = field(repr=False)
     result: RunResult
     signal: Signals | None = None
 
+    def _repr_html_(self) -> str:
+        """Return a table of the verdict and of some figures."""
+        return self.result.html(self.folder.path)
+
     @property
     def exit_code(self) -> int:
-        """What the command line returns for it."""
+        """The command line's exit code."""
         return self.session.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
 
@@ -79,15 +83,15 @@ def run_config(
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
-    Ctrl-C, SIGTERM or SIGHUP during the simulation end it between two ticks: what was recorded is saved, marked as
-    interrupted. While the run is being saved they wait for its end; a second Ctrl-C acts at once. A run that cannot
-    start, breaks, or cannot be saved leaves no folder (:func:`new_folder`).
+    Ctrl-C, SIGTERM or SIGHUP during the simulation end it between two ticks: the partial log is saved, marked as
+    interrupted. While the run is being saved they are deferred; a second Ctrl-C acts at once. A run that cannot start,
+    fails, or cannot be saved leaves no folder (:func:`new_folder`).
 
     Args:
-        config: what to run.
+        config: the closed loop.
         out: folder of run folders.
-        notify: called with what is being prepared.
-        progress: called with where the simulation is.
+        notify: called with a description of what is being prepared.
+        progress: called with the progress of the simulation.
 
     Raises:
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
@@ -99,30 +103,40 @@ def run_config(
         with stop.deferred(progress) as report:
             result = session.run(report)
             folder.write_log(result.log)
-            saved = RunResult(name=config.name, verdict=result.verdict, metrics=result.metrics, seed=config.seed)
+            saved = RunResult(
+                name=config.name,
+                verdict=result.verdict,
+                metrics=result.metrics,
+                seed=config.seed,
+                certificate=result.certificate,
+            )
             folder.write_result(saved)
     return FinishedRun(folder, result, saved, stop.received if result.interrupted else None)
 
 
 @dataclass(frozen=True)
 class FinishedSolve:
-    """A problem that was solved, or not, and saved.
+    """A finished and saved solve, converged or not.
 
     Attributes:
         folder: where it was saved.
         outcome: its trajectory, figures and verdict.
-        result: what ``run.json`` holds.
-        signal: what ended it early.
+        result: the content of ``run.json``.
+        signal: the signal that ended it early, if any.
     """
 
     folder: RunFolder
-    outcome: SolveOutcome
+    outcome: SolveOutcome = field(repr=False)
     result: SolveResult
     signal: Signals | None = None
 
+    def _repr_html_(self) -> str:
+        """Return a table of the verdict and of some figures."""
+        return self.result.html(self.folder.path)
+
     @property
     def exit_code(self) -> int:
-        """What the command line returns for it."""
+        """The command line's exit code."""
         return self.outcome.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
 
@@ -135,13 +149,12 @@ def solve_config(
 ) -> FinishedSolve:
     """Solve the problem of ``config`` and save it as ``out/<time>-<name>/``.
 
-    Folder and signals are as :func:`run_config` has them; a signal ends the solve between two
-    iterations.
+    Folder and signals are those of :func:`run_config`; a signal ends the solve between two iterations.
 
     Args:
-        config: what to solve.
+        config: the problem.
         out: folder of run folders.
-        notify: called with what is being prepared.
+        notify: called with a description of what is being prepared.
         progress: called after every iteration.
 
     Raises:

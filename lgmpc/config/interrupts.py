@@ -1,4 +1,4 @@
-"""Signals that stop a run where it can be stopped, and not in the middle of something."""
+"""Signals that stop a run, deferred to the points where it can be stopped."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _SIGNALS = tuple(signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP"
 
 
 class StopSignals:
-    """The signals received since a run began: the first one stops it.
+    """The stop signals received since a run began: the first one stops it.
 
     Attributes:
-        received: the first signal; ``None`` so far.
+        received: the first signal; ``None`` if there is none.
     """
 
     def __init__(self) -> None:
@@ -30,10 +30,10 @@ class StopSignals:
         self._deferred = False
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Raise :class:`lgmpc.errors.Interrupted`, at once or, where signals are deferred, in the next report.
+        """Raise :class:`lgmpc.errors.Interrupted`: at once or, where signals are deferred, in the next report.
 
-        A second Ctrl-C acts at once wherever the program is. A second SIGTERM or SIGHUP does not: a shell and the
-        kernel send one each when a terminal closes.
+        A second Ctrl-C acts at once. A second SIGTERM or SIGHUP does not: when a terminal closes, the shell and the
+        kernel send one each.
         """
         again = self.received is not None
         if self.received is None:
@@ -45,14 +45,14 @@ class StopSignals:
 
     @contextmanager
     def deferred(self, progress: Callable[[T], None]) -> Iterator[Callable[[T], None]]:
-        """Make signals wait for the next call of a progress report, which raises Interrupted.
+        """Defer signals to the next call of a progress report, which raises Interrupted.
 
         Yields:
-            The report to use in the block: it calls ``progress``.
+            The report to use in the block; it calls ``progress``.
         """
 
         def report(now: T) -> None:
-            self._raise_received()  # before progress is shown: SIGHUP means that the terminal may be gone
+            self._raise_received()  # before progress is printed: after SIGHUP the terminal may be closed
             progress(now)
             self._raise_received()
 
@@ -62,6 +62,16 @@ class StopSignals:
         finally:
             self._deferred = False
 
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold signals back while the block runs, and raise Interrupted at its end: for what must not be half done."""
+        self._deferred = True
+        try:
+            yield
+        finally:
+            self._deferred = False
+        self._raise_received()
+
     def _raise_received(self) -> None:
         if self.received is not None:
             raise Interrupted(self.received)
@@ -69,9 +79,9 @@ class StopSignals:
 
 @contextmanager
 def stop_signals() -> Iterator[StopSignals]:
-    """Handle the stop signals while the block runs; outside the main thread, where none arrives, do nothing.
+    """Handle the stop signals while the block runs; do nothing outside the main thread, which receives none.
 
-    SIGTERM and SIGHUP are left alone where the program has its own handler or ignores them, as under ``nohup``.
+    SIGTERM and SIGHUP keep the program's own handler, and stay ignored where they are, as under ``nohup``.
     """
     stop = StopSignals()
     before = {}

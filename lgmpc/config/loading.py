@@ -1,4 +1,4 @@
-"""From a YAML file and changes ``a.b.c=value`` on the command line to a checked config, and back."""
+"""Reading of configs from YAML files with changes ``a.b.c=value`` of the command line, and writing them."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
 
     Args:
         data: the parsed config; changed in place.
-        overrides: texts ``key=value``, such as ``mpc.enabled=false`` or ``pushes.0.impulse_ns=[0, 3, 0]``. Keys are
+        overrides: strings ``key=value``, such as ``mpc.enabled=false`` or ``pushes.0.impulse_ns=[0, 3, 0]``. Keys are
             dotted; in lists they are positions from 0, and the position after the last one appends. Values are YAML.
 
     Returns:
-        The place of every changed key, for messages.
+        The source of every changed key, for messages.
 
     Raises:
         ConfigError: if one is not ``key=value``, its value is not YAML, or its key passes through a plain value or a
@@ -64,7 +64,7 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
 D = TypeVar("D", bound=Document)
 
 _MARK = "problem"
-"""The key that a config of a problem to solve has, and that of a closed loop has not."""
+"""The key that distinguishes the config of a problem to solve from that of a closed loop."""
 
 
 class _Text(TypedDict):
@@ -104,9 +104,9 @@ def parse_config(
 
     Args:
         text: the YAML document.
-        name: what to call it in messages.
-        folder: what its relative paths start from; the working directory unless given. Relative paths in
-            ``overrides`` always start from the working directory.
+        name: the document's name in messages.
+        folder: base of its relative paths; the working directory unless given. Relative paths in ``overrides`` always
+            start from the working directory.
         overrides: changes ``key=value``.
 
     Raises:
@@ -139,9 +139,9 @@ def parse_any_config(
 
 
 def dump_config(config: Config | SolveConfig) -> str:
-    """Return the whole config as YAML, defaults included, which reads back as an equal one."""
+    """Return the whole config, defaults included, as YAML from which an equal config is read."""
     command = "solve" if isinstance(config, SolveConfig) else "run"
-    file = os.fsencode(config.source.file).decode("utf-8", "replace")  # a path may hold bytes that are not text
+    file = os.fsencode(config.source.file).decode("utf-8", "replace")  # a path may contain bytes that are not text
     head = (
         f"# Every value of this run, written by lgmpc {__version__} from {file}.\n"
         f"# `lgmpc {command}` on this file repeats it.\n"
@@ -155,7 +155,7 @@ def _file(path: str | Path) -> _Text:
 
 
 def _parse(text: str, name: str, folder: Path | None, overrides: Sequence[str]) -> tuple[dict[str, Any], ConfigSource]:
-    """Return the changed content, with absolute paths, and where its values came from."""
+    """Return the changed content, with absolute paths, and the sources of its values."""
     data, places = parse_yaml(text, name)
     if data is None:
         raise ConfigError(name, "", "an empty file", "a config with at least the keys name and robot")
@@ -198,7 +198,7 @@ def _read(path: Path) -> str:
 
 
 def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSource) -> None:
-    """Resolve the paths of section ``robot`` from the folder of the file, or of the shell, that they came from."""
+    """Resolve the paths of section ``robot`` from the folder of the config file or, for ``--set``, the shell's."""
 
     def absolute(key: str, value: Any) -> Any:
         if not isinstance(value, str) or not value:

@@ -1,4 +1,4 @@
-"""What is worth saying about a config that is not wrong."""
+"""Notes on valid configs whose values were probably not intended."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["notes_on"]
 
 
 def notes_on(config: Config) -> tuple[str, ...]:
-    """Return one sentence for each thing in ``config`` that probably was not meant."""
+    """Return one sentence for each setting of ``config`` that was probably not intended."""
     notes = []
     for i, push in enumerate(config.pushes):
         if push.time_s >= config.duration_s:
@@ -19,7 +19,7 @@ def notes_on(config: Config) -> tuple[str, ...]:
     if config.gate.steady_from_s >= config.duration_s:
         notes.append("gate.steady_from_s is after the end of the run: errors that count from then on are not measured")
     if isinstance(config.estimator, GroundTruth) and config.sensors != SensorNoise():
-        notes.append("sensors: nothing reads them while estimator.kind is ground_truth")
+        notes.append("sensors: not used while estimator.kind is ground_truth")
     for section, friction in (("wbc", config.wbc.friction), ("mpc", config.mpc.friction)):
         if friction > config.plant.friction and (section == "wbc" or config.mpc.enabled):
             notes.append(

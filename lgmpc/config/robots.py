@@ -1,4 +1,4 @@
-"""From section ``robot`` of a config to a checked robot that the rest of the config fits."""
+"""The robot of a config, checked against the rest of the config."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ import pinocchio as pin
 
 from lgmpc.config.schema import Config, Document
 from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.locomotion.command import CommandTimeline
+from lgmpc.locomotion.feasibility import infeasible_commands
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.settings import gaits_of
 from lgmpc.robot import Robot, load_robot
+from lgmpc.simulation.initial import initial_state
 
 __all__ = ["build_any_robot", "build_robot"]
 
@@ -17,7 +22,7 @@ _NARROWEST = 1e-3  # width of the contact points per length, below which they ar
 
 
 def build_any_robot(config: Document) -> Robot:
-    """Load the robot, whatever kind of robot it is.
+    """Load a robot of any kind.
 
     Raises:
         ConfigError: if the robot does not exist.
@@ -33,8 +38,9 @@ def build_robot(config: Config) -> Robot:
     """Load the robot of a closed loop and check that the rest of the config fits it.
 
     Raises:
-        ConfigError: if the robot does not exist, has no free base, stands on contact points on one line, or a push
-            names a body that it lacks; a :class:`lgmpc.errors.ConfigErrors` if several of these hold.
+        ConfigError: if the robot does not exist, has no free base, stands on contact points on one line, lacks a body,
+            a joint or a gait that is named, or is commanded to move faster than it can; a
+            :class:`lgmpc.errors.ConfigErrors` if several of these hold.
         ModelError: with everything that the model lacks.
     """
     robot = build_any_robot(config)
@@ -45,7 +51,7 @@ def build_robot(config: Config) -> Robot:
 
 
 def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
-    """Yield what a config requires of a robot that this one cannot do."""
+    """Yield the requirements of a config that this robot does not meet."""
     if not robot.floating_base:
         yield config.error(
             "robot.floating_base", f"a robot whose base is fixed ({robot.name})", "a robot that stands on its feet"
@@ -57,15 +63,35 @@ def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
     elif not _spans_area(robot):
         frames = ", ".join(robot.contact_frames)
         got = f"{robot.nc} contact point{'s on one line' if robot.nc > 1 else ''} ({frames})"
-        expected = "three or more that are not on one line: contacts are points here, soles too, and carry no moment"
+        expected = "three or more that are not on one line: contacts are points, soles included, and transmit no moment"
         yield config.error("robot.contact_frames", got, expected)
     for i, push in enumerate(config.pushes):
         if push.body not in robot.body_names:
             yield config.error(f"pushes.{i}.body", push.body, f"a moving body of {robot.name}", robot.body_names)
+    if robot.floating_base and robot.contact_frames:
+        for error in _unusable_motions(config, robot):
+            key = "robot.contact_frames" if error.argument == "contact_frames" else error.argument
+            yield config.error(key, error.got, error.expected, error.choices)
+
+
+def _unusable_motions(config: Config, robot: Robot) -> Iterator[InputError]:
+    """Yield what is wrong with gaits, commands and the initial posture."""
+    try:
+        gaits = gaits_of(robot, config.locomotion)
+        CommandTimeline(config.commands, gaits=gaits)
+        legs = LegGeometry.of(robot)
+    except InputError as error:
+        yield error
+    else:
+        yield from infeasible_commands(config.commands, gaits, config.locomotion.limits, legs)
+    try:
+        initial_state(robot, config.plant)
+    except InputError as error:
+        yield error
 
 
 def _spans_area(robot: Robot) -> bool:
-    """Return whether the contact points of the reference posture, seen from above, span an area to balance over."""
+    """Return whether the contact points of the reference posture, projected to the ground, span an area."""
     data = robot.create_data()
     pin.framesForwardKinematics(robot.model, data, robot.q_reference)
     points = np.array([data.oMf[frame].translation[:2] for frame in robot.contact_ids])
@@ -74,6 +100,6 @@ def _spans_area(robot: Robot) -> bool:
 
 
 def _likely_feet(robot: Robot) -> list[str]:
-    """Return the frames whose name says foot or sole."""
+    """Return the frames whose name contains foot or sole."""
     names = [frame.name for frame in robot.model.frames]
     return [name for name in names if "foot" in name.lower() or "sole" in name.lower()]

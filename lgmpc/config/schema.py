@@ -1,7 +1,7 @@
 """The two kinds of documents: the config of a closed loop, and that of a trajectory to optimise.
 
-A document composes the rooms' own settings and checks what holds between them; it defines no setting of a room. It
-remembers where its values came from, so that every message can say it. Units are in the keys' names.
+A document composes the rooms' own settings and checks the conditions between them. It stores the sources of its values
+(file and line, or ``--set``) for messages. Units are in the keys' names.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from pydantic import Field, PrivateAttr, model_validator
 from pydantic.json_schema import models_json_schema
 
 from lgmpc.control.reference import CircleReference, StandReference
+from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import ConfigError
-from lgmpc.estimation import LeggedEstimatorSettings
+from lgmpc.estimation import DelaySettings, LeggedEstimatorSettings
 from lgmpc.locomotion.command import Timeline
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
 from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
-from lgmpc.settings import Positive, Problem, Settings, problem, problems
+from lgmpc.settings import NonNegative, Positive, Problem, Settings, problem, problems
 from lgmpc.simulation.disturbances import Push
+from lgmpc.simulation.drives import TimingSettings
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.sensors import SensorNoise
 from lgmpc.solvers import AnySolverSettings, FddpSettings
@@ -42,12 +44,12 @@ __all__ = [
 ]
 
 COMMAND_LINE = "--set"
-"""Place of a value given on the command line."""
+"""Source of a value given on the command line."""
 
 
 @dataclass(frozen=True)
 class ConfigSource:
-    """Places of a config's values. Two sources always compare equal, so that configs compare by their values.
+    """Sources of a config's values. Two of them always compare equal, so that configs compare by their values.
 
     Attributes:
         file: name of the config file.
@@ -58,7 +60,7 @@ class ConfigSource:
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def where(self, key: str) -> str:
-        """Return the place of ``key``, or of the nearest part around it that is written somewhere."""
+        """Return the place of ``key``, or of the innermost section around it that has one."""
         while key:
             if key in self.places:
                 return self.places[key]
@@ -67,7 +69,7 @@ class ConfigSource:
 
 
 MOST_TICKS = 3_600_000
-"""Ticks of the longest run: an hour at 1 kHz, which takes 4 GB."""
+"""Ticks of the longest run: an hour at 1 kHz, whose log takes 4 GB."""
 
 D = TypeVar("D", bound="Document")
 
@@ -86,23 +88,23 @@ class Document(Settings):
 
     @property
     def source(self) -> ConfigSource:
-        """Where each key's value came from."""
+        """The source of each key's value."""
         return self._source
 
     def with_source(self: D, source: ConfigSource) -> D:
-        """Return a copy that records where its values came from; equal to this one."""
+        """Return an equal copy with the sources of its values."""
         copy = self.model_copy()
         copy._source = source
         return copy
 
     def replace(self: D, changes: Mapping[str, Any]) -> D:
-        """Return a checked copy with some values changed, and the source of this one; see :meth:`Settings.replace`."""
+        """Return a checked copy with some values changed and the same sources; see :meth:`Settings.replace`."""
         return super().replace(changes).with_source(self.source)
 
     def error(
         self, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
     ) -> ConfigError:
-        """Make the error for a key whose value turned out unusable later, naming the file and line it came from.
+        """Return the error for a key whose value proved unusable after the checks, with its file and line.
 
         Arguments as in :class:`lgmpc.errors.ConfigError`.
         """
@@ -116,31 +118,37 @@ class GroundTruth(Settings):
 
 
 class Config(Document):
-    """A closed loop: a robot, its world, its controllers, what it should do, and what counts as success."""
+    """A closed loop: robot, plant, controllers, commands, and criteria of success."""
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
         default=0, description="Seed of all random numbers."
     )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
-    plant: PlantSettings = Field(default=PlantSettings(), description="The simulated world.")
-    sensors: SensorNoise = Field(default=SensorNoise(), description="How the simulated robot's sensors err.")
+    after_fall_s: NonNegative | None = Field(
+        default=0.5, description="Simulated time after a fall at which the run ends, s; null: the run goes on."
+    )
+    plant: PlantSettings = Field(default=PlantSettings(), description="The plant: simulated robot and floor.")
+    timing: TimingSettings = Field(default=TimingSettings(), description="How long computing takes in simulated time.")
+    sensors: SensorNoise = Field(default=SensorNoise(), description="Errors of the simulated robot's sensors.")
     estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007
-        default=GroundTruth(), description="How the controllers learn the state."
+        default=GroundTruth(), description="Source of the controllers' state."
     )
     mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
     wbc: WholeBodySettings = Field(default=WholeBodySettings(), description="The whole-body controller.")
     reference: Annotated[Union[StandReference, CircleReference], Field(discriminator="kind")] = Field(  # noqa: UP007
-        default=StandReference(), description="Motion of the centre of mass relative to where commands lead it."
+        default=StandReference(), description="Motion of the centre of mass relative to the commanded one."
     )
     commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
-    locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="How the robot steps.")
+    locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
+    delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
+    modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, giving up, and beginning again.")
     pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
     gate: Gate = Field(default=Gate(), description="What counts as success.")
     log: LogSettings = Field(default=LogSettings(), description="What is recorded.")
 
     @model_validator(mode="after")
     def _rates_divide(self) -> Config:
-        """The loop counts plant steps, so every slower rate must come after a whole number of faster ticks."""
+        """The loop counts plant steps: every rate must be a faster one divided by a whole number."""
         pairs = [
             ("wbc.rate_hz", self.wbc.rate_hz, "plant.rate_hz", self.plant.rate_hz),
             ("log.rate_hz", self.log.rate_hz, "wbc.rate_hz", self.wbc.rate_hz),
@@ -161,7 +169,7 @@ class Config(Document):
 
     @model_validator(mode="after")
     def _has_ticks(self) -> Config:
-        """Every tick of the whole-body controller is recorded, in memory."""
+        """Every tick of the whole-body controller is recorded in memory, which bounds the duration."""
         ticks, rate = self.duration_s * self.wbc.rate_hz, self.wbc.rate_hz
         if not 0.5 < ticks <= MOST_TICKS:
             expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
@@ -170,10 +178,10 @@ class Config(Document):
 
 
 class SolveConfig(Document):
-    """A trajectory to optimise: a robot, a problem, a solver, and what counts as success."""
+    """A trajectory to optimise: robot, problem, solver, and criteria of success."""
 
-    problem: AnyProblemSettings = Field(description="What is optimised.")
-    solver: AnySolverSettings = Field(default=FddpSettings(), description="How it is solved.")
+    problem: AnyProblemSettings = Field(description="The optimal control problem.")
+    solver: AnySolverSettings = Field(default=FddpSettings(), description="The solver.")
     gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")
 
 

@@ -1,15 +1,16 @@
-"""What a config becomes: a session that can be run once, its progress reports, and its result."""
+"""Sessions, which are run once, their progress reports and results."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
+from lgmpc.runs.certificate import Certificate
 
 __all__ = [
     "Iteration",
@@ -25,13 +26,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run is.
+    """Progress of a simulation.
 
     Attributes:
         time_s: simulated time so far, s.
         duration_s: simulated time of the whole run, s.
-        tilt_deg: tilt of the base now, degrees.
-        real_time_factor: simulated seconds per second of computing so far.
+        tilt_deg: current tilt of the base, degrees.
+        real_time_factor: simulated over elapsed time so far.
     """
 
     time_s: float
@@ -44,24 +45,26 @@ ProgressReport = Callable[[Progress], None]
 """Called by a session every few ticks. It may raise KeyboardInterrupt to stop the run there."""
 
 Notify = Callable[[str], None]
-"""Called with one line that says what is being prepared, such as "compiling the MPC"."""
+"""Called with one line on what is being prepared, such as "compiling the MPC"."""
 
 
 @dataclass(frozen=True)
 class SessionResult:
-    """What a run left.
+    """The result of a run.
 
     Attributes:
-        log: everything recorded; of an interrupted run, up to where it was stopped.
+        log: everything recorded; of an interrupted run, until its end.
         metrics: figures of merit; ``None`` if it was stopped before its first tick.
         verdict: pass, fail or interrupted, with reasons.
         interrupted: whether it was stopped by the user.
+        certificate: checks of physics and hardware; ``None`` without two ticks with a finite state.
     """
 
-    log: RunLog
+    log: RunLog = field(repr=False)
     metrics: Metrics | None
     verdict: Verdict
     interrupted: bool = False
+    certificate: Certificate | None = None
 
 
 class Session(Protocol):
@@ -82,15 +85,15 @@ class Session(Protocol):
 
 @dataclass(frozen=True)
 class Iteration:
-    """Where a solve is.
+    """Progress of a solve.
 
     Attributes:
         count: iterations taken.
         cost: at the current trajectory.
-        criterion: what is compared with the tolerance; NaN where the solver does not report it.
+        criterion: the measure compared with the tolerance; NaN where the solver does not report it.
         gap: largest gap of the dynamics at the start of the iteration.
         step: length of the step; 0 where none was accepted, NaN where the solver does not report it.
-        regularization: of the sweep.
+        regularization: of the backward sweep.
         elapsed_s: since the solver began, s.
     """
 
@@ -109,17 +112,17 @@ IterationReport = Callable[[Iteration], None]
 
 @dataclass(frozen=True)
 class SolveOutcome:
-    """What solving a problem left.
+    """The result of a solve.
 
     Attributes:
         log: the last trajectory and the iterations that led to it.
-        figures: by name, the unit at its end; NaN where one could not be measured.
+        figures: by name, which ends in the unit; NaN where one could not be measured.
         verdict: pass, fail or interrupted, with reasons.
-        status: how the solver ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
-        explanation: what held convergence back, in a few lines; empty if it converged.
+        status: the name of the solver's :class:`lgmpc.solvers.Status`, in lower case.
+        explanation: what prevented convergence, in a few lines; empty if it converged.
     """
 
-    log: TrajectoryLog
+    log: TrajectoryLog = field(repr=False)
     figures: Mapping[str, float]
     verdict: Verdict
     status: str

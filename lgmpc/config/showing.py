@@ -1,39 +1,54 @@
-"""Replay and figures of a run that is saved."""
+"""Replay, figures, explanation and report of a saved run."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lgmpc.config.loading import parse_any_config
+from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.robots import build_any_robot
+from lgmpc.config.solutions import solution_as_run
+from lgmpc.errors import InputError
+from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
-from lgmpc.runs import Run, RunFolder, SolvedRun
+from lgmpc.runs import Gate, Run, RunFolder, SolvedRun
+from lgmpc.runs.forensics import Explanation, explain_run
+from lgmpc.runs.limited import JointLimits
 from lgmpc.viz import (
+    embed_page,
     has_desktop,
     plot_run,
     plot_trajectory,
     replay_page,
+    report_page,
+    run_report,
     serve_page,
+    solve_report,
     trajectory_page,
+    write_explanation,
     write_page,
 )
 
 if TYPE_CHECKING:
     from lgmpc.config.execution import FinishedRun, FinishedSolve
+    from lgmpc.problems import Scenario
+    from lgmpc.solvers import History, Solution
 
-__all__ = ["plot", "show"]
+__all__ = ["explain", "plot", "plot_solution", "report", "show", "show_solution"]
 
 
 def show(
     run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None, *, port: int = 0
 ) -> Path | None:
-    """Replay a run: serve it to the browser until Ctrl-C, or write it to a file and return that file.
+    """Replay a run: embedded in a notebook, else served to the browser until Ctrl-C, or written to a file.
 
     Args:
-        run: what :func:`run_config` or :func:`solve_config` returned, or a run folder.
-        html: file for the page, which then needs nothing else; no server is started.
-        port: TCP port of the server on this machine; 0 takes any free one.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
+        html: file for the page, which is self-contained; nothing is displayed.
+        port: TCP port of the server on this machine; 0 takes any free one. A notebook needs none.
+
+    Returns:
+        The file, if one was written.
 
     Raises:
         RunFolderError: if the folder is not a complete run, or the page cannot be written.
@@ -42,9 +57,65 @@ def show(
     loaded = _load(run)
     robot = _robot_of(loaded)
     page = trajectory_page(robot, loaded) if isinstance(loaded, SolvedRun) else replay_page(robot, loaded)
+    return _display(page, loaded.path.name, html, port)
+
+
+def show_solution(
+    scenario: Scenario | Robot,
+    solution: Solution,
+    html: str | Path | None = None,
+    *,
+    history: History | None = None,
+    port: int = 0,
+) -> Path | None:
+    """Replay a solution of a problem of one's own, which no config describes.
+
+    Args:
+        scenario: the problem, its robot, and what the replay marks: contacts, forces, targets. Or the robot alone:
+            times and contacts are then those of the problem's parameters.
+        solution: its solution, converged or not.
+        html: see :func:`show`.
+        history: the solver's reports.
+        port: see :func:`show`.
+
+    Returns:
+        The file, if one was written.
+
+    Raises:
+        RunFolderError: if the page cannot be written.
+        InputError: if the trajectory is not finite or of another robot, or the port is taken.
+    """
+    robot, run = solution_as_run(scenario, solution, history)
+    return _display(trajectory_page(robot, run), run.result.name, html, port)
+
+
+def plot_solution(
+    scenario: Scenario | Robot, solution: Solution, out: str | Path, *, history: History | None = None
+) -> tuple[Path, ...]:
+    """Draw the figures of a solution of a problem of one's own and return their files.
+
+    Args:
+        scenario: see :func:`show_solution`.
+        solution: its solution, converged or not.
+        out: folder for the figures.
+        history: the solver's reports, for the figure of the convergence.
+
+    Raises:
+        RunFolderError: if a figure cannot be written.
+        InputError: if the trajectory is not finite or of another robot.
+    """
+    robot, run = solution_as_run(scenario, solution, history)
+    return plot_trajectory(robot, run, out)
+
+
+def _display(page: str, name: str, html: str | Path | None, port: int) -> Path | None:
+    """Write a page to a file, embed it in a notebook, or serve it."""
     if html is not None:
         return write_page(page, html)
-    serve_page(page, loaded.path.name, port=port, open_browser=has_desktop())
+    if in_notebook():
+        embed_page(page)
+    else:
+        serve_page(page, name, port=port, open_browser=has_desktop())
     return None
 
 
@@ -52,7 +123,7 @@ def plot(run: str | Path | FinishedRun | FinishedSolve, out: str | Path | None =
     """Draw the figures of a run and return their files.
 
     Args:
-        run: what :func:`run_config` or :func:`solve_config` returned, or a run folder.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
         out: folder for the figures; ``figures/`` in the run's own unless given.
 
     Raises:
@@ -63,6 +134,60 @@ def plot(run: str | Path | FinishedRun | FinishedSolve, out: str | Path | None =
     if isinstance(loaded, SolvedRun):
         return plot_trajectory(_robot_of(loaded), loaded, out)
     return plot_run(loaded, out)
+
+
+def explain(run: str | Path | FinishedRun, out: str | Path | None = None) -> tuple[Explanation, Path]:
+    """Find what happened before a closed loop failed, and draw it.
+
+    Args:
+        run: the value of :func:`run_config`, or a run folder.
+        out: folder for the figure ``explanation.png``; ``figures/`` in the run's own unless given.
+
+    Returns:
+        The explanation and the file of its figure.
+
+    Raises:
+        RunFolderError: if the folder is not a complete closed loop, or the figure cannot be written.
+        InputError: if the run has nothing to explain.
+    """
+    loaded = _load(run)
+    if isinstance(loaded, SolvedRun):
+        raise InputError("run", f"{loaded.path}, a solved problem", "a run of `lgmpc run`")
+    explanation = _explained(loaded, _robot_of(loaded))
+    return explanation, write_explanation(explanation, Path(out) if out else loaded.path / "figures")
+
+
+def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path:
+    """Write a report of a run: one self-contained page with verdict, events, figures, replay, config and versions.
+
+    Args:
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
+        html: the file; ``report.html`` in the run's own folder unless given.
+
+    Returns:
+        The file.
+
+    Raises:
+        RunFolderError: if the folder is not a complete run, or the page cannot be written.
+        InputError: if the run has nothing to show.
+    """
+    loaded = _load(run)
+    robot = _robot_of(loaded)
+    if isinstance(loaded, SolvedRun):
+        gate = parse_solve_config(loaded.config, name=str(loaded.path / "config.yaml"), folder=loaded.path).gate
+        content = solve_report(robot, loaded, gate.bounds)
+    else:
+        content = run_report(robot, loaded, _gate_of(loaded), _explained(loaded, robot))
+    return write_page(report_page(content), html or loaded.path / "report.html")
+
+
+def _explained(run: Run, robot: Robot) -> Explanation:
+    joints = JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit)
+    return explain_run(run, _gate_of(run), joints)
+
+
+def _gate_of(run: Run) -> Gate:
+    return parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path).gate
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:

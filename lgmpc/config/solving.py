@@ -1,4 +1,4 @@
-"""The session that the config of a problem to solve describes: scenario and solver, run once, measured and judged."""
+"""The session of a problem to solve: scenario and solver, run once, measured and judged."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def build_scenario(config: SolveConfig) -> Scenario:
     """Load the robot and build the problem.
 
     Raises:
-        ConfigError: a robot that does not exist, or a problem that this robot cannot have.
+        ConfigError: an unknown robot, or a problem that does not suit this robot.
         ModelError: with everything that the model lacks.
     """
     robot = build_any_robot(config)
@@ -39,12 +39,12 @@ def build_scenario(config: SolveConfig) -> Scenario:
 
 
 def trajectory_log(scenario: Scenario, solution: Solution, iterations: Sequence[Progress]) -> TrajectoryLog:
-    """Return the trajectory with what is seen of it: centre of mass, contacts and forces; NaN where it is not finite.
+    """Return the trajectory with its centre of mass, contacts and forces; NaN where it is not finite.
 
     Args:
-        scenario: what was solved.
-        solution: what came of it.
-        iterations: what the solver reported on the way.
+        scenario: the problem.
+        solution: its solution, converged or not.
+        iterations: the solver's reports.
     """
     robot, problem, waypoints, finite = scenario.robot, scenario.problem, scenario.waypoints, is_finite(solution)
     nodes, nc = problem.nodes, robot.nc
@@ -90,7 +90,7 @@ def trajectory_log(scenario: Scenario, solution: Solution, iterations: Sequence[
 
 
 def is_finite(solution: Solution) -> bool:
-    """Return whether a trajectory holds numbers only."""
+    """Return whether all states and controls of a trajectory are finite."""
     fine = solution.status is not Status.NOT_FINITE
     return fine and bool(np.isfinite(solution.xs).all() and np.isfinite(solution.us).all())
 
@@ -112,10 +112,10 @@ _SOLVER_FIGURES = (
 
 
 def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None) -> SolveSession:
-    """Build everything that a solve needs; compiles what never was on this machine.
+    """Build the session of a solve; compiles what is not in the cache.
 
     Args:
-        config: what to solve.
+        config: the problem.
         notify: called with what is being prepared.
 
     Raises:
@@ -133,7 +133,7 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
 
 
 def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
-    """Build the problem, refuse bounds on figures that it has not, and return it with the names of all figures.
+    """Build the problem, raise for bounds on figures that it does not have, and return it with all figures' names.
 
     Raises:
         LgmpcError: a problem that cannot be built; bounds on unknown figures, naming the nearest.
@@ -154,13 +154,13 @@ def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
 
 @dataclass
 class SolveSession:
-    """A scenario and the solver for it.
+    """A scenario and its solver.
 
     Attributes:
-        scenario: the problem, its guess, and what success means.
+        scenario: the problem, its initial guess and its figures.
         solver: the solver.
-        gate: what counts as success.
-        iterations: what it reported in the last run.
+        gate: the criteria of success.
+        iterations: the solver's reports of the last run.
     """
 
     scenario: Scenario
@@ -175,11 +175,11 @@ class SolveSession:
         return 8 * (problem.nodes + 1) * (problem.state.nx + problem.nu + 7 * contacts + 4)
 
     def run(self, report: IterationReport) -> SolveOutcome:
-        """Solve from the scenario's guess.
+        """Solve from the scenario's initial guess.
 
         Args:
-            report: called after every iteration. If it raises KeyboardInterrupt the solve ends there, and what it has
-                is returned, marked as interrupted.
+            report: called after every iteration. If it raises KeyboardInterrupt the solve ends there, and the current
+                trajectory is returned, marked as interrupted.
         """
         self.iterations.clear()
         interrupted = False
@@ -193,7 +193,7 @@ class SolveSession:
                 interrupted = True
             return interrupted
 
-        silent = self.solver.settings.method == "fatrop"  # it neither reports its iterations nor can be stopped
+        silent = self.solver.settings.method == "fatrop"  # it neither reports its iterations nor can be interrupted
         solution = self.solver.solve(self.scenario.guess, callback=None if silent else record)
         interrupted = interrupted and not solution.status.solved
         measured = solution.residual() if is_finite(solution) else KktResidual.unknown()
@@ -203,7 +203,7 @@ class SolveSession:
         return SolveOutcome(log, figures, verdict, status.name.lower(), "" if status.solved else solution.explain())
 
     def _figures(self, solution: Solution, measured: KktResidual) -> dict[str, float]:
-        """All figures, in the order in which they are shown; NaN where the trajectory is not finite."""
+        """Return all figures, in the order of display; NaN where the trajectory is not finite."""
         scenario, milliseconds = self.scenario, 1e3 * solution.timings.total
         finite = is_finite(solution)
         own: Mapping[str, float] = scenario.figures(solution.trajectory if finite else scenario.guess)
@@ -239,7 +239,7 @@ class SolveSession:
 
 
 def _unconfirmed(measured: KktResidual, scale: float, tolerance: float) -> list[str]:
-    """What the solver called solved, but the problem's own equations, evaluated anew, do not confirm."""
+    """Return the reasons why the problem's equations, evaluated anew, do not confirm convergence."""
     parts = {
         "gaps of the dynamics": (measured.dynamics, tolerance),
         "violations of constraints": (measured.constraint, tolerance),

@@ -1,7 +1,7 @@
-"""YAML in and out: YAML 1.2's plain values, duplicate keys refused, and the line of every key.
+"""Reading and writing YAML: YAML 1.2's plain values, no duplicate keys, and the line of every key.
 
-PyYAML follows YAML 1.1, where ``1e-3`` is a string, ``12:30`` is 750 and ``no`` is false. Here plain values mean what
-YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema) says.
+PyYAML follows YAML 1.1, where ``1e-3`` is a string, ``12:30`` is 750 and ``no`` is false. Here plain values are those
+of YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lgmpc.errors import ConfigError
 __all__ = ["MOST_VALUES", "parse_scalar", "parse_yaml", "write_yaml"]
 
 MOST_VALUES = 100_000
-"""Values and keys of the largest document, aliases written out: the shipped configs have less than 200."""
+"""Most values and keys of a document, aliases expanded: the shipped configs have fewer than 200."""
 
 _TYPES = (
     ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -42,12 +42,12 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes lists of plain values on one line, and quotes text that YAML 1.1 or 1.2 would take for something else."""
+    """Writes lists of plain values on one line, and quotes strings that YAML 1.1 or 1.2 would read as another type."""
 
     yaml_implicit_resolvers = {first: list(rules) for first, rules in yaml.SafeDumper.yaml_implicit_resolvers.items()}
 
     def represent_short_list(self, data: list[Any]) -> yaml.SequenceNode:
-        """Represent a list, on one line if it holds no other list or table."""
+        """Represent a list, on one line if it contains no other list or table."""
         node = self.represent_list(data)
         node.flow_style = not any(isinstance(item, (list, dict)) for item in data)
         return node
@@ -65,7 +65,7 @@ def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
 
     Args:
         text: the document.
-        name: what to call it in messages.
+        name: the document's name in messages.
 
     Returns:
         The plain Python value, and for every dotted key its place as ``"name:line"``.
@@ -89,7 +89,7 @@ def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise ConfigError(f"{name}:{line}", "", f"the character U+{error.character:04X}", "printable text") from error
-    except ValueError as error:  # an explicit tag on text that is not of its type, such as `!!int abc`
+    except ValueError as error:  # an explicit tag on a value of another type, such as `!!int abc`
         raise ConfigError(name, "", f"a value that its tag does not allow ({error})", "valid YAML") from error
     except RecursionError as error:
         raise ConfigError(name, "", "lists or tables nested hundreds deep", "a config") from error
@@ -119,17 +119,17 @@ def write_yaml(data: Any) -> str:
 
 
 def _expanded_size(node: yaml.Node, name: str, sizes: dict[int, int | None]) -> int:
-    """Return how many values and keys ``node`` holds once its aliases are written out.
+    """Return the number of values and keys of ``node`` with aliases expanded.
 
-    Each node is visited once: a few lines of aliases of aliases, each line many times the one before, cost nothing.
+    Each node is visited once: the cost is linear in the document's length even for nested aliases.
 
     Args:
         node: of the document.
-        name: what to call it in messages.
+        name: the document's name in messages.
         sizes: of the nodes visited so far, by identity; ``None`` for those around ``node``.
 
     Raises:
-        ConfigError: if it holds itself, or more than :data:`MOST_VALUES`.
+        ConfigError: if it contains itself, or more than :data:`MOST_VALUES` values.
     """
     if not isinstance(node, yaml.CollectionNode):
         return 1
@@ -139,16 +139,16 @@ def _expanded_size(node: yaml.Node, name: str, sizes: dict[int, int | None]) -> 
         parts = node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]
         size = 1 + sum(_expanded_size(part, name, sizes) for part in parts)
         if size > MOST_VALUES:
-            raise ConfigError(place, "", f"{size} values, aliases written out", f"at most {MOST_VALUES}")
+            raise ConfigError(place, "", f"{size} values, aliases expanded", f"at most {MOST_VALUES}")
         sizes[id(node)] = size
     known = sizes[id(node)]
     if known is None:
-        raise ConfigError(place, "", "an alias of something around it", "no loops")
+        raise ConfigError(place, "", "an alias of a node that contains it", "no loops")
     return known
 
 
 def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str]) -> None:
-    """Fill ``places`` below ``node``, and refuse what a config must not contain."""
+    """Fill ``places`` below ``node``; raise for what a config must not contain."""
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
             key = f"{path}.{i}" if path else str(i)

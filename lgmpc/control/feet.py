@@ -14,6 +14,7 @@ from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot
@@ -21,7 +22,9 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Feet"]
 
-_SETTLED_S = 0.03
+_RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects
+
+_SETTLED_S = 0.018
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
 
 
@@ -44,11 +47,13 @@ class Feet:
         footholds: (nc, 3) where each foot stands or will touch down next, world, m.
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
+        changed: whether other feet carry than at the last tick.
     """
 
     def __init__(self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
         self.legs = LegGeometry.of(robot)
         self._settings, self._gaits = settings, gaits
+        self._places = self.legs.feet.tolist()
         self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
@@ -62,8 +67,14 @@ class Feet:
         self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
         self.events = ContactEvents(self.clock, self._weight, self._settings.contacts)
         self.stance = self.events.stance
-        self._stood[:] = True
-        self.standing, self.stepping = True, False
+        self._stood[:] = self.stance
+        for foot in np.flatnonzero(~self.stance).tolist():
+            swing = self.clock.swing(foot, time)
+            assert swing is not None
+            self._swings[foot].put_down(time, swing.touchdown, points[foot])
+        self.changed = False
+        self.standing = contacts is None or bool(contacts.all())
+        self.stepping = not self.standing
         self.footholds[:] = points
         self.position[:] = points
 
@@ -71,9 +82,7 @@ class Feet:
     def settled(self) -> list[bool]:
         """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
         before = self.clock.time - _SETTLED_S
-        return [
-            stands and since < before for stands, since in zip(self.stance.tolist(), self.events.since, strict=True)
-        ]
+        return [self.events.steady(foot, before) for foot in range(len(self.stance))]
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand."""
@@ -81,22 +90,38 @@ class Feet:
         name = command.gait if command.moves or command.gait in self._gaits else "stand"
         self.clock.follow(time, find_gait(self._gaits, name), command.moves)
 
-    def react(self, time: float, forces: Array) -> None:
-        """Start to step against a push, the feet first that carry least.
+    def step_schedules(self) -> tuple[StepSchedule, ...]:
+        """Return the schedules to choose from where a push makes the robot step."""
+        settings = self._settings.reaction
+        return step_schedules(find_gait(self._gaits, settings.gait), settings.cycle_shares)
+
+    def start(self, time: float, schedule: StepSchedule) -> None:
+        """Start to step, until a command is followed."""
+        self.clock.start(time, schedule.gait, first=schedule.first)
+        self.standing, self.stepping = False, True
+
+    def displacement(self, x: float, y: float, yaw: float) -> float:
+        """Return the largest horizontal distance of a foot from its place in the reference posture, m.
 
         Args:
-            time: s.
-            forces: (nc,) normal forces of the feet, N.
+            x: of the centre of mass there, world, m.
+            y: m.
+            yaw: of the base there, rad.
         """
-        settings = self._settings.reaction
-        gait = self._gaits[settings.gait]
-        # Feet that lift off together have the same offset.
-        loads = {offset: 0.0 for offset in gait.offsets}
-        for offset, force in zip(gait.offsets, forces.tolist(), strict=True):
-            loads[offset] += force
-        lightest = min(loads, key=loads.__getitem__)
-        self.clock.start(time, gait, first=gait.offsets.index(lightest), cycles=settings.cycles)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return max(
+            math.hypot(x + c * ahead - s * left - at[0], y + s * ahead + c * left - at[1])
+            for (ahead, left, _), at in zip(self._places, self.footholds.tolist(), strict=True)
+        )
+
+    def step_in_place(self, time: float) -> bool:
+        """Start to step, each foot to its place; return False where there is no gait to step with."""
+        gait = self._gaits.get(self._settings.reaction.gait)
+        if gait is None or gait.stands:
+            return False
+        self.clock.start(time, gait, cycles=_RETURN_CYCLES)
         self.standing, self.stepping = False, True
+        return True
 
     def update(
         self, time: float, points: Array, velocities: Array, contacts: BoolArray | None, motion: BaseMotion
@@ -111,19 +136,29 @@ class Feet:
             motion: of the robot in the plane.
         """
         stance = self.events.update(time, contacts)
-        for foot, (carries, carried) in enumerate(zip(stance.tolist(), self._stood.tolist(), strict=True)):
-            if carries:
-                self.footholds[foot] = points[foot]
-                self.position[foot] = points[foot]
-                self.velocity[foot] = self.acceleration[foot] = 0.0
-                continue
-            if carried:
-                self._lift(foot, time, points[foot], velocities[foot], motion)
-            self._move(foot, time, motion)
+        stands = stance.tolist()
+        self.changed = stands != self._stood.tolist()
+        if all(stands):
+            self.footholds[:] = self.position[:] = points
+            self.velocity[:] = self.acceleration[:] = 0.0
+        else:
+            for foot, carries in enumerate(stands):
+                self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
         self._stood[:] = stance
         clock, feet = self.clock, range(len(stance))
         self.stepping = any(clock.swing(foot, time) or math.isfinite(clock.next_liftoff(foot, time)) for foot in feet)
-        self.standing = not self.stepping and bool(stance.all())
+        self.standing = not self.stepping and all(stands)
+
+    def _update_foot(
+        self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
+    ) -> None:
+        if carries:
+            self.footholds[foot] = self.position[foot] = point
+            self.velocity[foot] = self.acceleration[foot] = 0.0
+            return
+        if self._stood[foot]:
+            self._lift(foot, time, point, velocity, motion)
+        self._move(foot, time, motion)
 
     def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)
@@ -144,12 +179,9 @@ class Feet:
     def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
         """Write the foothold of the present swing."""
         stance = self.clock.stance_duration(foot, time)
-        others = [
-            (float(self.footholds[other, 0]), float(self.footholds[other, 1]))
-            for other in range(len(self.footholds))
-            if other != foot
-        ]
-        self.footholds[foot, :2] = self._planner.place(foot, motion, max(touchdown - time, 0.0), stance, others)
+        others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
+        remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
+        self.footholds[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
         self.footholds[foot, 2] = 0.0
 
     def loading(self, time: float, shares: Array) -> None:
@@ -158,10 +190,20 @@ class Feet:
             shares[foot] = self.events.loading(foot, time)
 
     def write_horizon(
-        self, time: float, dt: float, motion: BaseMotion, friction: float, horizon: ContactHorizon
+        self,
+        time: float,
+        dt: float,
+        motion: BaseMotion,
+        friction: float,
+        horizon: ContactHorizon,
+        clock: GaitClock | None = None,
     ) -> None:
-        """Write flags, contact points and friction of the intervals that begin at ``time``, each ``dt``, s."""
-        self.clock.horizon(time, dt, horizon.flags)
+        """Write flags, contact points and friction of the intervals that begin at ``time``, each ``dt``, s.
+
+        The schedule is that of the feet, or of another clock.
+        """
+        clock = self.clock if clock is None else clock
+        clock.horizon(time, dt, horizon.flags)
         self.events.correct(horizon.flags, dt)
-        self._planner.horizon(self.clock, motion, time, dt, self.footholds, horizon.points)
+        self._planner.horizon(clock, motion, time, dt, self.footholds, horizon.points)
         horizon.friction[:] = friction

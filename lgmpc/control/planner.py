@@ -33,6 +33,7 @@ class Planner:
         robot: the controller's model.
         mpc: the predictive controller.
         period: time between two ticks, s.
+        delay: from a measurement until the command that it leads to acts, s.
 
     Attributes:
         mpc: as given.
@@ -46,12 +47,20 @@ class Planner:
         InputError: the MPC's rate is above that of the ticks.
     """
 
-    def __init__(self, robot: Robot, mpc: Mpc, period: float) -> None:
+    def __init__(self, robot: Robot, mpc: Mpc, period: float, delay: float = 0.0) -> None:
         settings = mpc.settings
         self.mpc = mpc
-        self.observer = WrenchObserver(period, settings.observer_time_s, force_limit=_CREDIBLE_PUSH * robot.mass * 9.81)
+        weight = 9.81 * robot.mass
+        self.observer = WrenchObserver(
+            period,
+            settings.observer_time_s,
+            force_limit=_CREDIBLE_PUSH * weight,
+            delay=delay,
+            noise_force=settings.observer_noise_share * weight,
+        )
         self.planned = False
         self.spent = 0.0
+        self._expired = False
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:
             raise InputError("mpc.rate_hz", settings.rate_hz, f"at most the ticks' {1.0 / period:g} Hz")
@@ -81,16 +90,24 @@ class Planner:
     def due(self, time: float) -> bool:
         """Return whether the MPC should plan at ``time``."""
         plan_time = self._sampler.start
-        return self.plan is None or time - plan_time > (self._every - 0.5) * self._period
+        return self.plan is None or self._expired or time - plan_time > (self._every - 0.5) * self._period
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> None:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`."""
         started = perf_counter()
-        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
-        plan = self.mpc.update(state, self.contacts, self.motion, self._fading * self.observer.wrench)
-        self._sampler.load(plan, time)
+        self._sampler.load(self.forecast(time, terms, self.contacts), time)
+        self._expired = False
         self.spent = perf_counter() - started
         self.planned = True
+
+    def forecast(self, time: float, terms: WholeBodyTerms, contacts: ContactHorizon) -> Plan:
+        """Return the plan from the sensed state with given contacts, which is not followed."""
+        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
+        return self.mpc.update(state, contacts, self.motion, self._fading * self.observer.wrench)
+
+    def expire(self) -> None:
+        """Make the next plan due at the next tick: the present one is based on other contacts."""
+        self._expired = True
 
     def follow(self, time: float, wbc: WholeBodyController) -> None:
         """Write the plan's targets, unless it is stale."""
@@ -112,16 +129,16 @@ class Planner:
             joints.position[:] = posture.joint_position[row]
             joints.velocity[:] = posture.joint_velocity[row]
 
-    def observe(self, terms: WholeBodyTerms) -> Array:
-        """Return (6,) the external wrench estimated from the momentum; call once a tick."""
+    def observe(self, momentum: Array) -> Array:
+        """Return (6,) the external wrench estimated from the measured momentum (6,); call once a tick."""
         self.planned = False
         self.spent = 0.0
-        return self.observer.update(terms.momentum)
+        return self.observer.update(momentum)
 
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
         """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in."""
         self.observer.expect(terms.momentum_rate(acceleration))
 
     def skip(self) -> None:
-        """Leave the time until the next tick out of the observation: the torques are a fall-back's."""
+        """Leave this tick's command out of the observation: its torques are a fall-back's."""
         self.observer.skip()

@@ -1,8 +1,8 @@
-"""Activations: what a residual's entries cost, one scalar function applied to each.
+"""Activations: the cost of a residual's entries, one scalar function applied to each.
 
 An activation is a frozen dataclass whose fields are its parameters: numbers, arrays, or CasADi expressions, either one
-for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostItem` numbers become named parameters of
-the compiled functions, so that changing one recompiles nothing.
+for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostItem` they become named parameters of the
+compiled functions, which can be changed without recompilation.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Activation", "Huber", "Quadratic", "QuadraticBarrier", "SmoothOneNor
 
 @dataclass(frozen=True, eq=False)
 class Activation(ABC):
-    """A scalar function of one residual entry, with its derivatives; all methods act entry by entry on a column."""
+    """A scalar function of one residual entry, with its derivatives; all methods act on the entries of a column."""
 
     @abstractmethod
     def value(self, r: Any) -> Any:
@@ -123,7 +123,7 @@ class QuadraticBarrier(Activation):
 
 @dataclass(frozen=True, eq=False)
 class SmoothOneNorm(Activation):
-    """``a = sqrt(r^2 + epsilon)``: the absolute value, rounded off over a width of ``sqrt(epsilon)``.
+    """``a = sqrt(r^2 + epsilon)``: the absolute value, smoothed over a width of ``sqrt(epsilon)``.
 
     Attributes:
         epsilon: positive.
@@ -132,7 +132,7 @@ class SmoothOneNorm(Activation):
     epsilon: Any = 1.0
 
     def value(self, r: Any) -> Any:
-        """Return the rounded absolute value."""
+        """Return the smoothed absolute value."""
         return ca.sqrt(r**2 + self.epsilon)
 
     def gradient(self, r: Any) -> Any:
@@ -155,7 +155,7 @@ class Huber(Activation):
     threshold: Any = 1.0
 
     def value(self, r: Any) -> Any:
-        """Return the square near zero, the line beyond."""
+        """Return half the square up to the threshold, the line beyond."""
         d = self.threshold
         return ca.if_else(ca.fabs(r) <= d, r**2 / 2, d * (ca.fabs(r) - d / 2))
 

@@ -1,10 +1,10 @@
-"""Names for the slices of a parameter vector: whatever may change between two solves."""
+"""Names of the slices of a parameter vector: all that may change between two solves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,13 +23,27 @@ class Parameter:
         name: a Python identifier.
         size: number of values.
         meaning: what it is, with its unit.
-        default: what :attr:`ParameterLayout.default` holds for it: (size,) values, or a number for all of them.
+        default: its entries of :attr:`ParameterLayout.default`: (size,) values, or a number for all of them.
+        sign: which values it can have, besides its default: any, none below zero, or only those above zero.
     """
 
     name: str
     size: int
     meaning: str
     default: ArrayLike = 0.0
+    sign: Literal["any", "not negative", "positive"] = "any"
+
+    def check_sign(self, values: Array) -> None:
+        """Check values of the parameter.
+
+        Raises:
+            InputError: one has a sign that the parameter cannot have.
+        """
+        least = float(values.min(initial=np.inf))
+        if self.sign == "positive" and not least > 0.0:
+            raise InputError(self.name, least, f"numbers above zero ({self.meaning})")
+        if self.sign == "not negative" and not least >= 0.0:
+            raise InputError(self.name, least, f"no number below zero ({self.meaning})")
 
 
 class ParameterLayout(Mapping[str, slice]):
@@ -66,7 +80,7 @@ class ParameterLayout(Mapping[str, slice]):
         self.default.flags.writeable = False
 
     def __getitem__(self, name: str) -> slice:
-        """The slice of the vector where ``name`` is stored.
+        """Return the slice of the vector where ``name`` is stored.
 
         Raises:
             InputError: there is no such parameter; names the nearest.
@@ -76,6 +90,15 @@ class ParameterLayout(Mapping[str, slice]):
         except KeyError:
             raise InputError("parameter", name, "a parameter of the action", tuple(self._slices)) from None
 
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter of this name.
+
+        Raises:
+            InputError: there is no such parameter; names the nearest.
+        """
+        place = self[name]
+        return next(each for each in self.parameters if self._slices[each.name] is place)
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._slices)
 
@@ -83,7 +106,7 @@ class ParameterLayout(Mapping[str, slice]):
         return len(self._slices)
 
     def split(self, p: Any) -> dict[str, Any]:
-        """Return the named pieces of a CasADi column or of an array (np,)."""
+        """Return the named slices of a CasADi column or of an array (np,)."""
         return {name: p[where] for name, where in self._slices.items()}
 
     def view(self, p: Array, name: str) -> Array:

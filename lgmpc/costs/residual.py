@@ -1,13 +1,13 @@
-"""Residuals: vectors that a problem draws to zero (as a cost) or keeps within bounds (as a constraint).
+"""Residuals: vectors that a problem minimises (as a cost) or keeps within bounds (as a constraint).
 
-One's own takes three lines; derivatives and machine code come from the expression:
+A new residual takes three lines; derivatives and machine code follow from the expression:
 
     class HandHeight(Residual):
         nr = 1
         def expression(self, s): return s.placement("hand").translation[2] - 1.2
 
 ``s`` is a :class:`~lgmpc.costs.StageSymbols`: q, v, u, a, tau, forces, placements, velocities, centre of mass and all
-algorithms of ``s.robot``. What should change between two solves is a parameter instead of a number:
+algorithms of ``s.robot``. A value that changes between two solves is a parameter instead of a number:
 
     class HandHeight(Residual):
         nr = 1
@@ -24,7 +24,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -40,7 +40,7 @@ __all__ = ["ConstraintItem", "CostItem", "Residual", "constraint_of", "cost_of"]
 
 
 class Residual(ABC):
-    """A column of expressions (see the module for the recipe).
+    """A column of expressions (see the module for an example).
 
     Attributes:
         nr: number of entries.
@@ -60,6 +60,7 @@ class _Item:
     name: str
     residual: Residual
     own: ClassVar[tuple[tuple[str, str], ...]] = ()
+    sign: ClassVar[Literal["any", "not negative"]] = "any"
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.name.isascii()):
@@ -69,12 +70,14 @@ class _Item:
             if shape not in ((), (self.residual.nr,)):
                 expected = f"a number or shape {(self.residual.nr,)}"
                 raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
+        for parameter in self.parameters():
+            parameter.check_sign(np.asarray(parameter.default, dtype=np.float64))
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""
         inner = (Parameter(f"{self.name}_{p.name}", p.size, p.meaning, p.default) for p in self.residual.parameters)
         size = self.residual.nr
-        fields = (Parameter(f"{self.name}_{key}", size, text, getattr(self, key)) for key, text in self.own)
+        fields = (Parameter(f"{self.name}_{key}", size, text, getattr(self, key), self.sign) for key, text in self.own)
         return (*inner, *fields)
 
     def _column(self, s: StageSymbols) -> tuple[StageSymbols, Any]:
@@ -96,15 +99,16 @@ class CostItem(_Item):
         name: a C identifier, first part of the names of its parameters.
         residual: r.
         weight: default of the parameter ``<name>_weight`` (nr,).
-        activation: a; its numbers are defaults of parameters too.
+        activation: a; its fields are defaults of parameters too.
 
     Raises:
-        InputError: no identifier, or a weight of the wrong size.
+        InputError: a name that is no identifier, or a weight of the wrong size or below zero.
     """
 
     weight: ArrayLike = 1.0
     activation: Activation = Quadratic()
     own = (("weight", "weights of the residual's entries"),)
+    sign = "not negative"
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""
@@ -128,7 +132,7 @@ class ConstraintItem(_Item):
         upper: default of the parameter ``<name>_upper`` (nr,); infinity for no bound.
 
     Raises:
-        InputError: no identifier, or bounds of the wrong size.
+        InputError: a name that is no identifier, or bounds of the wrong size.
     """
 
     lower: ArrayLike = 0.0
@@ -148,7 +152,7 @@ def cost_of(items: Iterable[CostItem], s: StageSymbols, *, scale: Any = 1.0, ter
         items: the costs.
         s: the node.
         scale: multiplies all weights.
-        terminal: leave out those that need what the last node does not have.
+        terminal: omit those that use quantities that the last node does not have.
     """
     terms = []
     for item in items:

@@ -1,4 +1,4 @@
-"""What a residual is written in: the quantities of one node as CasADi expressions."""
+"""The quantities of one node as CasADi expressions, of which residuals are written."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class StageSymbols:
         a: (nv,) acceleration.
         tau: (nu,) efforts of the actuated joints, N.m (N).
         forces: contact forces (3,) or wrenches (6,) by frame name, world axes at the frame's origin, on the robot.
-        momentum: (6,) centroidal momentum, where the state holds it instead of the velocity.
-        v: (nv,) velocity, where the state does not hold it.
+        momentum: (6,) centroidal momentum, if the state contains it instead of the velocity.
+        v: (nv,) velocity, if the state does not contain it.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class StageSymbols:
         return found
 
     def force(self, frame: str) -> Any:
-        """The contact force (3,) or wrench (6,) at a frame.
+        """Return the contact force (3,) or wrench (6,) at a frame.
 
         Raises:
             InputError: the frame is no contact of the action; names the nearest.
@@ -96,11 +96,11 @@ class StageSymbols:
             raise InputError("frame", frame, "a contact of the action", tuple(map(str, self.forces))) from None
 
     def placement(self, frame: str) -> Placement:
-        """Placement of a frame in the world: ``.rotation`` (3, 3) and ``.translation`` (3,)."""
+        """Return the placement of a frame in the world: ``.rotation`` (3, 3) and ``.translation`` (3,)."""
         return self.robot.frame_placement(self.q, frame)
 
     def velocity(self, frame: str, reference: Any = pin.LOCAL) -> Any:
-        """(6,) velocity [linear; angular] of a frame."""
+        """Return the (6,) velocity [linear; angular] of a frame."""
         return self.robot.frame_velocity(self.q, self.v, frame, reference)
 
     @property
@@ -114,7 +114,7 @@ class StageSymbols:
         return self.robot.momentum(self.q, self.v) if self._momentum is None else self._momentum
 
     def __getitem__(self, name: str) -> Any:
-        """A parameter.
+        """Return a parameter.
 
         Raises:
             InputError: there is none of this name; names the nearest.
@@ -127,10 +127,10 @@ class StageSymbols:
         raise InputError("parameter", name, "a parameter of the residual or the action", choices)
 
     def within(self, prefix: str) -> StageSymbols:
-        """The same quantities for a residual whose parameters are called ``<prefix>_<name>``."""
-        twin = copy(self)
-        twin._prefix = prefix
-        return twin
+        """Return the same quantities for a residual whose parameters are called ``<prefix>_<name>``."""
+        result = copy(self)
+        result._prefix = prefix
+        return result
 
     def _have(self, name: str, quantity: Any) -> Any:
         if quantity is None:

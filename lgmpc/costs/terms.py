@@ -1,4 +1,4 @@
-"""What a solver minimises and respects at one node, as expressions: weighted activations of residuals, and bounds."""
+"""Costs and constraints of one node as expressions: weighted activations of residuals, and bounds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Cost:
 
     @property
     def value(self) -> Any:
-        """The cost: a CasADi scalar."""
+        """Return the cost, a CasADi scalar."""
         total = ca.SX(0)
         for term in self.terms:
             total += ca.dot(_column(term.weight, term.residual), term.activation.value(term.residual))
@@ -86,7 +86,7 @@ class Bounded:
     Attributes:
         value: CasADi column, a function of state, control and parameters.
         lower: CasADi column, a function of the parameters only; minus infinity where there is no bound.
-        upper: the same from above.
+        upper: CasADi column, a function of the parameters only; infinity where there is no bound.
     """
 
     value: Any
@@ -95,7 +95,7 @@ class Bounded:
 
     @staticmethod
     def stack(*parts: Bounded) -> Bounded:
-        """Return the constraints of all parts together; rows of length zero if there is none."""
+        """Return the constraints of all parts in one; columns of length zero if there is none."""
         empty = ca.SX(0, 1)
         return Bounded(
             ca.vertcat(empty, *(part.value for part in parts)),

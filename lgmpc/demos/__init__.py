@@ -1,1 +1,1 @@
-"""Short demonstrations of geometric mechanics: a prediction, a measurement, and pictures of both."""
+"""Demonstrations of geometric mechanics: predictions, measurements, figures and scenes."""

@@ -1,4 +1,4 @@
-"""A cat dropped on its back lands on its feet, without any angular momentum (chapter 4.16)."""
+"""A falling cat turns over at zero angular momentum (chapter 4.16)."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = ["run"]
 
 GRAVITY = 9.81
 FALL = 0.7
-"""s, for the whole manoeuvre."""
+"""Duration of the fall, s."""
 STEPS = 6000
 FRAMES = 150
 
 # The cat's frame in the world at the start: spine (z) along x, feet (x) up.
 BACK_DOWN = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""Turns a cylinder's axis, z, into x."""
+"""Rotates a cylinder's axis, z, to x."""
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     cat = Cat()
     connection = cat.connection()
     bend = cat.flipping_bend()
@@ -71,15 +71,15 @@ def run() -> Outcome:
         times=times[:: STEPS // FRAMES],
         bodies=_scene(halves),
         remarks=(
-            f"The spine bends by {np.degrees(bend):.1f} deg, swings the bend once around, and straightens.",
-            "Every part of the cat is where it was, and the cat is upside down: a holonomy, no momentum needed.",
-            f"It falls {0.5 * GRAVITY * FALL**2:.2f} m meanwhile; the scene falls along.",
+            f"The spine bends by {np.degrees(bend):.1f} deg, the bend turns once about it, and the spine straightens.",
+            "The shape is the initial one and the cat is upside down: a holonomy at zero angular momentum.",
+            f"It falls {0.5 * GRAVITY * FALL**2:.2f} m meanwhile; the scene's frame falls with it.",
         ),
     )
 
 
 def _angular_momentum(cat: Cat, halves: tuple[tuple[Array, Array], ...], h: float) -> tuple[Array, Array]:
-    """(n - 1,) norms of the angular momentum about the centre of mass, and of the front half's part, from the poses."""
+    """Return (n - 1,) norms of the angular momentum about the centre of mass, of both halves and of the front one."""
     inertia = np.array([cat.transverse, cat.transverse, cat.axial])
     momenta = []
     for position, rotation in halves:
@@ -98,11 +98,11 @@ def _turns(cat: Cat, bend: float) -> Panel:
         Curve("closed form", np.degrees(bends), turns),
         Curve("this cat", np.degrees([bend, bend]), np.array([0.0, 180.0]), dashed=True),
     )
-    return Panel("What a circuit of the bend gives", "bend, deg", "turn, deg", curves)
+    return Panel("Rotation by a circuit of the bend", "bend, deg", "turn, deg", curves)
 
 
 def _scene(halves: tuple[tuple[Array, Array], ...]) -> tuple[Body, ...]:
-    """The halves in a frame that falls with them."""
+    """Return the halves in a frame that falls with them."""
     every = STEPS // FRAMES
     return tuple(
         Body(name, _half(side), position[::every], rotation[::every])

@@ -13,28 +13,28 @@ __all__ = ["NAMES", "SUMMARIES", "load_demo"]
 
 SUMMARIES: Mapping[str, str] = MappingProxyType(
     {
-        "dzhanibekov": "A T-handle turns over and back, as elliptic functions predict",
+        "dzhanibekov": "A T-handle flips periodically: Dzhanibekov's effect",
         "poinsot": "A free body's ellipsoid of inertia rolls without slipping",
-        "heavy-top": "A top precesses, nods, sleeps and falls as Lagrange predicts",
-        "symmetry": "What is symmetric is conserved, and no more: Noether",
-        "integrators": "Variational integrators beside RK4: their drift over 1000 s",
+        "heavy-top": "Lagrange's top: precession, nutation, sleeping and falling",
+        "symmetry": "Noether's theorem: as many momenta as symmetries",
+        "integrators": "Variational integrators and RK4: drift over 1000 s",
         "elroy": "Elroy's beanie: a geometric phase in closed form",
         "cat": "A falling cat turns over at zero angular momentum",
-        "snake": "Three links turn in space by wriggling: holonomy and area",
-        "rov": "Under water: rising, righting, and Munk's instability",
+        "snake": "Three links rotate by changes of shape: holonomy and area",
+        "rov": "Underwater vehicles: rising, righting, Munk's instability",
         "lee": "A quadrotor recovers from almost every attitude",
         "preintegration": "IMU samples as one motion on SE_2(3), with its covariance",
-        "inekf": "An invariant filter finds its attitude from 45 degrees off",
-        "solo12-momentum": "Solo12 kicks in the air, and its momentum does not change",
+        "inekf": "Invariant and quaternion filter from 45 degrees of error",
+        "solo12-momentum": "Solo12 moves its legs in free fall: momentum balance",
     }
 )
-"""In the order in which a newcomer would watch them; a line each, that fits beside the name."""
+"""The demonstrations with a summary of one line each, in the order of the list."""
 
 NAMES: tuple[str, ...] = tuple(SUMMARIES)
 
 
 def load_demo(name: str) -> Demo:
-    """Return a demonstration by its name.
+    """Return the demonstration called ``name``.
 
     Raises:
         InputError: there is none of this name; the nearest are named.

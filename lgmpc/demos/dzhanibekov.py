@@ -1,7 +1,7 @@
-"""A T-handle set spinning about its middle axis turns over and back, for ever: Dzhanibekov's effect.
+"""Dzhanibekov's effect: a T-handle that spins about its middle axis flips periodically.
 
-Chapter 4.12.1: rotation about the axis of the middle moment of inertia is unstable. When it turns over is known in
-closed form, by Jacobi's elliptic functions; here the equations of motion are integrated and the two compared.
+Chapter 4.12.1: rotation about the axis of the middle moment of inertia is unstable. The integrated equations of motion
+are compared with the closed form in Jacobi's elliptic functions.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ __all__ = ["run"]
 _BAR = (0.23, 0.007, 0.19)
 _STEM = (0.11, 0.008, 0.07)
 _SPIN = 6.0  # rad/s, about the stem
-_TILT = 0.02  # of the first angular velocity from the stem
+_TILT = 0.02  # angle of the initial angular velocity from the stem
 _STEP = 1e-3  # s
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     inertia, stem = _handle()
     top = EulerTop(inertia, _SPIN * np.array([math.cos(_TILT), 0.6 * math.sin(_TILT), 0.8 * math.sin(_TILT)]))
     motion = _simulate(top, 3.2 * top.flip_interval)
@@ -59,7 +59,7 @@ def run() -> Outcome:
             ),
         ),
         Panel(
-            "Where the stem points",
+            "Direction of the stem",
             "time, s",
             "cosine of its angle to the momentum",
             (Curve("", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
@@ -73,14 +73,14 @@ def run() -> Outcome:
         (_body(stem, motion.poses[shown]),),
         (Path("tip of the stem", motion.poses[shown] @ stem, 0xE69F00),),
         (
-            "Energy and angular momentum, and nothing else, decide when the handle turns over.",
-            "About its other two axes it spins without turning over: try it with a book.",
+            "Energy and angular momentum alone determine the times of the flips.",
+            "Rotation about the other two axes is stable.",
         ),
     )
 
 
 def _handle() -> tuple[Array, Array]:
-    """Inertia (3, 3) about the handle's centre of mass, and the tip of its stem (3,) from there."""
+    """Return the inertia (3, 3) about the handle's centre of mass, and the tip of its stem (3,) relative to it."""
     (bar, bar_radius, bar_length), (stem, stem_radius, stem_length) = _BAR, _STEM
     center = stem / (bar + stem) * stem_length / 2.0
     along_y, along_x = _cylinder(bar, bar_radius, bar_length), _cylinder(stem, stem_radius, stem_length)
@@ -91,7 +91,7 @@ def _handle() -> tuple[Array, Array]:
 
 
 def _cylinder(mass: float, radius: float, length: float) -> Array:
-    """Principal moments of a cylinder, its axis first."""
+    """Return the principal moments of a cylinder, its axis first."""
     across = mass * (3.0 * radius**2 + length**2) / 12.0
     return np.array([mass * radius**2 / 2.0, across, across])
 
@@ -101,7 +101,7 @@ def _simulate(top: EulerTop, end: float) -> Motion:
 
 
 def _crossings(inertia: Array, motion: Motion) -> Array:
-    """Times at which the angular velocity about the stem changes sign, between the stored ones by cubics."""
+    """Return the times at which the angular velocity about the stem changes sign, interpolated by cubics."""
     w = motion.velocities
     rates = np.linalg.solve(inertia, np.cross(w @ inertia, w).T).T
     times: Array = CubicHermiteSpline(motion.times, w[:, 0], rates[:, 0]).roots(extrapolate=False)
@@ -109,21 +109,21 @@ def _crossings(inertia: Array, motion: Motion) -> Array:
 
 
 def _growth(inertia: Array) -> float:
-    """Of the equations linearised about the middle axis: ``sqrt((I2 - I1) (I3 - I2) / (I1 I3)) Omega``."""
+    """Return the growth rate about the middle axis, linearised: ``sqrt((I2 - I1) (I3 - I2) / (I1 I3)) Omega``."""
     middle, low, high = np.diag(inertia)
     return float(math.sqrt((middle - low) * (high - middle) / (low * high)) * _SPIN)
 
 
 def _measured_growth(inertia: Array) -> float:
     top = EulerTop(inertia, np.array([_SPIN, 1e-9, 1e-9]))
-    motion = _simulate(top, 12.0 / _growth(inertia))  # of the shrinking part, exp(-12) is left after half the time
+    motion = _simulate(top, 12.0 / _growth(inertia))  # after half of the time the decaying mode is reduced to exp(-12)
     late = len(motion.times) // 2
     tilts = np.linalg.norm(motion.velocities[late:, 1:], axis=1)
     return float(np.polyfit(motion.times[late:], np.log(tilts), 1)[0])
 
 
 def _stable_row(inertia: Array, axis: int, name: str) -> Row:
-    """About another axis: the smallest angular velocity about it, as a part of the greatest."""
+    """Return the row of another axis: the smallest angular velocity about it over the largest."""
     velocity = np.full(3, _SPIN * math.sin(_TILT) / math.sqrt(2.0))
     velocity[axis] = _SPIN * math.cos(_TILT)
     top = EulerTop(inertia, velocity)
@@ -131,7 +131,7 @@ def _stable_row(inertia: Array, axis: int, name: str) -> Row:
     crossing = top.flips(top.period)[:1]  # dn is extreme where sn is 0 and where cn is
     extremes = top.velocities(np.append(crossing, crossing + top.period / 4.0))[:, axis]
     ratio = float(extremes.min() / extremes.max())
-    return Row(f"about the {name} axis: least part of the spin", ratio, float(about.min() / about.max()), 1e-8)
+    return Row(f"about the {name} axis: least over largest spin", ratio, float(about.min() / about.max()), 1e-8)
 
 
 def _angle(first: Array, second: Array) -> float:

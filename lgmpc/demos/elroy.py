@@ -1,4 +1,4 @@
-"""Elroy's beanie: how a propeller on his cap turns Elroy on ice (chapter 4.16)."""
+"""Elroy's beanie: the rotation of a body by a rotor on it, without friction (chapter 4.16)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ DURATION = 4.0
 BOY, BLADE = 0.8, 0.25
 """Moments of inertia, kg.m2."""
 MOMENTUM = 0.5
-"""N.m.s, in the second run."""
+"""Angular momentum of the second run, N.m.s."""
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     beanie = Beanie(BOY, BLADE)
     still, turning = _simulate(0.0), _simulate(MOMENTUM)
     times = np.linspace(0.0, DURATION, still.shape[1])
@@ -30,13 +30,13 @@ def run() -> Outcome:
     rows = [
         Row("turn of the propeller on the cap", 360.0, _degrees(still[2, -1] - still[0, -1]), 1e-7, "deg"),
         Row("turn of Elroy, no momentum", _degrees(geometric), _degrees(still[0, -1]), 1e-7, "deg"),
-        Row("the same, carried by the connection", _degrees(geometric), _degrees(float(carried)), 1e-9, "deg"),
+        Row("the same, by transport with the connection", _degrees(geometric), _degrees(float(carried)), 1e-9, "deg"),
         Row("turn of Elroy, with momentum", _degrees(geometric + dynamic), _degrees(turning[0, -1]), 1e-7, "deg"),
     ]
     for name, motion, value in (("no momentum", still, 0.0), ("with momentum", turning, MOMENTUM)):
         found = BOY * motion[1] + BLADE * motion[3]
         worst = found[np.argmax(np.abs(found - value))]
-        rows.append(Row(f"angular momentum all along, {name}", value, float(worst), 1e-9, "N.m.s"))
+        rows.append(Row(f"largest angular momentum, {name}", value, float(worst), 1e-9, "N.m.s"))
     return Outcome(
         tuple(rows),
         panels=(
@@ -46,9 +46,9 @@ def run() -> Outcome:
         times=times,
         bodies=_scene(still),
         remarks=(
-            "Both bodies are integrated by Newton's law, a torque between them, without the connection.",
-            "Elroy turns by -I2/(I1 + I2) of the propeller's turn: it matters how far, not how fast.",
-            "With momentum, the turning of the locked bodies comes on top: the dynamic phase.",
+            "Both bodies are integrated by Newton's law with a torque between them, without the connection.",
+            "Elroy turns by -I2/(I1 + I2) of the propeller's turn, independent of its speed.",
+            "With momentum, the rotation of the locked bodies is added: the dynamic phase.",
         ),
         floor=True,
     )
@@ -57,7 +57,7 @@ def run() -> Outcome:
 def _simulate(momentum: float) -> Array:
     """Return (4, n) angle and rate of Elroy, then of the propeller, both in the world."""
     reduced = BOY * BLADE / (BOY + BLADE)
-    strength = 4.0 * np.pi**2 * reduced / DURATION**2  # turns the propeller once around, from rest to rest
+    strength = 4.0 * np.pi**2 * reduced / DURATION**2  # one turn of the propeller, from rest to rest
 
     def rate(time: float, y: Array) -> Array:
         torque = strength * np.sin(2.0 * np.pi * time / DURATION)

@@ -1,4 +1,4 @@
-"""A free robot of three bodies for 1000 s: what the demonstration of the integrators shows of robots."""
+"""A free robot of three bodies over 1000 s, for the demonstration of the integrators."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class RobotRun:
     Attributes:
         times: (n,) s.
         states: (n, nx).
-        energy: (n,) over its first value, less 1.
-        momentum: (n,) norm of the change of [linear; angular] momentum about the world's origin, over its first norm.
+        energy: (n,) relative change of the energy.
+        momentum: (n,) norm of the change of [linear; angular] momentum about the world's origin, over the initial norm.
     """
 
     times: Array
@@ -37,13 +37,13 @@ class RobotRun:
 
 
 def run_robot(integrator: Integrator, h: float, duration: float, every: int) -> RobotRun:
-    """Simulate a torso with two swinging arms that tumbles freely; the loop over the steps is one compiled call.
+    """Simulate a torso with two swinging arms in free flight, in one compiled call.
 
     Args:
         integrator: the method.
         h: step, s.
         duration: s.
-        every: how many steps lie between two states that are kept.
+        every: number of steps between two stored states.
     """
     model = _model()
     action = MultibodyAction("robot", FreeForwardDynamics(model, np.zeros((model.nv, 0))), integrator=integrator)
@@ -64,7 +64,7 @@ def run_robot(integrator: Integrator, h: float, duration: float, every: int) -> 
 
 
 def robot_scene(run: RobotRun) -> tuple[Body, ...]:
-    """The bodies of the scene: torso and arms, where the run's states have them."""
+    """Return the bodies of the scene: torso and arms at the run's states."""
     model = _model()
     data, placements = model.createData(), []
     for q in run.states[:, : model.nq]:
@@ -97,7 +97,7 @@ def _model() -> pin.Model:
 
 
 def _measure(model: pin.Model, states: Array) -> tuple[Array, Array]:
-    """(n,) energies and (n, 6) momenta about the world's origin, by Pinocchio."""
+    """Return (n,) energies and (n, 6) momenta about the world's origin, by Pinocchio."""
     data, energies, momenta = model.createData(), [], []
     for state in states:
         q, v = state[: model.nq], state[model.nq :]

@@ -1,6 +1,6 @@
-"""A spinning top precesses, nods, sleeps and falls, each as Lagrange's formulas predict.
+"""Lagrange's top: precession, nutation, sleeping and falling, predicted by Lagrange's formulas.
 
-Chapter 4.17. Simulated are the Euler-Poincare equations with the direction of gravity carried along by the motion.
+Chapter 4.17. Simulated are the Euler-Poincare equations with the direction of gravity as advected quantity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _STAND = 0.05  # height of the pivot in the scene, m
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     slow, fast = _TOP.steady_precession(_TILT, _SPIN)
     rotation, velocity = _TOP.start(_TILT, _SPIN)
     nodding = _simulate(rotation, velocity, 2.0)
@@ -44,7 +44,7 @@ def run() -> Outcome:
         Row("slow precession", slow, _precession(slow), 1e-8, "rad/s"),
         Row("fast precession", fast, _precession(fast), 1e-6, "rad/s"),
         Row("nutation: least tilt", nutation.tilts[0], float(tilts.min()), 1e-6, "rad"),
-        Row("nutation: greatest tilt", nutation.tilts[1], float(tilts[turns].max()), 1e-6, "rad"),
+        Row("nutation: largest tilt", nutation.tilts[1], float(tilts[turns].max()), 1e-6, "rad"),
         Row("nutation: period", nutation.period, _period(nodding), 1e-7, "s"),
         Row("tilt off its elliptic function", 0.0, _off(nodding, nutation.cosines(nodding.times)), 1e-8),
         Row("the same, of Simo and Wong's top", 0.0, float(simo_wong), 1e-7),
@@ -86,8 +86,8 @@ def run() -> Outcome:
         (_body(nodding.poses[shown], scene), _pivot(len(axis[shown]), scene)),
         (Path("axis", 0.12 * scene * axis[::2] + [0.0, 0.0, _STAND * scene], 0xE45756),),
         (
-            "Released at rest, the axis draws cusps; pushed along at the slow rate, it would not nod at all.",
-            "Above the critical spin the upright top sleeps: a disturbance stays as small as it was.",
+            "Released at rest, the axis moves in cusps; started at the rate of slow precession, its tilt is constant.",
+            "Above the critical spin the upright top is stable: small disturbances stay small.",
         ),
         floor=True,
     )
@@ -99,26 +99,26 @@ def _simulate(rotation: Array, velocity: Array, end: float, step: float = _STEP)
 
 
 def _tilts(motion: Motion) -> Array:
-    """Angles of the axis from the vertical, accurate near it too."""
+    """Return the angles of the axis from the vertical, accurate near it too."""
     tilts: Array = np.arctan2(np.linalg.norm(motion.advected[:, :2], axis=1), motion.advected[:, 2])
     return tilts
 
 
 def _precession(rate: float) -> float:
-    """Mean rate at which the axis turns about the vertical when started so."""
+    """Return the mean rate of precession from an initial state."""
     motion = _simulate(*_TOP.start(_TILT, _SPIN, rate), 0.5)
     azimuth = np.unwrap(np.arctan2(motion.poses[:, 1, 2], motion.poses[:, 0, 2]))
     return float((azimuth[-1] - azimuth[0]) / motion.times[-1])
 
 
 def _turning_points(motion: Motion) -> IntArray:
-    """Indices next to which the tilt is greatest."""
+    """Return the indices next to the maxima of the tilt."""
     u = motion.advected[:, 2]
     return np.flatnonzero((u[1:-1] <= u[:-2]) & (u[1:-1] <= u[2:])) + 1
 
 
 def _period(motion: Motion) -> float:
-    """Time between upward crossings of the mean tilt, by cubics through values and rates."""
+    """Return the time between upward crossings of the mean tilt, by cubics through values and rates."""
     up, w = motion.advected, motion.velocities
     rates = up[:, 0] * w[:, 1] - up[:, 1] * w[:, 0]
     mean = (up[:, 2].min() + up[:, 2].max()) / 2.0
@@ -133,12 +133,12 @@ def _off(motion: Motion, cosines: Array) -> float:
 
 
 def _disturbance(spin: float, tilt: float = 1e-3) -> tuple[Array, Array]:
-    """An upright top tilted a little, its axis moving as that of one asleep would."""
+    """Return a nearly upright top whose axis moves like that of a sleeping one."""
     return _TOP.start(tilt, spin, _TOP.axial * spin / (2.0 * _TOP.transverse))
 
 
 def _disturbed(spin: float, step: float = 2.0 * _STEP) -> float:
-    """Greatest tilt within one up and down of the axis."""
+    """Return the largest tilt within one period of nutation."""
     start = _disturbance(spin)
     return float(_tilts(_simulate(*start, 1.05 * _TOP.nutation(*start).period, step)).max())
 
@@ -148,7 +148,7 @@ def _sleeping_tilt() -> float:
 
 
 def _growth() -> float:
-    """Rate at which the logarithm of the tilt of a slow, upright top grows, once the shrinking part is gone."""
+    """Return the growth rate of the tilt of a slow, upright top after the decaying mode has vanished."""
     spin = 0.8 * _TOP.critical_spin
     motion = _simulate(*_disturbance(spin, 1e-9), 14.0 / _TOP.sleeping_growth(spin), 2.0 * _STEP)
     late = motion.times > motion.times[-1] / 2.0
@@ -167,7 +167,7 @@ def _body(rotations: Array, scale: float) -> Body:
     shapes = (
         Shape("cylinder", (0.04 * scale, 0.04 * scale, 0.012 * scale), (0.0, 0.0, 0.05 * scale), 0x4C78A8),
         Shape("cylinder", (0.003 * scale, 0.003 * scale, 0.12 * scale), (0.0, 0.0, 0.06 * scale), 0x34414F),
-        Shape(  # a spot on the disc, for the eye to see it spin
+        Shape(  # a spot on the disc, which shows its rotation
             "sphere", (0.006 * scale, 0.006 * scale, 0.006 * scale), (0.03 * scale, 0.0, 0.057 * scale), 0xE69F00
         ),
     )
@@ -175,6 +175,6 @@ def _body(rotations: Array, scale: float) -> Body:
 
 
 def _pivot(count: int, scale: float) -> Body:
-    """What the top stands on: a cone, its tip at the point that is held."""
+    """Return the support: a cone with its tip at the fixed point."""
     cone = Shape("cone", (0.02 * scale, 0.02 * scale, _STAND * scale), (0.0, 0.0, 0.5 * _STAND * scale), 0x9DA7B1)
     return Body("pivot", (cone,), np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))

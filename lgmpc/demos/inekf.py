@@ -1,6 +1,6 @@
-"""The contact-aided invariant filter beside the quaternion filter, on a trot, from 45 degrees and 1 m/s off.
+"""The contact-aided invariant filter and the quaternion filter on a trot, from errors of 45 degrees and 1 m/s.
 
-Chapter 4.11.4; Hartley et al., IJRR 2020. Both filters get the same measurements, the same noise and the same doubts.
+Chapter 4.11.4; Hartley et al., IJRR 2020. Both filters have the same measurements, noise and initial covariance.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SLIP = 0.005
 TILT, SPEED = np.radians(45.0), 1.0
 DEVIATIONS = np.repeat([TILT, SPEED, 0.1, 0.005, 0.05], 3)
 SETTLED = 100
-"""Instant from which on the errors count, 0.5 s."""
+"""First instant of the evaluation, 0.5 s."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class _Run:
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     right, quaternion = (_runs(form) for form in (RIGHT, MULTIPLICATIVE))
     settled = slice(SETTLED // EVERY, None)
     freedom = int(sum(run.freedoms[settled].sum() for run in right))
     ratio = sum(run.squares[settled].sum() for run in right) / freedom
-    # Errors at instants 0.1 s apart are correlated, so that the mean spreads as if there were one instant a run.
+    # Errors at instants 0.1 s apart are correlated, so that the mean's variance is that of one instant a run.
     independent = freedom // len(right[0].squares[settled])
     tolerance = max(abs(chi2.ppf(p, independent) / independent - 1.0) for p in (1e-4, 1.0 - 1e-4))
-    # The RMS of two angles in 16 runs spreads by an eighth of itself: three times that is allowed.
+    # The RMS of two angles in 16 runs has a standard deviation of an eighth: three times that is allowed.
     predicted, found = (_rms(right, name) for name in ("predicted", "tilts"))
     rows = (
         Row("error off expm(A t) xi(0)", 0.0, _log_linear(), 1e-10),
@@ -82,8 +82,8 @@ def run() -> Outcome:
         remarks=(
             f"From 0.5 s on, the quaternion filter is off by {lag[0]:.2g} deg (RMS) and assumes {lag[1]:.2g} deg;"
             f" its median NEES is {overconfident:.2g} times its freedom.",
-            "It linearises about a wrong attitude and keeps the information gained there; the invariant filter's"
-            " linearisation does not depend on the attitude.",
+            "Its linearisation about a wrong attitude adds false information; that of the invariant filter does not"
+            " depend on the attitude.",
             "Predicted is the invariant filter's own standard deviation.",
         ),
         floor=True,
@@ -112,7 +112,7 @@ def _one(ekf: InvariantEkf, seed: int) -> _Run:
         up, estimated_up = true[2, :3], rotation[2]
         tilt = np.arctan2(np.linalg.norm(np.cross(up, estimated_up)), up @ estimated_up)
         speed = np.linalg.norm(ekf.velocity @ rotation - true[:3, 3] @ true[:3, :3])
-        # The vertical's error in the body is up x (rotation error): of the world's error for the right-invariant form.
+        # The error of the vertical is up x (rotation error), in world axes for the right-invariant form.
         spread = ekf.covariance[:3, :3]
         across = np.eye(3)[:2] if ekf.form is RIGHT else so3.hat(estimated_up)
         errors.append((np.degrees(tilt), speed, np.degrees(np.sqrt(np.trace(across @ spread @ across.T)))))
@@ -129,7 +129,7 @@ def _rms(runs: list[_Run], name: str) -> float:
 
 
 def _log_linear() -> float:
-    """Return how far the right-invariant error gets from its linear dynamics in 1 s, from 2 rad and metres."""
+    """Return the deviation of the right-invariant error from its linear dynamics in 1 s, from 2 rad and metres."""
     rng = np.random.default_rng(7)
     start, xi = sek3.exp(rng.normal(size=9)), rng.normal(size=9)
     xi[:3] *= 2.0 / np.linalg.norm(xi[:3])
@@ -207,7 +207,7 @@ def _scene(walk: SimulatedTrot, right: _Run, quaternion: _Run) -> tuple[Body, ..
         found.append(Body(name, shapes, poses[:, :3, 4], poses[:, :3, :3]))
     still = np.tile(np.eye(3), (len(walk.poses), 1, 1))
     for foot in range(4):
-        # A foot in the air is shown below its hip, off the floor.
+        # A foot in the air is shown below its hip, above the floor.
         points = walk.points[:, foot] + np.where(walk.touching[:, foot, None], 0.0, [0.0, 0.0, 0.05])
         found.append(Body(f"feet/{foot + 1}", (Shape("sphere", (0.016,) * 3, color=0x333333),), points, still))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Geometric control of a quadrotor: exact where theory is exact, and beside an Euler-angle PID where it is not.
+"""Geometric control of a quadrotor, compared with theory and with an Euler-angle PID.
 
 Chapter 4.12.3; Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010.
 """
@@ -40,7 +40,7 @@ _OURS, _THEIRS = 0x0072B2, 0xD55E00
 
 @dataclass(frozen=True)
 class _TurnOnly:
-    """The attitude's controller alone, towards the identity; no thrust."""
+    """The attitude controller alone, towards the identity, without thrust."""
 
     geometric: GeometricController
 
@@ -51,7 +51,7 @@ class _TurnOnly:
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     turning = _turning()
     pendulum, swing = _pendulum(turning)
     tracking, path = _tracking()
@@ -66,7 +66,7 @@ def run() -> Outcome:
         tracking,
         Row(f"not lost, of {_STARTS} tumbling starts", _STARTS, float(_STARTS - ours.lost.sum()), 0.0),
     )
-    # One start that the angles lose, if there is one: both fly it in the scene.
+    # The scene shows a start that the Euler-angle controller loses, if there is one.
     shown = int(np.argmax(theirs.lost))
     panels = (
         swing,
@@ -87,15 +87,15 @@ def run() -> Outcome:
         _vehicle("Euler angles", theirs, shown, every, 0.8, _THEIRS),
     )
     remarks = (
-        f"From {_STARTS} attitudes drawn evenly, tumbling at {_TUMBLE:g} rad/s: {back[0]} are back in {_DURATION:g} s"
-        f" with the geometric controller, {back[1]} with Euler angles, which lose {int(theirs.lost.sum())} for good.",
-        "Exactly at half a turn the geometric error vanishes and nothing pulls; beside it, recovery is slow to start.",
+        f"From {_STARTS} random attitudes, tumbling at {_TUMBLE:g} rad/s: {back[0]} are back in {_DURATION:g} s"
+        f" with the geometric controller, {back[1]} with Euler angles, which lose {int(theirs.lost.sum())}.",
+        "Half a turn is an unstable equilibrium of the geometric controller; near it the recovery starts slowly.",
     )
     return Outcome(rows, panels, ours.times[every], bodies, (), remarks)
 
 
 def _turning() -> Flight:
-    """Turns towards the identity: from 178 deg of roll, 1e-6 rad beside half a turn, half a turn, and any attitude."""
+    """Simulate rotations to the identity: from 178 deg of roll, 1e-6 rad off half a turn, half a turn, any attitude."""
     rolls = so3.exp(np.array([[np.radians(178.0), 0.0, 0.0], [np.pi - 1e-6, 0.0, 0.0]]))
     random = Rotation.random(20, random_state=4).as_matrix()
     starts = QuadrotorState.at_rest(np.concatenate((rolls, np.diag([1.0, -1.0, -1.0])[None], random)))
@@ -103,7 +103,7 @@ def _turning() -> Flight:
 
 
 def _pendulum(flight: Flight) -> tuple[Row, Panel]:
-    """About a principal axis the attitude is a damped pendulum: ``J theta'' = -k_R sin theta - k_Omega theta'``."""
+    """Compare with a damped pendulum about a principal axis: ``J theta'' = -k_R sin theta - k_Omega theta'``."""
     exact = solve_ivp(
         lambda _, y: [y[1], (-_GAINS.rotation * np.sin(y[0]) - _GAINS.rate * y[1]) / _QUADROTOR.inertia[0, 0]],
         (0.0, flight.times[-1]),
@@ -114,7 +114,7 @@ def _pendulum(flight: Flight) -> tuple[Row, Panel]:
         atol=1e-13,
     ).y[0]
     angle = np.unwrap(_roll(flight, 0))
-    row = Row("178 deg of roll, beside a pendulum", 0.0, float(np.abs(angle - exact).max()), 1e-8, "rad")
+    row = Row("178 deg of roll, off the pendulum", 0.0, float(np.abs(angle - exact).max()), 1e-8, "rad")
     curves = (
         Curve("controlled body", flight.times, np.degrees(angle)),
         Curve("pendulum", flight.times, np.degrees(exact), True),
@@ -129,16 +129,16 @@ def _roll(flight: Flight, index: int) -> Array:
 
 
 def _growth(flight: Flight) -> Row:
-    """The linearisation at the antipode: ``J delta'' = k_R delta - k_Omega delta'`` for the angle to half a turn."""
+    """Compare with the linearisation at the antipode: ``J delta'' = k_R delta - k_Omega delta'``."""
     short, inertia = np.pi - np.abs(_roll(flight, 1)), _QUADROTOR.inertia[0, 0]
-    window = slice(250, 750)  # the fast mode is gone, the sine does not bend yet
+    window = slice(250, 750)  # the fast mode has decayed, the sine is still linear
     measured = np.polyfit(flight.times[window], np.log(short[window]), 1)[0]
     predicted = (np.sqrt(_GAINS.rate**2 + 4.0 * inertia * _GAINS.rotation) - _GAINS.rate) / (2.0 * inertia)
     return Row("rate of escape from the antipode", float(predicted), float(measured), 1e-3 * float(predicted), "1/s")
 
 
 def _lyapunov(flight: Flight) -> tuple[Row, Row]:
-    """``1/2 Omega^T J Omega + k_R Psi`` has the derivative ``-k_Omega |Omega|^2``; at the antipode nothing moves."""
+    """Check that ``1/2 Omega^T J Omega + k_R Psi`` has the derivative ``-k_Omega |Omega|^2``."""
     psi, _ = attitude_error(flight.states.rotation, np.eye(3))
     omega = flight.states.rate
     energy = 0.5 * np.sum(omega * (omega @ _QUADROTOR.inertia), axis=-1) + _GAINS.rotation * psi
@@ -150,12 +150,12 @@ def _lyapunov(flight: Flight) -> tuple[Row, Row]:
 
 
 def _tracking() -> tuple[Row, Panel]:
-    """From a start on the trajectory with its attitude and rate the error stays zero: exact feed-forward."""
+    """Check the feed-forward: the error from a start on the trajectory with its attitude and rate stays zero."""
     curve = Lissajous()
     controller = GeometricController(_QUADROTOR, curve)
     desired = curve.at(0.0).position
     state = QuadrotorState(desired[0], desired[1], np.eye(3), np.zeros(3))
-    # The attitude follows from the acceleration, then the rate from the jerk, then nothing changes any more.
+    # The first iteration determines the attitude from the acceleration, the second the rate from the jerk.
     for _ in range(3):
         command = controller.command(0.0, state)
         state = QuadrotorState(desired[0], desired[1], command.rotation, command.rate)
@@ -182,14 +182,14 @@ def _away(flight: Flight) -> Array:
 
 
 def _until_lost(flight: Flight, index: int) -> tuple[Array, Array]:
-    """Return times and distances up to where a lost vehicle's state stays what it was."""
+    """Return times and distances until a vehicle is lost."""
     still = np.all(np.diff(flight.states.position[:, index], axis=0) == 0.0, axis=1)
     end = int(np.argmax(still)) + 1 if flight.lost[index] else len(flight.times)
     return flight.times[:end], _away(flight)[:end, index]
 
 
 def _vehicle(name: str, flight: Flight, index: int, every: slice, aside: float, color: int) -> Body:
-    """Four rotors on a cross."""
+    """Return the scene's vehicle: four rotors on a cross."""
     arm, rotors = 0.3, [(x, y) for x in (-0.22, 0.22) for y in (-0.22, 0.22)]
     turn = so3.exp(np.array([0.0, 0.0, 0.25 * np.pi]))
     shapes = [

@@ -1,4 +1,4 @@
-"""What a demonstration shows: predicted numbers beside measured ones, curves, a scene; plain data, drawn elsewhere."""
+"""Data of demonstrations: predicted and measured values, curves, a scene."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Row:
     """One line of the table.
 
     Attributes:
-        quantity: what, for a reader.
+        quantity: name of the quantity.
         predicted: by theory, or by an independent computation.
         measured: in the simulation.
-        tolerance: largest difference that counts as agreement.
+        tolerance: largest difference in agreement.
         unit: of all three; empty for a plain number.
     """
 
@@ -31,7 +31,7 @@ class Row:
 
     @property
     def agrees(self) -> bool:
-        """Whether prediction and measurement agree; a NaN agrees with nothing."""
+        """Whether prediction and measurement agree; NaN never agrees."""
         return bool(math.isfinite(self.measured) and abs(self.measured - self.predicted) <= self.tolerance)
 
 
@@ -43,7 +43,7 @@ class Curve:
         label: in the legend; empty for none.
         x: (n,) abscissa.
         y: (n,) ordinate.
-        dashed: drawn dashed, as predictions are.
+        dashed: whether it is dashed, like predictions.
     """
 
     label: str
@@ -57,7 +57,7 @@ class Panel:
     """Axes with curves.
 
     Attributes:
-        title: what it shows.
+        title: of the panel.
         x_label: quantity and unit.
         y_label: quantity and unit.
         curves: the lines.
@@ -99,7 +99,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body that moves in the scene.
+    """A moving rigid body of the scene.
 
     Attributes:
         name: unique in the scene; bodies with the same part before a slash share an entry of the legend.
@@ -116,7 +116,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Path:
-    """A line in space that does not move.
+    """A fixed line in space.
 
     Attributes:
         name: unique in the scene.
@@ -131,7 +131,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a demonstration found.
+    """The results of a demonstration.
 
     Attributes:
         rows: the table; the demonstration succeeds if all agree.
@@ -139,9 +139,9 @@ class Outcome:
         times: (n,) times of the scene's poses, s; as long as every body's.
         bodies: moving bodies of the scene.
         paths: lines of the scene.
-        remarks: what to see in it, a sentence each.
+        remarks: a sentence each.
         details: further measurements, a table for the terminal.
-        floor: whether the ground, z = 0, is part of the scene; else it hangs clear of one.
+        floor: whether the ground, z = 0, is part of the scene; else the scene is drawn above one.
     """
 
     rows: tuple[Row, ...]
@@ -155,7 +155,7 @@ class Outcome:
 
     @property
     def agrees(self) -> bool:
-        """Whether every prediction was met."""
+        """Whether all predictions agree."""
         return all(row.agrees for row in self.rows)
 
 
@@ -166,7 +166,7 @@ class Demo:
     Attributes:
         name: as on the command line.
         summary: one line.
-        run: what computes it, in a few seconds.
+        run: computes the outcome in a few seconds.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""A free body's ellipsoid of inertia rolls on a plane in space without slipping: Poinsot's picture of its motion.
+"""Poinsot's construction: a free body's ellipsoid of inertia rolls on a fixed plane without slipping.
 
-Chapter 4.5.3 and 4.10.5. The motion comes from integrated equations; the construction predicts everything about it.
+Chapter 4.5.3 and 4.10.5. The motion is integrated; the construction predicts its properties.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["run"]
 
 _MOMENTS = np.array([4.0, 9.0, 12.0])  # kg.m^2
 _VELOCITY = np.array([1.6, 0.5, 1.3])  # rad/s
-_STEPS = 20000  # a period
+_STEPS = 20000  # per period
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     top = EulerTop(np.diag(_MOMENTS), _VELOCITY)
-    # The momentum upright, the plane below: the world is turned so that the picture stands.
+    # The world is rotated so that the momentum is vertical and the plane is below.
     up = top.inertia @ _VELOCITY / top.momentum
     down = np.array([0.0, 0.0, -1.0])
     axis = np.cross(up, down)
@@ -90,7 +90,7 @@ def run() -> Outcome:
         (Path("herpolhode", herpolhode, 0xE45756),),
         (
             "Lengths are those of the ellipsoid x^T J x = 1.",
-            "The point of contact is on the instantaneous axis: there the body is at rest, so it rolls.",
+            "The point of contact is on the instantaneous axis: its velocity is zero, so the body rolls.",
         ),
     )
 
@@ -103,17 +103,17 @@ def _simulate(top: EulerTop) -> Motion:
 
 
 def _lengths(top: EulerTop, motion: Motion, contact: Array, world: Array) -> tuple[float, float]:
-    """Lengths of the two curves of contact in a period, by midpoints of the same time intervals.
+    """Return the lengths of the two curves of contact in a period, by midpoints of the same time intervals.
 
-    The one on the body from its points and Euler's equations, the one on the plane from its points alone: nothing of
-    the rolling is put in.
+    That on the body is computed from its points and Euler's equations, that on the plane from its points alone:
+    rolling is not assumed.
     """
     w = motion.velocities
     rates = np.linalg.solve(top.inertia, np.cross(w @ top.inertia, w).T).T / math.sqrt(2.0 * top.energy)
     middle = (motion.times[1:] + motion.times[:-1]) / 2.0
     on_body = CubicHermiteSpline(motion.times, contact, rates).derivative()(middle)
     h = motion.times[1]
-    # Fourth-order differences at the middles of the intervals that have two neighbours.
+    # Fourth-order differences at the midpoints of the inner intervals.
     on_plane = (27.0 * (world[2:-1] - world[1:-2]) - (world[3:] - world[:-3])) / (24.0 * h)
     first = float(h * np.linalg.norm(on_body[1:-1], axis=1).sum())
     return first, float(h * np.linalg.norm(on_plane, axis=1).sum())
@@ -125,7 +125,7 @@ def _rolled(top: EulerTop, periods: int) -> Array:
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
-    """Coordinates of points on the near side of a sphere, seen from the body's first octant; NaN for the others."""
+    """Return the coordinates of points on the visible side of a sphere from the body's first octant; NaN for others."""
     toward = np.array([0.75, 0.35, 0.56])
     toward /= np.linalg.norm(toward)
     right = np.cross([0.0, 0.0, 1.0], toward)
@@ -135,7 +135,7 @@ def _seen(points: Array) -> tuple[Array, Array]:
 
 
 def _other_polhodes(momentum: float) -> list[Curve]:
-    """Of motions with the same angular momentum: around the third axis, around the first, and the separatrix."""
+    """Return polhodes of the same angular momentum: around the third axis, around the first, and the separatrix."""
     low, middle, high = 1.0 / _MOMENTS[::-1]
     # Momenta in the plane of the first and third axis at this angle from the third have |pi|^2 = 2 E I2.
     between = math.atan(math.sqrt((middle - low) / (high - middle)))

@@ -1,4 +1,4 @@
-"""Half a second of IMU samples as one relative motion: exact and held forms, other biases, and what the noise does.
+"""IMU preintegration over half a second: exact exponential and zero-order hold, bias correction, covariance.
 
 Chapter 4.11; Forster et al., IEEE TRO 2017; Brossard et al., IEEE TRO 2021.
 """
@@ -30,11 +30,11 @@ DURATION, PERIOD, RUNS = 0.5, 0.01, 300
 PERIODS = np.array([0.02, 0.01, 0.005, 0.0025])
 CHANGES = np.array([0.04, 0.02, 0.01, 0.005])
 DIRECTION = np.array([1.0, -2.0, 1.5, 3.0, -1.0, 2.0])
-"""Of the biases' change: rad/s, then m/s2."""
+"""Changes of the biases: rad/s, then m/s2."""
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     start, exact = _start(), _exact()
     rows, motion = _samples(PERIOD), _integrated(_samples(PERIOD), PERIOD)
     stepped = start
@@ -77,7 +77,7 @@ def run() -> Outcome:
             log_y=True,
         ),
         Panel(
-            "Other biases without integrating again",
+            "Bias correction without repeated integration",
             "change of the gyro's bias, rad/s",
             "error in the tangent",
             (
@@ -101,10 +101,10 @@ def run() -> Outcome:
         (Body("imu", shapes, poses[:, :3, 4], poses[:, :3, :3]),),
         (Path("path", poses[:, :3, 4]),),
         (
-            "The first two orders are those for body rates that change; DOP853 is compared where they do not.",
-            "The increment does not depend on where the motion began: velocity and gravity are added afterwards.",
-            "Exact is the exponential form for body rates that are constant over a sample; the zero-order hold of"
-            " Forster et al. keeps the direction of the force constant in the world instead.",
+            "The first two orders are those for varying body rates; the comparison with DOP853 is for constant ones.",
+            "The increment does not depend on the initial state: velocity and gravity are added afterwards.",
+            "The exponential form is exact for body rates that are constant over a sample; in the zero-order hold of"
+            " Forster et al. the force is constant in world axes.",
         ),
     )
 
@@ -118,7 +118,7 @@ def _force(t: float) -> Array:
 
 
 def _samples(period: float) -> Array:
-    """Return (n, 6) body rates in the middle of each interval."""
+    """Return (n, 6) body rates at the midpoint of each interval."""
     times = period * (0.5 + np.arange(round(DURATION / period)))
     return np.array([np.concatenate([_gyro(t), _force(t)]) for t in times])
 

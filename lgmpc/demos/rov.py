@@ -1,4 +1,4 @@
-"""Under water: a robot that rights itself and rises, and a torpedo whose straight motion is unstable.
+"""Underwater vehicles: a robot's righting moment and terminal speed, and the instability of a torpedo.
 
 Chapter 4.12.4.
 """
@@ -20,9 +20,9 @@ __all__ = ["run"]
 STEP, DURATION = 5e-3, 20.0
 """s."""
 FRAME, SCENE = 0.02, (1.5, 5.0)
-"""s between two pictures, and from when to when: around the torpedo's first turn."""
+"""Time between two pictures, s, and the interval shown: around the torpedo's first turn."""
 
-# A robot of the size of a BlueROV2: its added mass and damping as commonly identified for it.
+# A robot of the size of a BlueROV2, with added mass and damping as identified in the literature.
 ADDED = np.array([5.5, 12.7, 14.6, 0.12, 0.12, 0.12])
 LINEAR = np.array([4.0, 6.2, 5.2, 0.07, 0.07, 0.07])
 QUADRATIC = np.array([18.2, 21.7, 37.0, 1.55, 1.55, 1.55])
@@ -30,13 +30,13 @@ MASS, ROLL_INERTIA = 11.5, 0.16
 TURNING = np.diag([ROLL_INERTIA, 0.16, 0.2])
 
 LENGTH, DIAMETER, SPEED = 1.6, 0.2, 1.5
-"""Of the torpedo, m; m/s."""
+"""Length of the torpedo, m, and its speed, m/s."""
 TILT = 1e-3
-"""Of its path at the start, rad."""
+"""Initial angle of its path, rad."""
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     rows: list[Row] = []
     rise = _rise(rows)
     swing = _swing(rows)
@@ -75,14 +75,14 @@ def run() -> Outcome:
         bodies=_scene(rise, torpedo.poses[shown], times),
         paths=(Path("torpedo's path", torpedo.poses[shown, :3, 3], 0xE45756),),
         remarks=(
-            "Long bodies in ideal fluid turn broadside on: the water that moves along is heavier across than along.",
-            "The torpedo, without fins or damping, swaps its ends again and again; Kirchhoff's Casimirs stay.",
+            "Long bodies in ideal fluid turn broadside: their added mass is larger across the long axis than along it.",
+            "The torpedo, without fins or damping, reverses periodically; Kirchhoff's Casimirs are conserved.",
         ),
     )
 
 
 def _rise(rows: list[Row]) -> Motion:
-    """The robot, 2 N light, released at rest."""
+    """Simulate the robot, 2 N lighter than water, released at rest."""
     force = 2.0
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, LINEAR, QUADRATIC, MASS * GRAVITY + force, np.array([0.0, 0.0, 0.02]))
@@ -90,15 +90,13 @@ def _rise(rows: list[Row]) -> Motion:
     speeds = motion.velocities[:, 2]
     closed = speed_under_force(motion.times, MASS + ADDED[2], force, LINEAR[2], QUADRATIC[2])
     final = terminal_speed(force, LINEAR[2], QUADRATIC[2])
-    rows.append(Row("robot: terminal speed upwards, 2 N light", final, float(speeds[-1]), 1e-6, "m/s"))
-    rows.append(
-        Row("robot: speed on the way, off the closed form", 0.0, float(np.abs(speeds - closed).max()), 1e-9, "m/s")
-    )
+    rows.append(Row("robot: terminal speed upwards, 2 N of lift", final, float(speeds[-1]), 1e-6, "m/s"))
+    rows.append(Row("robot: speed, off the closed form", 0.0, float(np.abs(speeds - closed).max()), 1e-9, "m/s"))
     return motion
 
 
 def _swing(rows: list[Row]) -> Motion:
-    """The robot, neutral and undamped, released at a roll of 60 degrees."""
+    """Simulate the robot, neutral and undamped, released at a roll of 60 degrees."""
     weight, height, start = MASS * GRAVITY, 0.02, np.radians(60.0)
     body = SpatialInertia(MASS, np.zeros(3), TURNING)
     robot = UnderwaterVehicle(body, ADDED, buoyancy=weight, center_of_buoyancy=np.array([0.0, 0.0, height]))
@@ -112,7 +110,7 @@ def _swing(rows: list[Row]) -> Motion:
 
 
 def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
-    """A neutral spheroid in ideal fluid, a little off its long axis: the motion, its growth rate and its beginning."""
+    """Simulate a neutral spheroid in ideal fluid near its long axis: the motion, its growth rate and its start."""
     a, b = LENGTH / 2.0, DIAMETER / 2.0
     mass = 4.0 / 3.0 * np.pi * 1000.0 * a * b**2
     inertia = mass / 5.0 * np.diag([2.0 * b**2, a**2 + b**2, a**2 + b**2])
@@ -124,7 +122,7 @@ def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
     rows.append(Row("torpedo: growth rate, closed form and eigenvalue", growth, float(mode), 1e-9, "1/s"))
 
     system = vehicle.system()
-    # On the growing mode, and turning a little about the long axis.
+    # On the growing mode, with a small rotation about the long axis.
     slip = TILT * SPEED
     start = np.eye(4), np.array([SPEED, slip, 0.0, 1e-3, 0.0, -growth * m2 * slip / (m1 * SPEED)])
     motion = system.simulate(*start, step=STEP, steps=round(DURATION / STEP), method=discrete_euler_poincare)
@@ -153,7 +151,7 @@ def _rise_panel(motion: Motion) -> Panel:
         Curve("simulated", motion.times, motion.velocities[:, 2]),
         Curve("terminal speed", ends, np.array([final, final]), dashed=True),
     )
-    return Panel("The robot, 2 N light, released", "time, s", "speed upwards, m/s", curves)
+    return Panel("The robot, 2 N of lift, released", "time, s", "speed upwards, m/s", curves)
 
 
 def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:

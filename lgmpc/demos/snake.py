@@ -1,4 +1,4 @@
-"""Three links in space turn by wriggling, at zero angular momentum, by the area that their angles enclose.
+"""Three links rotate at zero angular momentum by the area of the loop of their joint angles.
 
 Chapter 4.16.
 """
@@ -16,17 +16,17 @@ from lgmpc.typing import Array
 __all__ = ["run"]
 
 CENTER = (1.0, -1.0)
-"""rad; both ends bent to the same side. Around the straight shape the curvature averages out: no turn there."""
+"""Centre of the loops, rad: both ends bent to one side. Around the straight shape the curvature averages to zero."""
 RADII = (0.1, 0.5, 1.0, 1.5)
 WRIGGLES = 6
 PERIOD = 1.0
 STEPS = 4000
 FRAMES = 40
-"""A wriggle."""
+"""Number of loops."""
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     snake = ThreeLink([1.0, 1.5, 1.0], [0.5, 0.6, 0.5])
     connection = snake.connection()
     rows, phases = [], {}
@@ -45,10 +45,10 @@ def run() -> Outcome:
     rows.append(Row("turn, the largest loop backwards", -phases[RADII[-1]], backwards, 1e-9, "deg"))
     s = np.linspace(0.0, 1.0, STEPS + 1)
     theta = connection.transport(wide, STEPS)
-    # The attitude where the wriggle ends is where the next one starts.
+    # The attitude at the end of a loop is that at the start of the next.
     angles = np.concatenate([[0.0], *(theta[1:] + k * theta[-1] for k in range(WRIGGLES))])
     rows.append(
-        Row(f"turn after {WRIGGLES} wriggles", WRIGGLES * phases[RADII[-1]], float(np.degrees(angles[-1])), 1e-8, "deg")
+        Row(f"turn after {WRIGGLES} loops", WRIGGLES * phases[RADII[-1]], float(np.degrees(angles[-1])), 1e-8, "deg")
     )
     symbol = ca.SX.sym("s")
     shapes = ca.Function("loop", [symbol], [wide(symbol)]).map(s.size)(s[None, :]).full().T
@@ -62,22 +62,22 @@ def run() -> Outcome:
         tuple(rows),
         panels=(
             _loops(),
-            Panel("Attitude while wriggling", "time, s", "middle link, deg", (Curve("", times, np.degrees(angles)),)),
+            Panel("Attitude over the loops", "time, s", "middle link, deg", (Curve("", times, np.degrees(angles)),)),
             _scaling(connection, density),
             _curvature(connection),
         ),
         times=times[::every],
         bodies=_scene(snake, poses, angles[::every]),
         remarks=(
-            "Swung about the straight shape the links would gain nothing: there the curvature changes its sign.",
-            "The links end every wriggle in the shape they began it with, and point elsewhere.",
-            "How fast they wriggle does not matter; the area they go around does, weighed by the curvature.",
+            "Loops about the straight shape cause no rotation: there the curvature changes its sign.",
+            "After every loop the links have the initial shape and another attitude.",
+            "The rotation depends on the enclosed area, weighted by the curvature, and not on the speed.",
         ),
     )
 
 
 def _angular_momentum(snake: ThreeLink, shapes: Array, theta: Array, h: float) -> tuple[Array, Array]:
-    """(n - 1,) sizes of the angular momentum of all links, and of the first alone, from differences of their poses."""
+    """Return (n - 1,) norms of the angular momentum of all links, and of the first, by differences of their poses."""
     centers, angles = snake.links(shapes, theta)
     middle, velocity = (centers[1:] + centers[:-1]) / 2.0, np.diff(centers, axis=0) / h
     orbital = middle[..., 0] * velocity[..., 1] - middle[..., 1] * velocity[..., 0]

@@ -1,6 +1,6 @@
-"""Solo12 is thrown up, kicks about, and is pulled at one foot: its momentum changes by gravity and the pull alone.
+"""Solo12 in free flight moves its legs and is pulled at one foot: only gravity and the pull change its momentum.
 
-Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; joint torques do not occur in it.
+Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; it does not depend on joint torques.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["run"]
 
 _STEP, _STEPS = 5e-4, 1200
 _PULL = (400, 520)
-"""Steps between which the foot is pulled."""
+"""First and last step of the pull."""
 _FORCE = np.array([1.5, 3.0, 4.0])  # N, world axes
 _FOOT = "FL_FOOT"
 _THROW = np.array([0.2, 0.0, 2.6])  # m/s
@@ -43,7 +43,7 @@ class _Flight:
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     robot = load_robot(
         RobotSpec(
             model="solo12",
@@ -61,7 +61,7 @@ def run() -> Outcome:
     total = _STEP * _STEPS
     weight = robot.mass * robot.gravity
 
-    # In closed form: impulses, and the parabola with the pull's part from its middle to the end.
+    # In closed form: impulses, and the parabola with the pull's contribution from its middle to the end.
     linear = momenta[0, :3] + weight * total + _FORCE * lasts
     since = total - 0.5 * (_PULL[0] + _PULL[1]) * _STEP
     com = coms[0] + momenta[0, :3] / robot.mass * total + 0.5 * robot.gravity * total**2
@@ -74,7 +74,7 @@ def run() -> Outcome:
 
     free = momenta[: _PULL[0] + 1, 3:]
     rows = [
-        Row("angular momentum before the pull, kicking", 0.0, float(np.abs(free - free[0]).max()), 1e-9, "N.m.s"),
+        Row("angular momentum before the pull", 0.0, float(np.abs(free - free[0]).max()), 1e-9, "N.m.s"),
         *[
             Row(f"linear momentum at the end, {axis}", float(linear[i]), float(momenta[-1, i]), 1e-9, "N.s")
             for i, axis in enumerate("xyz")
@@ -107,7 +107,7 @@ def run() -> Outcome:
             tuple(Curve(axis, t, momenta[:, 3 + i]) for i, axis in enumerate(axes)),
         ),
         Panel(
-            "The trunk turns all the same",
+            "Rotation of the trunk",
             "time, s",
             "deg",
             tuple(Curve(n, t, np.degrees(trunk[:, i])) for i, n in enumerate(("roll", "pitch", "yaw"))),
@@ -121,7 +121,7 @@ def run() -> Outcome:
         tuple(_bodies(robot, flight.qs[shown])),
         (Path("centre of mass", coms[shown], 0xD55E00),),
         (
-            "The legs kick with up to a few N.m, and turn the trunk; momentum does not change.",
+            "The legs move with torques up to a few N.m, which rotate the trunk but do not change the momentum.",
             f"A foot is pulled with {np.linalg.norm(_FORCE):.1f} N at {_PULL[0] * _STEP:g} s, for {lasts:g} s.",
         ),
     )
@@ -145,7 +145,7 @@ def _fly(robot: Robot) -> _Flight:
         return np.array(pin.aba(model, data, q, v, load + jacobian.T @ pull))
 
     def rates(time: float, q: Array, pull: Array, elapsed: float, y: Array) -> Array:
-        """Rates of the tangent coordinates from q, and of the velocity."""
+        """Return the rates of the tangent coordinates from q, and of the velocity."""
         u, velocity = np.split(y, 2)
         moved = pin.integrate(model, q, u)
         return np.concatenate((_inverse_differential(u, velocity), acceleration(time + elapsed, moved, velocity, pull)))
@@ -174,7 +174,7 @@ def _inverse_differential(u: Array, v: Array) -> Array:
 
 
 def _bodies(robot: Robot, qs: Array) -> list[Body]:
-    """The trunk as a box, a ball at every joint and a rod to the next joint or the foot."""
+    """Return the trunk as a box, a ball at every joint and a rod to the next joint or the foot."""
     model, data = robot.model, robot.create_data()
     poses = []
     for q in qs:

@@ -1,7 +1,7 @@
-"""What is symmetric is conserved, and no more: Noether's theorem on bodies with fewer and fewer symmetries.
+"""Noether's theorem: symmetries and conserved momenta of a body in several potentials.
 
-Chapter 4.13.4. Predicted is the number of directions in which the Lagrangian does not change; measured, the number of
-components of the spatial momentum that stay, over several motions of each system.
+Chapter 4.13.4. Predicted is the number of directions in which the Lagrangian is invariant; measured is the number of
+conserved components of the spatial momentum, over several motions of each system.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _CASES = (
     _Case("free", free_body(_BOX), 6),
     _Case("in gravity", free_body(_BOX, _GRAVITY), 3),
     _Case(
-        "on a springy, level plane",
+        "on an elastic, level plane",
         free_body(_BOX, _GRAVITY, potential=lambda s: 60.0 * s.pose[2, 3] ** 2),
         3,
     ),
@@ -57,7 +57,7 @@ _CASES = (
         1,
     ),
     _Case(
-        "in an oval bowl",
+        "in an elliptic bowl",
         free_body(
             _BOX,
             _GRAVITY,
@@ -70,7 +70,7 @@ _CASES = (
 
 
 def run() -> Outcome:
-    """Compute it, in a few seconds."""
+    """Return the outcome, computed in a few seconds."""
     rows: list[Row] = []
     shown: dict[str, tuple[Motion, Array]] = {}
     for case in _CASES:
@@ -80,7 +80,7 @@ def run() -> Outcome:
         directions = symmetry.directions(motions)
         rows += [
             Row(f"{case.name}: symmetries", case.symmetries, len(directions), 0.0),
-            Row(f"{case.name}: momenta that stay", len(directions), conserved_dimension(momenta), 0.0),
+            Row(f"{case.name}: conserved momenta", len(directions), conserved_dimension(momenta), 0.0),
         ]
         if len(directions):
             scale = max(float(np.abs(table).max()) for table in momenta)
@@ -96,14 +96,14 @@ def run() -> Outcome:
         (_body(motion),),
         (Path("origin of the body's frame", motion.poses[:, :3, 3], 0xE45756),),
         (
-            "Gravity leaves horizontal translation and rotation about the vertical: p_x, p_y and L_z stay.",
-            "A frictionless level plane takes no symmetry away; a bowl, or a fixed point, leaves L_z alone.",
+            "Under gravity p_x, p_y and L_z are conserved, by horizontal translation and rotation about the vertical.",
+            "A frictionless level plane breaks no further symmetry; a bowl or a fixed point leaves only L_z conserved.",
         ),
     )
 
 
 def _move(case: _Case, seed: int) -> Motion:
-    """A motion from a general start: any attitude, half a metre off, tumbling."""
+    """Return a motion from a random initial state: any attitude, half a metre of displacement, tumbling."""
     rng = np.random.default_rng(seed)
     group = case.system.group
     small = np.full(group.dim, 0.5)
@@ -114,7 +114,7 @@ def _move(case: _Case, seed: int) -> Motion:
 
 
 def _falling(motion: Motion, momenta: Array) -> list[Row]:
-    """What changes in gravity, changes by the weight and by its moment about the world's origin."""
+    """Compare the rates of momentum under gravity with the weight and its moment about the world's origin."""
     time = float(motion.times[-1])
     rates = np.diff(momenta[[0, -1]], axis=0)[0] / time
     start, turn = motion.poses[0], motion.velocities[0]

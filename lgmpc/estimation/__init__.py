@@ -1,14 +1,16 @@
-"""Estimation of what is not measured: the floating base's motion, contacts, pushes, friction."""
+"""Estimation of the floating base's motion, of contacts, external wrenches and friction."""
 
 from lgmpc.estimation.friction import FrictionMonitor
 from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.estimation.legs import ContactDetector, LegSensing
+from lgmpc.estimation.prediction import DelaySettings, StatePredictor
 from lgmpc.estimation.wrench import WrenchObserver
 
 __all__ = [
     "ContactDetector",
+    "DelaySettings",
     "FrictionMonitor",
     "ImuNoise",
     "InvariantEkf",
@@ -16,6 +18,7 @@ __all__ = [
     "LeggedEstimator",
     "LeggedEstimatorSettings",
     "Preintegration",
+    "StatePredictor",
     "WrenchObserver",
     "exponential_increment",
     "zero_order_hold_increment",

@@ -1,23 +1,32 @@
-"""Estimate of the friction coefficient: lower while a stance foot slides."""
+"""Estimate of the friction coefficient, from the forces under which stance feet slide."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
 __all__ = ["FrictionMonitor"]
 
+_LEAST_SHARE = 0.5
+"""Share of the coefficient that one update leaves at least."""
+_SMOOTHING = 0.002
+"""Time constant, s, of the contact points' velocities: noise must not look like a slide."""
+
 
 class FrictionMonitor:
-    """Lowers the assumed friction coefficient while stance feet slide, and raises it again slowly.
+    """Lowers the assumed friction coefficient where stance feet slide ever faster, and raises it again slowly.
 
     A controller that assumes more friction than there is commands forces that the floor cannot supply, estimates the
-    difference as a push, and commands even more. Sliding shows it: while any stance foot's contact point moves
-    sideways faster than ``sliding_speed``, the coefficient falls with time constant ``fall_time``; otherwise it rises
-    towards ``nominal`` with ``rise_time``.
+    difference as a push, and commands even more. Sliding shows it. A stance foot whose contact point moves sideways
+    faster than ``sliding_speed`` (smoothed over 2 ms), and ever faster, has been given a force outside the floor's
+    cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than by half,
+    because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A foot that
+    slows down proves nothing. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.
@@ -40,7 +49,7 @@ class FrictionMonitor:
         period: float,
         sliding_speed: float = 0.1,
         fall_time: float = 0.05,
-        rise_time: float = 5.0,
+        rise_time: float = 20.0,
         least: float = 0.1,
     ) -> None:
         numbers = {
@@ -58,18 +67,37 @@ class FrictionMonitor:
         self._sliding_speed_squared = sliding_speed**2
         self._fall = math.exp(-period / fall_time)
         self._rise = 1.0 - math.exp(-period / rise_time)
+        self._speeds_squared: list[float] = []
+        self._smoothing = 1.0 - math.exp(-period / _SMOOTHING)
+        self._velocities: Array | None = None
         self.coefficient = nominal
 
     def reset(self) -> None:
         """Return to the nominal coefficient."""
         self.coefficient = self._nominal
+        self._speeds_squared.clear()
+        self._velocities = None
 
-    def update(self, contact_velocities: Array, stance: Sequence[bool]) -> float:
-        """Take the contact points' velocities (nc, 3), world axes, and return the new coefficient."""
+    def update(self, contact_velocities: Array, stance: Sequence[bool], forces: Array) -> float:
+        """Return the new coefficient.
+
+        Args:
+            contact_velocities: (nc, 3) of the contact points, world axes, m/s.
+            stance: (nc,) feet whose sliding is evidence.
+            forces: (nc, 3) commanded since the last update, world axes, N.
+        """
+        if self._velocities is None or not math.isfinite(self._velocities.sum()):
+            self._velocities = np.zeros_like(contact_velocities)
+        self._velocities += self._smoothing * (contact_velocities - self._velocities)
         # Plain numbers: for a handful of feet they are faster than NumPy's calls.
-        feet = zip(contact_velocities.tolist(), stance, strict=True)
-        if any(stands and x * x + y * y > self._sliding_speed_squared for (x, y, _), stands in feet):
-            self.coefficient = max(self._least, self._fall * self.coefficient)
-        elif self.coefficient < self._nominal:
+        speeds = [x * x + y * y for x, y, _ in self._velocities.tolist()]
+        before, self._speeds_squared = self._speeds_squared or speeds, speeds
+        sliding = [foot for foot, stands in enumerate(stance) if stands and speeds[foot] > self._sliding_speed_squared]
+        faster = [foot for foot in sliding if speeds[foot] >= before[foot]]
+        if faster:
+            slopes = [math.hypot(x, y) / z if z > 0.0 else math.inf for x, y, z in forces[faster].tolist()]
+            bound = max(min(slopes), _LEAST_SHARE * self.coefficient)
+            self.coefficient = max(self._least, self._fall * min(self.coefficient, bound))
+        elif not sliding and self.coefficient < self._nominal:
             self.coefficient += self._rise * (self._nominal - self.coefficient)
         return self.coefficient

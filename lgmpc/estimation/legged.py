@@ -1,4 +1,4 @@
-"""The state of a legged robot from what it has on board: IMU, joint encoders, motor currents."""
+"""The state of a legged robot from its own sensors: IMU, joint encoders, motor currents."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
 _LOG = logging.getLogger(__name__)
 
 
-_CONTACT_FORCE = (0.12, 0.4)
-"""N per kg of the robot: below, a foot has lifted off, and above, touched down. A quarter of the weight is 2.5."""
+_CONTACT_FORCE = (0.12, 0.8)
+"""N per kg of the robot: thresholds of lift-off and touchdown. A quarter of the weight is 2.5."""
 
 
 class LeggedEstimatorSettings(ImuNoise):
-    """Contact-aided invariant extended Kalman filter on IMU, encoders and motor currents: what a real robot has.
+    """Contact-aided invariant extended Kalman filter on IMU, joint encoders and motor currents.
 
-    The noise is what the filter assumes; section ``sensors`` of a config has what the simulated sensors have.
+    The noise is that assumed by the filter; that of the simulated sensors is in section ``sensors`` of a config.
     """
 
     kind: Literal["inekf"] = Field(default="inekf", description="Contact-aided invariant extended Kalman filter.")
@@ -49,16 +49,22 @@ class LeggedEstimatorSettings(ImuNoise):
         default=0.05, description="Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
     )
     encoder_noise_rad: Noise = Field(default=1e-4, description="Standard deviation of a joint angle, rad.")
+    joint_velocity_noise_rad_s: Noise = Field(default=0.02, description="Standard deviation of a joint's speed, rad/s.")
     foot_noise_m: Annotated[Positive, Field(le=1.0)] = Field(
         default=1e-3, description="Standard deviation of the leg kinematics' error in each axis, m."
     )
     slip_m_s_rt_hz: Noise = Field(
         default=2e-3, description="Density of the velocity noise of feet in contact, m/s/sqrt(Hz)."
     )
+    resting_speed_m_s: Positive = Field(
+        default=0.03,
+        description="A foot in contact is taken for resting while its contact point seems slower than this, m/s, beyond"
+        " what the noise explains; feet that slide, or have just touched down, are not.",
+    )
     contact_force_n: RangeFromZero | None = Field(
         default=None,
-        description="Normal force of a foot, from the joint torques, [below which it lifted off, above which it touched"
-        " down], N. null: 0.12 and 0.4 a kg of robot.",
+        description="Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
+        "and 0.8 per kg of robot.",
     )
     start_tilt_rad: Noise = Field(
         default=0.01,
@@ -70,27 +76,30 @@ class LeggedEstimatorSettings(ImuNoise):
 
 
 class LeggedEstimator:
-    """Contact-aided invariant filter of a robot with an IMU at its base (Hartley et al. 2020; chapter 4.11.4).
+    """Contact-aided invariant filter of a robot with an IMU at its base (Hartley et al. 2020).
 
-    Which feet are in contact follows from their forces, and these from the joint torques: nothing that a Solo12
-    lacks. The first reading must be taken at rest; it levels the estimate. World axes and origin are those of
-    ``start``: position and yaw are not observable, so they drift, slowly while feet stand.
+    Contacts are detected from the feet's forces, and these are estimated from joint torques, so that no foot sensors
+    are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
+    joint speeds and the estimate, slides or has just touched down, which would be mistaken for motion of the base. The
+    first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
+    position and yaw are not observable and drift, slowly during contact.
 
-    A reading that is not finite is left out: the estimate stays as it was, and the failure is counted and logged.
+    A reading that is not finite is skipped: the estimate is unchanged, and the failure is counted and logged.
 
     Args:
         robot: the controller's model; its base frame is the IMU's.
         period: time between two readings, s.
         settings: see :class:`LeggedEstimatorSettings`.
-        start: (7,) base pose where the robot begins [position, quaternion x y z w]; its roll and pitch are not used.
-            The reference posture's if not given.
+        start: (7,) initial base pose [position, quaternion x y z w], whose roll and pitch are not used; that of the
+            reference posture unless given.
         progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
         ekf: the filter.
-        legs: positions, rates and forces of the feet at the last reading.
-        failures: readings left out so far.
+        legs: positions, motion and forces of the feet at the last reading.
+        contacts: (nc,) which feet are in contact with the ground; the filter uses those of them that rest.
+        failures: number of skipped readings.
         spent: duration of the last update, s.
 
     Raises:
@@ -109,7 +118,7 @@ class LeggedEstimator:
         start = np.asarray(robot.q_reference[:7] if start is None else start, dtype=np.float64)
         if start.shape != (7,) or not np.isfinite(start).all():
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
-        self.legs = LegSensing(robot, settings.encoder_noise_rad, settings.foot_noise_m, progress)
+        self.legs = LegSensing(robot, period, settings.encoder_noise_rad, settings.foot_noise_m, progress)
         self.ekf = InvariantEkf(
             robot.nc,
             settings,
@@ -123,6 +132,9 @@ class LeggedEstimator:
         self.spent = 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
         self._detector = ContactDetector(robot.nc, touch, release)
+        self.contacts = self._detector.touching
+        self._resting_squared = settings.resting_speed_m_s**2
+        self._speed_variance = settings.joint_velocity_noise_rad_s**2
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
         self._start = np.eye(5)
@@ -132,62 +144,67 @@ class LeggedEstimator:
         self._q[:7] = start
         self._running = False
 
-    @property
-    def contacts(self) -> BoolArray:
-        """(nc,) which feet the estimate stands on."""
-        touching: BoolArray = self.ekf.touching
-        return touching
-
     def reset(self) -> None:
-        """Begin anew with the next reading."""
+        """Start again with the next reading."""
         self._detector.reset()
+        self.legs.reset()
         self._running, self.failures = False, 0
 
     def update(self, measurement: Measurement) -> RobotState:
-        """Take a reading and return the state at its time, in new arrays."""
+        """Process a reading and return the state at its time, in new arrays."""
         started = perf_counter()
         m = measurement
         total = m.gyro.sum() + m.accelerometer.sum() + m.joints.sum() + m.speeds.sum() + m.torques.sum()
         if math.isfinite(total):
-            self._advance(m.gyro, m.accelerometer, m.joints, m.speeds, m.torques)
+            self._advance(m)
         else:
             if self.failures == 0:
-                _LOG.warning("a sensor reading is not finite: left out")
+                _LOG.warning("a sensor reading is not finite: skipped")
             self.failures += 1
         self.spent = perf_counter() - started
         return RobotState(m.time, self._q.copy(), self._v.copy(), self.contacts.copy())
 
-    def _advance(self, gyro: Array, accelerometer: Array, joints: Array, speeds: Array, torques: Array) -> None:
+    def _advance(self, reading: Measurement) -> None:
         ekf, legs = self.ekf, self.legs
         if self._running:
-            # Rates are those of the legs at the last reading, from which the feet rolled to where they are now.
-            ekf.predict(gyro, accelerometer, self._period, legs.rates)
+            # Rates are those of the legs at the last reading, since which the feet have rolled.
+            ekf.predict(reading.gyro, reading.accelerometer, self._period, legs.rates)
         else:
-            self._level(accelerometer)
-        legs.update(joints, speeds, torques, ekf.rotation)
-        standing = self._detector.update(legs.forces @ self._up)
-        for foot in np.flatnonzero(ekf.touching & ~standing).tolist():
+            self._level(reading.accelerometer)
+        legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
+        self._detector.update(legs.forces @ self._up)
+        resting = self.contacts & self._slow()
+        for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)
-        new = standing & ~ekf.touching
+        new = resting & ~ekf.touching
         ekf.correct(legs.positions, legs.covariances)
         for foot in np.flatnonzero(new).tolist():
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
         self._q[:3] = ekf.position
         self._q[3:7] = quaternion.from_matrix.unchecked(ekf.rotation)
-        self._q[7:] = joints
+        self._q[7:] = reading.joints
         self._v[:3] = ekf.velocity @ ekf.rotation
-        self._v[3:6] = gyro - ekf.gyro_bias
-        self._v[6:] = speeds
+        self._v[3:6] = reading.gyro - ekf.gyro_bias
+        self._v[6:] = reading.speeds
+
+    def _slow(self) -> BoolArray:
+        """Return (nc,) which contact points may be at rest: their speeds are zero within three standard deviations."""
+        velocities, variances = (
+            self.legs.velocities,
+            self._speed_variance * self.legs.gains + self.ekf.velocity_variance,
+        )
+        slow: BoolArray = np.einsum("ij,ij->i", velocities, velocities) < self._resting_squared + 9.0 * variances
+        return slow
 
     def _level(self, accelerometer: Array) -> None:
-        """Begin at the start pose, turned the shortest way to where the force of rest points up."""
+        """Start at the start pose, rotated by the smallest rotation for which the specific force at rest points up."""
         settings, pose = self.settings, self._start.copy()
         force = pose[:3, :3] @ accelerometer
         across = np.cross(force, self._up)
         sine = np.linalg.norm(across)
         if sine > 0.0:
             pose[:3, :3] = so3.exp(across / sine * math.atan2(float(sine), float(force @ self._up))) @ pose[:3, :3]
-        # Neither the yaw nor the position is measured: they define the world's axes and origin.
+        # Yaw and position are not measured: they define the world's axes and origin.
         tilt = settings.start_tilt_rad * np.sqrt(np.maximum(1.0 - self._up**2, 0.0))
         others = (settings.start_velocity_m_s, 0.0, settings.gyro_bias_rad_s, settings.accelerometer_bias_m_s2)
         self.ekf.reset(pose, np.concatenate([tilt, np.repeat(others, 3)]))

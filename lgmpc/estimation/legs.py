@@ -1,4 +1,4 @@
-"""Positions, rates and forces of the feet, from joint encoders and motor currents."""
+"""Positions, motion and forces of the feet, from joint encoders, motor currents and the IMU."""
 
 from __future__ import annotations
 
@@ -9,45 +9,56 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.compile import compile_function
+from lgmpc.compile import StageKernel
+from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
-from lgmpc.lie.symbolic import quaternion
+from lgmpc.estimation.checks import duration_of
 from lgmpc.robot import Robot
+from lgmpc.robot.joint_friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["ContactDetector", "LegSensing"]
 
 _DAMPING = 1e-5
-"""m2; a stretched leg's torques do not depend on the force along it: the estimate tends to zero, not to infinity."""
+"""Regularisation, m2: torques of a stretched leg do not depend on the force along it, whose estimate tends to zero."""
 
 
 class LegSensing:
-    r"""Foot positions with their covariance, foot rates and foot forces, from the joints (Hartley et al. 2020).
+    r"""Foot positions with their covariance, foot motion and foot forces, from joints and IMU (Hartley et al. 2020).
 
     The position ``h(s)`` of a contact frame in the base has the covariance ``J Sigma J^T + sigma_f^2 I`` with the
-    foot's Jacobian J, the encoders' ``Sigma = sigma_e^2 I``, and ``sigma_f`` for what the kinematic model leaves out.
-    The force balances the joint torques and the legs' weight at rest, ``J^T f = g(s) - tau`` in the least-squares
-    sense: right where each leg has its own joints and little inertia (Solo12: no foot sensors, but motor currents).
+    foot's Jacobian J, the encoders' ``Sigma = sigma_e^2 I``, and ``sigma_f`` for errors of the kinematic model.
+
+    The forces follow from the joint torques in least squares, ``J^T f = M (a, s'') + h - tau`` (joint rows). The
+    inertia of the legs is included, without which swinging legs would seem to be in contact, as is the known
+    friction of the joints. The accelerations require no estimate: the accelerometer measures that of the base minus
+    gravity, and differences of two readings are means over the time between them, as are the torques. Each leg must
+    have its own joints.
 
     Args:
         robot: a robot with a floating base, joints of one coordinate each, and contact frames.
+        period: time between two readings, s.
         encoder_noise: standard deviation of a joint angle, rad.
         foot_noise: standard deviation of the model's error of a foot position in each axis, m; above zero.
         progress: called with a description of what is being compiled.
 
     Attributes:
-        positions: (nc, 3) base to contact frames, base axes, m; live, as all that follow.
+        positions: (nc, 3) base to contact frames, base axes, m; a live view, as all that follow.
         covariances: (nc, 3, 3) of the positions, m2.
         rates: (nc, 3) angular velocities of the feet relative to the base, base axes, rad/s.
+        velocities: (nc, 3) of the material points in contact, world axes, m/s: zero unless feet slide or lift.
+        gains: (nc,) squared norm of the foot's Jacobian, m2: variance of :attr:`velocities` per variance of a joint's
+            speed.
         forces: (nc, 3) forces on the robot, world axes, N.
 
     Raises:
-        InputError: a robot of another kind, or noise that cannot be.
+        InputError: a robot of another kind, a period that is not positive, or negative noise.
     """
 
     def __init__(
         self,
         robot: Robot,
+        period: float,
         encoder_noise: float,
         foot_noise: float,
         progress: Callable[[str], None] | None = None,
@@ -59,65 +70,124 @@ class LegSensing:
             raise InputError("encoder_noise", encoder_noise, "an angle that is not negative")
         if not (math.isfinite(foot_noise) and foot_noise > 0.0):
             raise InputError("foot_noise", foot_noise, "a positive length")
-        self._function = compile_function(_leg_function(robot), progress=progress)
-        self._joints, self._speeds, self._torques, self._rotation, variances = self._function.inputs
-        variances[:] = encoder_noise**2, foot_noise**2
+        self._rate = 1.0 / duration_of("period", period)
+        function = _leg_function(robot)
+        memory = {name: np.zeros(function.numel_in(name)) for name in function.name_in()}
+        self._joints, self._speeds, self._torques = (memory[name] for name in ("joints", "speeds", "torques"))
+        self._gyro, self._accelerometer = memory["gyro"], memory["accelerometer"]
+        self._faster, self._turning = memory["joint_acceleration"], memory["angular_acceleration"]
+        self._rotation, self._velocity = memory["rotation"].reshape(3, 3).T, memory["velocity"]
+        memory["joint_friction"][:] = robot.joint_friction
+        memory["variances"][:] = encoder_noise**2, foot_noise**2
+        outputs = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
+        self._run = StageKernel(function, progress).bind(1, **memory, **outputs)
         nc = robot.nc
-        positions, covariances, rates, forces = self._function.outputs
-        self.positions, self.rates, self.forces = positions.T, rates.T, forces.T
-        self.covariances: Array = covariances.T.reshape(nc, 3, 3)
+        self.positions, self.rates, self.velocities, self.forces = (
+            outputs[name].reshape(nc, 3) for name in ("positions", "rates", "velocities", "forces")
+        )
+        self.covariances: Array = outputs["covariances"].reshape(nc, 3, 3)
+        self.gains = outputs["gains"]
+        self._running = False
 
-    def update(self, joints: Array, speeds: Array, torques: Array, rotation: Array) -> None:
-        """Take joint angles, rates and torques (nu,), and the base's orientation (3, 3), body to world."""
-        self._joints[:] = joints
-        self._speeds[:] = speeds
-        self._torques[:] = torques
+    def reset(self) -> None:
+        """Discard the last reading: at the next one the accelerations are assumed to be zero."""
+        self._running = False
+
+    def update(self, reading: Measurement, rotation: Array, velocity: Array, gyro_bias: Array) -> None:
+        """Update from a reading of the sensors and the estimate of the base.
+
+        Args:
+            reading: of the sensors.
+            rotation: (3, 3) of the base, body to world.
+            velocity: (3,) of its origin, world axes, m/s.
+            gyro_bias: (3,) rad/s.
+        """
+        if self._running:
+            np.subtract(reading.speeds, self._speeds, out=self._faster)
+            self._faster *= self._rate
+            # The difference of the mean rates of two intervals is the change of rate between their midpoints.
+            np.subtract(reading.gyro, gyro_bias, out=self._turning)
+            self._turning -= self._gyro
+            self._turning *= self._rate
+        else:
+            self._faster[:] = self._turning[:] = 0.0
+        self._running = True
+        self._joints[:] = reading.joints
+        self._speeds[:] = reading.speeds
+        self._torques[:] = reading.torques
+        np.subtract(reading.gyro, gyro_bias, out=self._gyro)
+        self._accelerometer[:] = reading.accelerometer
         self._rotation[:] = rotation
-        self._function.run()
+        self._velocity[:] = velocity
+        self._run()
 
 
 def _leg_function(robot: Robot) -> ca.Function:
     model, nu = robot.symbolic, robot.nu
-    joints, speeds, torques = (ca.SX.sym(name, nu) for name in ("joints", "speeds", "torques"))
-    rotation, variances = ca.SX.sym("rotation", 3, 3), ca.SX.sym("variances", 2)
+    joints, speeds, torques, faster = (
+        ca.SX.sym(name, nu) for name in ("joints", "speeds", "torques", "joint_acceleration")
+    )
+    gyro, accelerometer, turning, velocity = (
+        ca.SX.sym(name, 3) for name in ("gyro", "accelerometer", "angular_acceleration", "velocity")
+    )
+    rotation, variances, friction = ca.SX.sym("rotation", 3, 3), ca.SX.sym("variances", 2), ca.SX.sym("friction", nu)
     level = ca.vertcat(ca.SX.zeros(6), 1.0, joints)  # the base's own axes
-    tilted = ca.vertcat(ca.SX.zeros(3), quaternion.from_matrix(rotation), joints)
-    unbalanced = model.gravity(tilted)[6:] - torques
-    positions, covariances, rates, forces = [], [], [], []
+    # In the base's own axes; its linear velocity, on which joint torques do not depend, is zero. The accelerometer
+    # measures its acceleration minus gravity.
+    accelerations = ca.vertcat(accelerometer + robot.gravity, turning, faster)
+    unbalanced = model.rnea(level, ca.vertcat(ca.SX.zeros(3), gyro, speeds), accelerations)[6:] - torques
+    unbalanced += joint_friction_torque(friction, speeds)
+    down = ca.DM([0.0, 0.0, -robot.contact_radius])
+    outputs: dict[str, list[ca.SX]] = {
+        name: [] for name in ("positions", "covariances", "rates", "velocities", "gains", "forces")
+    }
     for frame in robot.contact_ids:
         whole = model.frame_jacobian(level, frame, pin.LOCAL_WORLD_ALIGNED)[:, 6:]
         jacobian = whole[:3, :]
         square = jacobian @ jacobian.T
-        positions.append(model.frame_placement(level, frame).translation)
-        covariances.append(variances[0] * square + variances[1] * ca.SX.eye(3))
-        rates.append(whole[3:, :] @ speeds)
-        forces.append(rotation @ _solve(square + _DAMPING * ca.SX.eye(3), jacobian @ unbalanced))
-    return ca.Function(
-        "leg_sensing",
-        [joints, speeds, torques, rotation, variances],
-        [ca.horzcat(*each) for each in (positions, covariances, rates, forces)],
-        ["joints", "speeds", "torques", "rotation", "variances"],
-        ["positions", "covariances", "rates", "forces"],
-    )
+        position, rates = model.frame_placement(level, frame).translation, whole[3:, :] @ speeds
+        moving = rotation @ (ca.cross(gyro, position) + jacobian @ speeds)
+        rolling = ca.cross(rotation @ (gyro + rates), down)
+        outputs["positions"].append(position)
+        outputs["covariances"].append(ca.vec(variances[0] * square + variances[1] * ca.SX.eye(3)))
+        outputs["rates"].append(rates)
+        outputs["velocities"].append(velocity + moving + rolling)
+        outputs["gains"].append(ca.trace(square))
+        outputs["forces"].append(rotation @ _solve(square + _DAMPING * ca.SX.eye(3), jacobian @ unbalanced))
+    inputs = {
+        "joints": joints,
+        "speeds": speeds,
+        "torques": torques,
+        "joint_acceleration": faster,
+        "gyro": gyro,
+        "accelerometer": accelerometer,
+        "angular_acceleration": turning,
+        "rotation": rotation,
+        "velocity": velocity,
+        "variances": variances,
+        "joint_friction": friction,
+    }
+    results = ca.cse([ca.vertcat(*each) for each in outputs.values()])
+    return ca.Function("leg_sensing", list(inputs.values()), results, list(inputs), list(outputs))
 
 
 def _solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Return the solution of three equations by Cramer's rule."""
+    """Return the solution of three linear equations by Cramer's rule."""
     a, b, c = (matrix[:, i] for i in range(3))
     over = 1.0 / ca.dot(a, ca.cross(b, c))
     return over * ca.vertcat(*(ca.dot(right, ca.cross(*pair)) for pair in ((b, c), (c, a), (a, b))))
 
 
 class ContactDetector:
-    """Which feet stand, from their normal forces: a switch with hysteresis for each.
+    """Detects contacts of feet from their normal forces, with hysteresis.
 
     Args:
-        feet: how many.
-        touch_force: a foot that carries more than this has touched down, N.
-        release_force: one that carries less has lifted off, N.
+        feet: their number.
+        touch_force: a larger normal force is a touchdown, N.
+        release_force: a smaller one is a lift-off, N.
 
     Attributes:
-        touching: (feet,) present estimate.
+        touching: (feet,) current contacts.
 
     Raises:
         InputError: no feet, or forces that are not ``0 <= release_force <= touch_force``.
@@ -133,8 +203,8 @@ class ContactDetector:
         self.touching = np.zeros(feet, dtype=np.bool_)
 
     def update(self, normal_forces: Array) -> BoolArray:
-        """Take the feet's normal forces (feet,), N, and return which stand; one that is not finite changes nothing."""
-        # Plain numbers: for a handful of feet they are faster than NumPy's calls.
+        """Return the contacts for normal forces (feet,), N; one that is not finite changes nothing."""
+        # Python floats: faster than NumPy for a few feet.
         for foot, force in enumerate(normal_forces.tolist()):
             if force > self._touch:
                 self.touching[foot] = True

@@ -1,4 +1,4 @@
-"""A simulated trot with known truth, IMU samples and leg kinematics of given noise: test data for filters."""
+"""A simulated trot with IMU samples and leg kinematics of given noise: test data for filters."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ __all__ = ["GRAVITY", "SimulatedTrot", "simulate_trot"]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 _FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
-_PERIOD, _DUTY = 0.5, 0.6  # s; share of it that a foot stands
-_PHASES = np.array([0.0, 0.5, 0.5, 0.0])  # of the four feet: a trot
+_PERIOD, _DUTY = 0.5, 0.6  # s; duty factor
+_PHASES = np.array([0.0, 0.5, 0.5, 0.0])  # phases of the four feet: a trot
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class SimulatedTrot:
         poses: (n + 1, 5, 5) true rotation, velocity, position.
         biases: (n + 1, 6) true biases, gyro first.
         points: (n + 1, 4, 3) true contact points, world axes, m; meaningless while a foot is in the air.
-        touching: (n + 1, 4) which feet stand.
+        touching: (n + 1, 4) contacts.
         gyro: (n, 3) measured over each sample, rad/s.
         accelerometer: (n, 3) measured, m/s2.
         measured: (n + 1, 4, 3) measured foot positions, base axes, m.
@@ -49,7 +49,7 @@ class SimulatedTrot:
     foot_noise: float
 
     def run(self, ekf: InvariantEkf) -> Iterator[int]:
-        """Run a filter on the readings; yields k, from 0 on, once it has processed those up to instant k.
+        """Run a filter on the readings; yield k, from 0 on, after it has processed those up to instant k.
 
         Raises:
             InputError: a filter that is not for four feet.
@@ -69,14 +69,14 @@ class SimulatedTrot:
             yield k
 
     def normalised_error(self, ekf: InvariantEkf, k: int, landmarks: Array | None = None) -> tuple[float, int]:
-        """Return the squared error of a filter at instant k over its covariance, and its degrees of freedom.
+        """Return the normalised squared error of a filter at instant k, and its degrees of freedom.
 
-        Of a consistent filter, the first is chi-square distributed with the second (NEES; Bar-Shalom et al. 2001).
+        For a consistent filter it is chi-square distributed (NEES; Bar-Shalom et al. 2001).
 
         Args:
             ekf: for four feet.
             k: the instant, 0 to n.
-            landmarks: (m, 3) true positions of the filter's landmarks, world axes, m; none if not given.
+            landmarks: (m, 3) true positions of the filter's landmarks, world axes, m; none unless given.
         """
         points = self.points[k] if landmarks is None else np.concatenate([self.points[k], landmarks])
         truth = np.eye(5 + len(points))
@@ -179,7 +179,7 @@ def _standing(period: float, n: int) -> BoolArray:
 
 
 def _contact_points(poses: Array, touching: BoolArray, slips: Array) -> Array:
-    """Return where the feet are: on the floor below their hips when they touch down, then there but for slip."""
+    """Return the contact points: on the floor below the hips at touchdown, then fixed except for slip."""
     points: Array = poses[:, None, :3, 4] + np.einsum("nij,fj->nfi", poses[:, :3, :3], _FEET)
     points[:, :, 2] = 0.0
     for k in range(1, len(points)):

@@ -1,8 +1,8 @@
-"""Lie groups of rigid motion: SO(3), SE(3) and the extended poses SE_k(3), no robots.
+"""Lie groups of rigid motion: SO(3), SE(3) and the extended poses SE_k(3).
 
 * :mod:`lgmpc.lie.so3`, :mod:`lgmpc.lie.se3`, :mod:`lgmpc.lie.sek3`: numpy, single or batched over leading axes;
   :mod:`lgmpc.lie.quaternion`: the double cover of SO(3), x y z w.
-* :mod:`lgmpc.lie.symbolic`: the CasADi twins under the same names (``symbolic.so3``, ...); import it where needed.
+* :mod:`lgmpc.lie.symbolic`: the same functions on CasADi expressions (``symbolic.so3``, ...).
 
 Conventions: SE(3) twists and wrenches linear first, SE_k(3) tangents rotation first. ``coadjoint(xi) = ad(xi)^T`` and
 ``force_cross(xi) = -ad(xi)^T``. Left Jacobian: ``exp(xi + e) = exp(J e) exp(xi)``; right: ``exp(xi) exp(J e)``.
@@ -15,4 +15,4 @@ from lgmpc.lie.group import Group
 __all__ = ["GROUPS", "Group", "quaternion", "se3", "sek3", "so3"]
 
 GROUPS: tuple[Group, ...] = (so3, se3, sek3)
-"""The matrix groups; the type checker holds each module to the protocol."""
+"""The matrix groups; the type checker verifies that each module satisfies the protocol."""

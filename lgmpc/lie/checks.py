@@ -1,7 +1,7 @@
-"""Validation at the boundary: the checks of the groups' public functions, and how to skip them in a hot loop.
+"""Validation of the arguments of the groups' public functions.
 
-A function decorated with :func:`checked` validates and converts its arguments; its attribute ``unchecked`` is the bare
-function, for callers whose float64 arrays are known to be good.
+A function decorated with :func:`checked` validates and converts its arguments; its attribute ``unchecked`` is the
+undecorated function, for hot loops on float64 arrays that are known to be valid.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ R_co = TypeVar("R_co", covariant=True)
 Check = Callable[[str, object], Array]
 
 TOLERANCE = 1e-6
-"""How far from orthonormal a rotation, from norm 1 a quaternion, or from its constants a bottom row may be."""
+"""Tolerance on the orthonormality of rotations, the norm of quaternions and the constants of bottom rows."""
 
 LARGEST = 1e100
-"""Entries from here on are refused with the non-finite ones: their squares would overflow."""
+"""Entries of this size or larger are refused like non-finite ones: their squares would overflow."""
 
 
 class Checked(Protocol[P, R_co]):
-    """A function that validates its arguments, and its bare twin."""
+    """A function that validates its arguments."""
 
     @property
     def unchecked(self) -> Callable[P, R_co]:

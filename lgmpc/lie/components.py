@@ -1,4 +1,4 @@
-"""One formula for single elements and batches: entries are floats for the one, arrays over the batch for the other.
+"""Splitting and joining of entries: floats for a single element, arrays over the batch otherwise.
 
 numpy's overhead on 3-vectors is a hundred times the arithmetic, so a single element is computed in Python floats and
 becomes an array only at the end.
@@ -36,7 +36,7 @@ def rows(array: Array) -> Entries:
 
 
 def vector(entries: Entries) -> Array:
-    """Put entries side by side along a new last axis; the first must be a float if, and only if, all are."""
+    """Stack entries along a new last axis; the first must be a float if, and only if, all are."""
     if isinstance(entries[0], float):
         return np.array(entries, dtype=np.float64)
     batch = np.broadcast_shapes(*(np.shape(entry) for entry in entries))
@@ -47,7 +47,7 @@ def vector(entries: Entries) -> Array:
 
 
 def matrix(entries: Entries, size: int) -> Array:
-    """Put ``size * size`` entries, row by row, into square matrices; same rule for the first entry."""
+    """Stack ``size * size`` entries, row by row, into square matrices; same rule for the first entry."""
     flat = vector(entries)
     return flat.reshape(*flat.shape[:-1], size, size)
 

@@ -1,4 +1,4 @@
-"""What every matrix group here offers; the modules :mod:`so3`, :mod:`se3` and :mod:`sek3` satisfy it."""
+"""The protocol of the matrix groups, which the modules :mod:`so3`, :mod:`se3` and :mod:`sek3` satisfy."""
 
 from __future__ import annotations
 
@@ -18,60 +18,60 @@ class Group(Protocol):
 
     @property
     def exp(self) -> Unary:
-        """Tangent vector to element."""
+        """Return the element of a tangent vector."""
 
     @property
     def log(self) -> Unary:
-        """Element to tangent vector, rotation part of norm at most pi."""
+        """Return the tangent vector of an element, rotation part of norm at most pi."""
 
     @property
     def compose(self) -> Binary:
-        """Product of two elements."""
+        """Return the product of two elements."""
 
     @property
     def inverse(self) -> Unary:
-        """Inverse element."""
+        """Return the inverse element."""
 
     @property
     def act(self) -> Binary:
-        """Element applied to a vector of the space the group acts on."""
+        """Return the action of an element on a vector of the space that the group acts on."""
 
     @property
     def hat(self) -> Unary:
-        """Tangent vector to matrix of the Lie algebra."""
+        """Return the Lie algebra's matrix of a tangent vector."""
 
     @property
     def vee(self) -> Unary:
-        """Inverse of hat."""
+        """Return the tangent vector of a matrix of the Lie algebra."""
 
     @property
     def adjoint(self) -> Unary:
-        """``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
+        """Return the matrix with ``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
 
     @property
     def ad(self) -> Unary:
-        """``ad(x) y = vee(hat(x) hat(y) - hat(y) hat(x))``."""
+        """Return the matrix with ``ad(x) y = vee(hat(x) hat(y) - hat(y) hat(x))``."""
 
     @property
     def coadjoint(self) -> Unary:
-        """``ad(x)^T``."""
+        """Return ``ad(x)^T``."""
 
     @property
     def force_cross(self) -> Unary:
-        """``-ad(x)^T``."""
+        """Return ``-ad(x)^T``."""
 
     @property
     def left_jacobian(self) -> Unary:
-        """``exp(x + e) = exp(J e) exp(x)`` to first order."""
+        """Return ``J`` with ``exp(x + e) = exp(J e) exp(x)`` to first order."""
 
     @property
     def right_jacobian(self) -> Unary:
-        """``exp(x + e) = exp(x) exp(J e)`` to first order."""
+        """Return ``J`` with ``exp(x + e) = exp(x) exp(J e)`` to first order."""
 
     @property
     def left_jacobian_inverse(self) -> Unary:
-        """Inverse of the left Jacobian."""
+        """Return the inverse of the left Jacobian."""
 
     @property
     def right_jacobian_inverse(self) -> Unary:
-        """Inverse of the right Jacobian."""
+        """Return the inverse of the right Jacobian."""

@@ -1,8 +1,8 @@
 """Unit quaternions, x y z w: the double cover of SO(3).
 
-``q`` and ``-q`` are the same rotation. Whatever is computed from a rotation matrix is the *canonical* one of the two:
+``q`` and ``-q`` are the same rotation. A quaternion computed from a rotation matrix is the *canonical* one of the two:
 scalar part positive or, at exactly half a turn where it is 0, first non-zero entry positive. Arrays are (..., 4),
-single or batched; every function validates its arguments (InputError) and has an ``unchecked`` twin for hot loops.
+single or batched; every function validates its arguments (InputError), ``f.unchecked`` does not.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """SE(3): homogeneous matrices (..., 4, 4), tangent the twist (..., 6): linear first, then angular.
 
-Single or batched over leading axes. Every function validates its arguments (InputError) and has an ``unchecked`` twin
-for hot loops, as in :mod:`lgmpc.lie.so3`. Twists, adjoints and crosses are Pinocchio's (``Motion``, ``SE3.action``).
+Single or batched over leading axes. Every function validates its arguments (InputError); ``f.unchecked`` does not, as
+in :mod:`lgmpc.lie.so3`. Twists, adjoints and cross products are Pinocchio's (``Motion``, ``SE3.action``).
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def act(placement: Array, point: Array) -> Array:
 
 @checked(checks.placement)
 def adjoint(placement: Array) -> Array:
-    """Return the matrix (..., 6, 6) that carries twists: ``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
+    """Return the matrix (..., 6, 6) of the adjoint action on twists: ``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
     rotation = placement[..., :3, :3]
     return _upper(rows(rotation), rows(so3.hat.unchecked(placement[..., :3, 3]) @ rotation))
 
@@ -135,7 +135,7 @@ def left_jacobian(xi: Array) -> Array:
     """Return ``J`` with ``exp(xi + e) = exp(J e) exp(xi)`` to first order; (..., 6, 6).
 
     Blocks ``[[J, Q], [0, J]]`` with SO(3)'s ``J`` and its derivative ``Q`` along the linear part (Barfoot, *State
-    Estimation for Robotics*, 7.1.5, in another form); ``Q -> hat(linear) / 2`` where the angle vanishes.
+    Estimation for Robotics*, 7.1.5, in another form); ``Q -> hat(linear) / 2`` as the angle tends to 0.
     """
     entries = parts(xi)
     return _upper(*so3.jacobian_entries(entries[3:], entries[:3]))

@@ -1,9 +1,9 @@
 """SE_k(3), extended poses: matrices (..., 3 + k, 3 + k) of a rotation and k columns (k = 2: velocity and position).
 
-Tangent (..., 3 + 3k): rotation vector first, then one 3-vector a column, as the invariant-filtering literature has it
-(Barrau and Bonnabel, IEEE TAC 2017; Hartley et al., IJRR 2020). ``k`` is read off the shapes. SE_1(3) is SE(3) with the
-halves of the tangent swapped. Single or batched over leading axes; arguments are validated (InputError), ``unchecked``
-twins as in :mod:`lgmpc.lie.so3`.
+Tangent (..., 3 + 3k): rotation vector first, then one 3-vector a column, as in the invariant-filtering literature
+(Barrau and Bonnabel, IEEE TAC 2017; Hartley et al., IJRR 2020). ``k`` follows from the shapes. SE_1(3) is SE(3) with
+the halves of the tangent swapped. Single or batched over leading axes. Every function validates its arguments
+(InputError); ``f.unchecked`` does not, as in :mod:`lgmpc.lie.so3`.
 """
 
 from __future__ import annotations

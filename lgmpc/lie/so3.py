@@ -1,8 +1,8 @@
 """SO(3): rotation matrices (..., 3, 3), tangent the rotation vector (..., 3) in rad.
 
 Single or batched over leading axes. Every function validates its arguments (InputError: shape, non-finite, not a
-rotation) and has an ``unchecked`` twin, as in ``so3.exp.unchecked(phi)``, for hot loops on float64 arrays known to be
-good. The series behind the coefficients, and their accuracy, are in :mod:`lgmpc.lie.coefficients`.
+rotation); its attribute ``unchecked``, as in ``so3.exp.unchecked(phi)``, does not: for hot loops on float64 arrays
+known to be valid. The series of the coefficients and their accuracy are in :mod:`lgmpc.lie.coefficients`.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def exp(phi: Array) -> Array:
 
 @checked(checks.rotation)
 def log(rotation: Array) -> Array:
-    """Return the rotation vector of norm at most pi, through the quaternion: accurate at 0 and at pi alike.
+    """Return the rotation vector of norm at most pi, by way of the quaternion: accurate at 0 and at pi alike.
 
     At exactly pi, that is for a symmetric matrix, ``+-pi u`` are equally near: the one whose first non-zero entry is
     positive is returned.
@@ -122,7 +122,7 @@ def coadjoint(phi: Array) -> Array:
 
 @checked(checks.tangent(3))
 def force_cross(phi: Array) -> Array:
-    """Return ``-ad(phi)^T``: what a rotating frame does to a moment."""
+    """Return ``-ad(phi)^T``, as in the rate of a moment expressed in a rotating frame."""
     return hat.unchecked(phi)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -77,6 +78,13 @@ class GaitClock:
             for foot in np.flatnonzero(~np.asarray(contacts)):
                 self._swings[foot].append(SwingInterval(time, time + length))
         self.start(time, gait)
+
+    def copy(self) -> GaitClock:
+        """Return a clock with the same schedule, to see where a change of it would lead."""
+        result = copy.copy(self)
+        result._swings = [[SwingInterval(each.liftoff, each.touchdown) for each in swings] for swings in self._swings]
+        result._next = list(self._next)
+        return result
 
     @property
     def nc(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Protocol
+from typing import Annotated, Literal, Protocol, get_args
 
 from pydantic import AfterValidator, Field, field_validator
 
@@ -19,9 +19,14 @@ __all__ = [
     "CommandLimits",
     "CommandSource",
     "CommandTimeline",
+    "ModeRequest",
     "MotionCommand",
+    "Ramp",
     "Timeline",
 ]
+
+ModeRequest = Literal["stand", "lie", "damp"]
+"""What a command requests of a robot as a whole."""
 
 _REST = 1e-6  # m/s and rad/s
 
@@ -38,6 +43,8 @@ class MotionCommand:
         pitch: of the base, rad.
         roll: of the base, rad.
         gait: name of the gait to move with.
+        mode: what to be ready for: ``stand`` (on the feet, moving as commanded), ``lie`` (on the belly), or ``damp``
+            (no torque: the emergency stop).
     """
 
     vx: float = 0.0
@@ -47,6 +54,7 @@ class MotionCommand:
     pitch: float = 0.0
     roll: float = 0.0
     gait: str = "trot"
+    mode: ModeRequest = "stand"
 
     @property
     def moves(self) -> bool:
@@ -83,6 +91,8 @@ class CommandFunction:
         for name in ("vx", "vy", "yaw_rate", "height", "pitch", "roll"):
             if not math.isfinite(getattr(command, name)):
                 raise InputError(f"command.{name}", getattr(command, name), "a finite number")
+        if command.mode not in get_args(ModeRequest):
+            raise InputError("command.mode", command.mode, "a mode to request", get_args(ModeRequest))
         return command
 
 
@@ -102,6 +112,10 @@ class CommandEntry(Settings):
         default=None, description="Of the base, rad."
     )
     gait: Annotated[str, Field(min_length=1)] | None = Field(default=None, description="Name of the gait.")
+    mode: ModeRequest | None = Field(
+        default=None,
+        description="stand: on the feet, moving as commanded; lie: on the belly; damp: no torque, the emergency stop.",
+    )
 
     @field_validator("velocity_m_s")
     @classmethod
@@ -120,6 +134,7 @@ class CommandEntry(Settings):
             "pitch": self.pitch_rad,
             "roll": self.roll_rad,
             "gait": self.gait,
+            "mode": self.mode,
         }
         return replace(command, **{key: value for key, value in named.items() if value is not None})  # type: ignore[arg-type]
 
@@ -193,6 +208,29 @@ class CommandLimits(Settings):
     attitude_rate_rad_s: Positive = Field(default=0.5, description="Of pitch and roll, rad/s.")
 
 
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """The change of a limited velocity that is still to come: uniform until it is over.
+
+    Attributes:
+        ax: acceleration ahead, m/s2.
+        ay: to the left, m/s2.
+        duration: of what is left, s.
+    """
+
+    ax: float = 0.0
+    ay: float = 0.0
+    duration: float = 0.0
+
+    def turned(self, angle: float) -> Ramp:
+        """Return the same in axes that are turned by minus ``angle``, rad."""
+        c, s = math.cos(angle), math.sin(angle)
+        return Ramp(c * self.ax - s * self.ay, s * self.ax + c * self.ay, self.duration)
+
+
+_NO_RAMP = Ramp()
+
+
 class CommandLimiter:
     """Follows commands no faster than its limits allow, and arrives exactly.
 
@@ -202,15 +240,24 @@ class CommandLimiter:
 
     Attributes:
         command: the limited command of the last step.
+        ramp: how its velocity goes on, if the command stays as it is.
     """
 
     def __init__(self, limits: CommandLimits | None = None, command: MotionCommand | None = None) -> None:
         self.limits = CommandLimits() if limits is None else limits
         self.command = MotionCommand() if command is None else command
+        self.ramp = _NO_RAMP
 
-    def step(self, command: MotionCommand, dt: float) -> MotionCommand:
-        """Return the limited command after ``dt``, s; the gait is that of ``command``."""
+    def step(self, command: MotionCommand, dt: float, acceleration: float = math.inf) -> MotionCommand:
+        """Return the limited command after ``dt``, s; gait and mode are those of ``command``.
+
+        Args:
+            command: where to arrive.
+            dt: s.
+            acceleration: that the floor allows in the plane, m/s2, if it is less than the settings'.
+        """
         now, most = self.command, self.limits
+        self.ramp = _NO_RAMP
         if now == command and math.hypot(now.vx, now.vy) <= most.speed_m_s and abs(now.yaw_rate) <= most.yaw_rate_rad_s:
             return now
         vx, vy = command.vx, command.vy
@@ -218,9 +265,11 @@ class CommandLimiter:
         if speed > most.speed_m_s:
             vx, vy = vx * most.speed_m_s / speed, vy * most.speed_m_s / speed
         dx, dy = vx - now.vx, vy - now.vy
-        change, step = math.hypot(dx, dy), most.acceleration_m_s2 * dt
+        change, step = math.hypot(dx, dy), min(most.acceleration_m_s2, acceleration) * dt
         if change > step:
             vx, vy = now.vx + dx * step / change, now.vy + dy * step / change
+            rate = most.acceleration_m_s2
+            self.ramp = Ramp(dx * rate / change, dy * rate / change, (change - step) / rate)
         rate = max(-most.yaw_rate_rad_s, min(most.yaw_rate_rad_s, command.yaw_rate))
         self.command = MotionCommand(
             vx,
@@ -230,6 +279,7 @@ class CommandLimiter:
             _approach(now.pitch, command.pitch, most.attitude_rate_rad_s * dt),
             _approach(now.roll, command.roll, most.attitude_rate_rad_s * dt),
             command.gait,
+            command.mode,
         )
         return self.command
 

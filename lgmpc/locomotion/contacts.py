@@ -108,16 +108,20 @@ class ContactEvents:
             :attr:`stance`.
         """
         # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
-        for foot in sorted(range(self.clock.nc), key=lambda foot: self.states[foot].carries):
+        measured = None if contacts is None else contacts.tolist()
+        carries = self.stance.tolist()
+        feet = range(self.clock.nc)
+        for foot in [*(f for f in feet if not carries[f]), *(f for f in feet if carries[f])]:
             touching = None
-            if contacts is not None:
-                touching = bool(contacts[foot])
+            if measured is not None:
+                touching = measured[foot]
                 if touching != self._touching[foot]:
                     self._touching[foot], self._changed[foot] = touching, t
             state = self._next_state(foot, t, touching)
             if state is not self.states[foot]:
                 self.states[foot], self.since[foot] = state, t
-            self.stance[foot] = state.carries
+                carries[foot] = state.carries
+        self.stance[:] = carries
         self.clock.advance(t)
         return self.stance
 
@@ -161,6 +165,10 @@ class ContactEvents:
     def searching(self, foot: int) -> bool:
         """Return whether a foot descends in search of the ground beyond its schedule."""
         return self.states[foot] in (ContactState.LATE, ContactState.MISSING, ContactState.LOST)
+
+    def steady(self, foot: int, since: float) -> bool:
+        """Return whether a foot has carried since before ``since``, s, and touches the ground now."""
+        return bool(self.stance[foot]) and self.since[foot] < since and self._touching[foot]
 
     def correct(self, flags: BoolArray, dt: float) -> None:
         """Overwrite the beginning of a horizon's flags (N, nc), intervals of ``dt``, s, with what the feet really do.

@@ -5,9 +5,14 @@ the centre of mass passes in the middle, its velocity v is the same afterwards i
 by the neutral distance :math:`v \tanh(w T / 2) / w` (about v T / 2, Raibert, "Legged robots that balance", 1986). Put
 further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance
 (dead beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
-Humanoids 2006). In a turn the support moves outward by :math:`h / g \; v \times \omega`, which carries the centripetal
-acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse control and model predictive
-control", 2019, has the term with another factor).
+Humanoids 2006). While the command changes, the velocity expected at touchdown is compared with the command at the end
+of the stance: the robot leans into its acceleration. A round foot of radius r rolls ahead under the leg, by r / h of
+the way, and is put down that much less ahead. In a turn the support moves outward by :math:`h / g \; v \times \omega`,
+which carries the centripetal acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse
+control and model predictive control", 2019, has the term with another factor).
+
+The mean velocity of a robot on two feet follows from its footholds alone: a force ahead only turns it about the line
+between the feet. So the way by which it lags behind its command shifts footholds too.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import FlatGround, Terrain
 from lgmpc.settings import Fraction, NonNegative, Settings
@@ -37,6 +43,9 @@ class FootholdSettings(Settings):
 
     feedback: NonNegative = Field(
         default=1.0, description="Feedback of the velocity error, in units of the pendulum's dead-beat gain."
+    )
+    position_feedback: NonNegative = Field(
+        default=0.7, description="Shift of footholds with the centre of mass's distance from where it should be."
     )
     centrifugal: NonNegative = Field(
         default=1.0, description="Outward shift in a turn, in units of that which carries the centripetal acceleration."
@@ -73,6 +82,9 @@ class BaseMotion:
         yaw_rate: commanded, rad/s.
         wanted_vx: commanded velocity, world axes, m/s.
         wanted_vy: m/s.
+        astray_x: from where the centre of mass should be to where it is, world axes, m.
+        astray_y: m.
+        ramp: how the commanded velocity changes from now on, world axes.
     """
 
     x: float
@@ -83,6 +95,9 @@ class BaseMotion:
     yaw_rate: float = 0.0
     wanted_vx: float = 0.0
     wanted_vy: float = 0.0
+    astray_x: float = 0.0
+    astray_y: float = 0.0
+    ramp: Ramp = Ramp()
 
 
 class FootholdPlanner:
@@ -102,6 +117,7 @@ class FootholdPlanner:
         self.terrain: Terrain = FlatGround() if terrain is None else terrain
         self.height = legs.height
         self._rate = math.sqrt(_GRAVITY / legs.height)
+        self._rolling = legs.radius / legs.height
         self._feet = [(float(x), float(y)) for x, y, _ in legs.feet]
         self._hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self._sides = [s.side_share * y for _, y in self._feet]
@@ -113,7 +129,13 @@ class FootholdPlanner:
         self._spacing = s.spacing_share * float(legs.length.min())
 
     def place(
-        self, foot: int, motion: BaseMotion, remaining: float, stance: float, others: Sequence[Point] = ()
+        self,
+        foot: int,
+        motion: BaseMotion,
+        remaining: float,
+        stance: float,
+        others: Sequence[Point] = (),
+        width: float = 1.0,
     ) -> Point:
         """Return the foothold (x, y) of a foot.
 
@@ -123,12 +145,13 @@ class FootholdPlanner:
             remaining: time until the touchdown, s.
             stance: duration of the stance after it, s; inf to stand from then on.
             others: where other feet are or will be.
+            width: of the gait; a foot that stands from then on is put down where the reference posture has it.
         """
         vx, vy = motion.vx, motion.vy
         x, y = motion.x + vx * remaining, motion.y + vy * remaining
-        return self._place(foot, motion, (x, y), (vx, vy), remaining, stance, others)
+        return self._place(foot, motion, (x, y), (vx, vy), remaining, stance, others, width)
 
-    def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float) -> Point:
+    def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float, width: float = 1.0) -> Point:
         """Return the foothold of a later swing: as :meth:`place`, once the velocity error has decayed."""
         decay = self.settings.error_decay_s
         left = math.exp(-remaining / decay) if decay > 0.0 else 0.0
@@ -138,7 +161,7 @@ class FootholdPlanner:
         cx, cy = _turn(motion.wanted_vx, motion.wanted_vy, 0.5 * motion.yaw_rate * remaining)
         com = (motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift)
         wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, motion.yaw_rate * remaining)
-        return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, ())
+        return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, (), width)
 
     def _place(
         self,
@@ -149,20 +172,28 @@ class FootholdPlanner:
         remaining: float,
         stance: float,
         others: Sequence[Point],
+        width: float,
     ) -> Point:
         s, rate, omega = self.settings, self._rate, motion.yaw_rate
         turned = omega * remaining
         half = 0.5 * stance if stance < math.inf else 0.0
         vx, vy = velocity
-        wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, turned)
+        # What the command changes until the touchdown, and until the end of the stance:
+        ramp = motion.ramp
+        before, after = min(remaining, ramp.duration), min(remaining + stance, ramp.duration)
+        vx, vy = vx + before * ramp.ax, vy + before * ramp.ay
+        wx, wy = _turn(motion.wanted_vx + after * ramp.ax, motion.wanted_vy + after * ramp.ay, turned)
         # To the middle of the stance: the way of the centre of mass turns by half as much as the base.
         nx, ny = _turn(vx, vy, 0.5 * omega * half)
         neutral = math.tanh(0.5 * rate * stance) / rate
+        rolled = self._rolling * neutral
         gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         outward = s.centrifugal * omega / (rate * rate)
-        fx, fy = _turn(*self._feet[foot], motion.yaw + turned + omega * half)
-        x = com[0] + fx + neutral * nx + gain * (vx - wx) + outward * wy
-        y = com[1] + fy + neutral * ny + gain * (vy - wy) - outward * wx
+        ahead, left = self._feet[foot]
+        fx, fy = _turn(ahead, left * (width if stance < math.inf else 1.0), motion.yaw + turned + omega * half)
+        ax, ay = motion.astray_x, motion.astray_y
+        x = com[0] + fx + neutral * nx + gain * (vx - wx) - rolled * wx + outward * wy + s.position_feedback * ax
+        y = com[1] + fy + neutral * ny + gain * (vy - wy) - rolled * wy - outward * wx + s.position_feedback * ay
         return self._bound(foot, (x, y), com, motion.yaw + turned, others)
 
     def _bound(self, foot: int, point: Point, com: Point, yaw: float, others: Sequence[Point]) -> Point:
@@ -208,7 +239,7 @@ class FootholdPlanner:
                 if swing.liftoff <= t:
                     continue
                 stance = clock.stance_duration(foot, swing.liftoff)
-                x, y = self.place_later(foot, motion, swing.touchdown - t, stance)
+                x, y = self.place_later(foot, motion, swing.touchdown - t, stance, clock.gait.width)
                 begin = math.ceil((swing.liftoff - t) / dt - 1e-9)
                 points[begin:, foot, 0] = x
                 points[begin:, foot, 1] = y

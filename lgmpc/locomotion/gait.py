@@ -38,6 +38,11 @@ class Gait(Settings):
     offsets: tuple[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)], ...] = Field(
         description="For each foot, the share of the cycle at which it lifts off."
     )
+    width: Annotated[float, Field(strict=True, gt=0.0, le=2.0)] = Field(
+        default=1.0,
+        description="How far to the side the feet are put down, as a share of where they are in the reference posture;"
+        " gaits that stand on one side at a time need narrow steps.",
+    )
 
     @field_validator("offsets")
     @classmethod
@@ -84,19 +89,18 @@ class Gait(Settings):
         order = tuple(order)
         if sorted(order) != list(range(self.nc)):
             raise InputError("order", order, f"each of 0 to {self.nc - 1} once")
-        return Gait(
-            name=self.name, period_s=self.period_s, duty=self.duty, offsets=tuple(self.offsets[i] for i in order)
-        )
+        return self.replace({"offsets": tuple(self.offsets[i] for i in order)})
 
 
-# name: (period in sqrt(height / gravity), duty, offsets of front left, front right, hind left, hind right)
-_QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float]]] = {
-    "stand": (2.2, 1.0, (0.0, 0.0, 0.0, 0.0)),
-    "walk": (3.8, 0.77, (0.25, 0.75, 0.0, 0.5)),
-    "trot": (1.65, 0.5, (0.0, 0.5, 0.5, 0.0)),
-    "pace": (1.8, 0.55, (0.0, 0.5, 0.0, 0.5)),
-    "bound": (1.8, 0.55, (0.0, 0.0, 0.5, 0.5)),
-    "pronk": (2.6, 0.7, (0.0, 0.0, 0.0, 0.0)),
+# name: (period in sqrt(height / gravity), duty, offsets of front left, front right, hind left, hind right, width).
+# On the feet of one side or one end a robot topples: the shorter it stands on them alone, the less it rolls or pitches.
+_QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], float]] = {
+    "stand": (2.2, 1.0, (0.0, 0.0, 0.0, 0.0), 1.0),
+    "walk": (3.8, 0.77, (0.25, 0.75, 0.0, 0.5), 1.0),
+    "trot": (1.65, 0.5, (0.0, 0.5, 0.5, 0.0), 1.0),
+    "pace": (1.37, 0.65, (0.0, 0.5, 0.0, 0.5), 0.35),
+    "bound": (1.37, 0.65, (0.0, 0.0, 0.5, 0.5), 1.0),
+    "pronk": (1.65, 0.7, (0.0, 0.0, 0.0, 0.0), 1.0),
 }
 
 
@@ -118,8 +122,8 @@ def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
         raise InputError("height_m", height_m, "a finite height above 0 m")
     unit = math.sqrt(height_m / _GRAVITY)
     return {
-        name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets)
-        for name, (periods, duty, offsets) in _QUADRUPED.items()
+        name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets, width=width)
+        for name, (periods, duty, offsets, width) in _QUADRUPED.items()
     }
 
 

@@ -24,12 +24,14 @@ class LegGeometry:
         hips: (nc, 3) hips: where each leg's second joint is (the first one turns it sideways), m.
         length: (nc,) from hip to contact frame along the links: no posture reaches further, m.
         base: (3,) origin of the base, m.
+        radius: of the round feet, m.
     """
 
     feet: Array
     hips: Array
     length: Array
     base: Array
+    radius: float
 
     @cached_property
     def height(self) -> float:
@@ -66,4 +68,5 @@ class LegGeometry:
             (np.array(hips) - com) @ turn,
             np.array(lengths),
             (base.translation - com) @ turn,
+            robot.contact_radius,
         )

@@ -1,19 +1,32 @@
-"""The decision of a standing robot to step: when its feet cannot hold a push, and with which feet first."""
+"""The decision of a standing robot to step: when its feet cannot hold a push, and by which schedule."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from lgmpc.settings import Count, Finite, Settings
+from lgmpc.locomotion.gait import Gait
+from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["StepReaction", "StepReactionSettings", "support_margin"]
+__all__ = [
+    "StepReaction",
+    "StepReactionSettings",
+    "StepSchedule",
+    "forecast_cost",
+    "least",
+    "step_schedules",
+    "support_margin",
+]
 
 _GRAVITY = 9.81
+_COM_RATE = 1.25  # 1/s: what a metre away counts as, in m/s
+_PER_METRE = 1.0  # 1/m
 
 
 class StepReactionSettings(Settings):
@@ -21,12 +34,81 @@ class StepReactionSettings(Settings):
 
     enabled: bool = Field(default=False, strict=True, description="Whether a standing robot steps against pushes.")
     margin_m: Finite = Field(
-        default=0.0,
+        default=-0.06,
         description="Step when the forecast capture point is closer than this to the edge of the support, m; negative:"
-        " further outside.",
+        " further outside. The forecast expects a push to last on (mpc.wrench_decay_s), most end sooner.",
     )
     gait: Annotated[str, Field(min_length=1)] = Field(default="trot", description="Name of the gait to step with.")
-    cycles: Count = Field(default=3, description="Cycles to step before the robot stands again.")
+    cycle_shares: Annotated[
+        tuple[Annotated[Positive, Field(ge=0.2, le=2.0)], ...], Field(min_length=1, max_length=4)
+    ] = Field(
+        default=(0.75, 0.9),
+        description="Durations of the first cycles to choose from, as shares of the gait's own; each is evaluated with"
+        " each group of feet that may lift off first.",
+    )
+    cycles: Count = Field(default=2, description="Cycles against the push, before the robot goes back.")
+    return_speed_m_s: NonNegative = Field(
+        default=0.4, description="Speed at which the robot goes back to where it stood, m/s."
+    )
+    return_rate_hz: Positive = Field(default=3.0, description="Rate at which the rest of the way back decays, 1/s.")
+    place_tolerance_m: Positive = Field(
+        default=0.005, description="Distance from where it stood at which the robot stops stepping, m."
+    )
+
+
+@dataclass(frozen=True)
+class StepSchedule:
+    """One way to step.
+
+    Attributes:
+        gait: to step with.
+        first: foot that lifts off first, with those of the same offset.
+    """
+
+    gait: Gait
+    first: int
+
+    def load(self, forces: Array) -> float:
+        """Return what the feet that lift off first carry together of normal forces (nc,), N."""
+        offsets = np.array(self.gait.offsets)
+        return float(forces[offsets == offsets[self.first]].sum())
+
+    def __str__(self) -> str:
+        return f"{self.gait.name} in cycles of {self.gait.period_s:.3g} s, foot {self.first} first"
+
+
+def step_schedules(gait: Gait, cycle_shares: Sequence[float]) -> tuple[StepSchedule, ...]:
+    """Return the schedules of a gait: each share of its period with each group of feet first."""
+    groups = dict.fromkeys(gait.offsets)
+    return tuple(
+        StepSchedule(gait.replace({"period_s": share * gait.period_s}), gait.offsets.index(offset))
+        for share in cycle_shares
+        for offset in groups
+    )
+
+
+def forecast_cost(xs: Array, com: Array, mass: float) -> float:
+    """Return what a forecast costs, the mean over its nodes of weighted squares, m2/s2.
+
+    Steps that catch a push leave the robot slower, nearer to its place, and less turned. The weights are in the
+    proportions of the MPC's while it steps (:class:`~lgmpc.mpc.centroidal.CentroidalSteppingWeights`), whatever
+    predicts.
+
+    Args:
+        xs: (N+1, 9) [centre of mass; linear momentum; angular momentum].
+        com: (N+1, 3) desired centre of mass, m.
+        mass: kg.
+    """
+    away, linear, angular = xs[:, 0:3] - com, xs[:, 3:6] / mass, xs[:, 6:9] / mass
+    squares = _COM_RATE**2 * away**2 + linear**2 + _PER_METRE**2 * angular**2
+    return float(squares.sum(axis=1).mean() + squares[-1].sum())
+
+
+def least(costs: Sequence[float], ties: Sequence[float]) -> int:
+    """Return the index of the least cost; of costs equal to a part in a thousand, that of the least ``ties``."""
+    lowest = min(costs)
+    close = [i for i, cost in enumerate(costs) if cost <= lowest + 1e-3 * abs(lowest)] or [0]
+    return min(close, key=ties.__getitem__)
 
 
 class StepReaction:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.command import MotionCommand, Ramp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.robot import Robot
@@ -17,12 +17,16 @@ from lgmpc.typing import Array
 
 __all__ = ["DesiredPose", "ReferenceBuilder", "ReferenceSettings"]
 
+_LEASH_SHARE = 0.1
+
 
 class ReferenceSettings(Settings):
     """How far the desired motion may be from the measured one."""
 
-    leash_m: Positive = Field(
-        default=0.05, description="Longest horizontal distance from the measured to the desired centre of mass, m."
+    leash_m: Positive | None = Field(
+        default=None,
+        description="Longest horizontal distance from the measured to the desired centre of mass, m. null: a tenth of"
+        " its height.",
     )
     yaw_leash_rad: Positive = Field(default=0.3, description="Largest yaw from the measured to the desired one, rad.")
 
@@ -69,6 +73,8 @@ class ReferenceBuilder:
         self.settings = ReferenceSettings() if settings is None else settings
         self.x = self.y = self.yaw = 0.0
         self._legs = legs
+        leash = self.settings.leash_m
+        self._leash = _LEASH_SHARE * legs.height if leash is None else leash
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._intervals = np.zeros(0)
         self._pose = DesiredPose(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(4), np.eye(3), 0.0)
@@ -92,9 +98,9 @@ class ReferenceBuilder:
         s = self.settings
         dx, dy = self.x - float(com[0]), self.y - float(com[1])
         distance = math.hypot(dx, dy)
-        if distance > s.leash_m:
-            self.x = float(com[0]) + dx * s.leash_m / distance
-            self.y = float(com[1]) + dy * s.leash_m / distance
+        if distance > self._leash:
+            self.x = float(com[0]) + dx * self._leash / distance
+            self.y = float(com[1]) + dy * self._leash / distance
         ahead = math.remainder(self.yaw - yaw, 2.0 * math.pi)
         if abs(ahead) > s.yaw_leash_rad:
             self.yaw += math.copysign(s.yaw_leash_rad, ahead) - ahead
@@ -122,14 +128,17 @@ class ReferenceBuilder:
         pose.yaw_rate = command.yaw_rate
         return pose
 
-    def write(self, reference: MotionReference, command: MotionCommand, dt: float, ground: float) -> None:
-        """Write the motion at the nodes of a horizon that begins now, the command as it is.
+    def write(
+        self, reference: MotionReference, command: MotionCommand, dt: float, ground: float, ramp: Ramp | None = None
+    ) -> None:
+        """Write the motion at the nodes of a horizon that begins now.
 
         Args:
             reference: overwritten.
             command: limited command.
             dt: duration of the intervals, s.
             ground: mean height of the feet that stand, m.
+            ramp: how the velocity changes from now on; None for a constant one.
         """
         nodes = len(reference.com)
         if len(self._intervals) != nodes:
@@ -148,6 +157,14 @@ class ReferenceBuilder:
         com[:, 1] = self.y + chord * (sh * command.vx + ch * command.vy)
         com[:, 2] = ground + self._legs.height + command.height
         velocity[:, 0], velocity[:, 1], velocity[:, 2] = vx, vy, 0.0
+        if ramp is not None and ramp.duration > 0.0:
+            change = np.minimum(time, ramp.duration)
+            velocity[:, 0] += change * (c * ramp.ax - s * ramp.ay)
+            velocity[:, 1] += change * (s * ramp.ax + c * ramp.ay)
+            # Its integral at the present heading: what it turns within the horizon is of second order.
+            way = change * (time - 0.5 * change)
+            com[:, 0] += way * (c[0] * ramp.ax - s[0] * ramp.ay)
+            com[:, 1] += way * (s[0] * ramp.ax + c[0] * ramp.ay)
         reference.angular_velocity[:, :2] = 0.0
         reference.angular_velocity[:, 2] = command.yaw_rate
         self._write_pose(reference, command, yaw)

@@ -44,7 +44,7 @@ class SwingSettings(Settings):
 
 
 class SwingTrajectory:
-    """The swing of one foot: :meth:`lift_off`, then at every tick :meth:`retarget` and :meth:`sample`.
+    """The swing of one foot: :meth:`lift_off` or :meth:`put_down`, then every tick :meth:`retarget` and :meth:`sample`.
 
     Args:
         settings: see :class:`SwingSettings`.
@@ -88,6 +88,15 @@ class SwingTrajectory:
         self._plan_plane(
             t, (float(position[0]), float(velocity[0]), 0.0), (float(position[1]), float(velocity[1]), 0.0)
         )
+
+    def put_down(self, t: float, touchdown: float, position: Array) -> None:
+        """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
+        self.liftoff = self._apex_time = t
+        self.touchdown = touchdown
+        x, y, z = (float(value) for value in position)
+        self.target = (x, y, z)
+        self._plan_fall(t, (z, 0.0, 0.0))
+        self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
     def retarget(self, t: float, target: Array) -> bool:
         """Move the target (3,), unless the swing is too far on; return whether it moved."""

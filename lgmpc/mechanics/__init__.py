@@ -1,7 +1,7 @@
 """Geometric mechanics on matrix Lie groups: equations of motion, invariants, integrators, phases and control.
 
     reduction     Euler-Poincare and Lie-Poisson equations on any group, momentum maps, Noether's theorem
-    integrators   Lie-group Runge-Kutta, variational, and their drifts side by side
+    integrators   Lie-group Runge-Kutta, variational, and a comparison of their drifts
     rollout       compiled steps, thousands in a call
     rigid_body    free bodies and heavy tops as Euler-Poincare systems
     tops          closed forms: torque-free body, Poinsot, Lagrange's top
@@ -10,8 +10,10 @@
     underwater    added mass, damping, buoyancy
     quadrotor     geometric control on SE(3), and an Euler-angle PID
 
-What is used most is named here; :mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.multibody.featherstone` are
-imported by name.
+:mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.multibody.featherstone` are not exported here.
+
+Sections cited as "chapter 4.x" are those of the lecture notes "Geometric mechanics on SE(3): Euler-Poincare equations,
+floating-base dynamics and Lie-Poisson structure" (rigid-body dynamics, part 4-4, in Chinese).
 """
 
 from lgmpc.mechanics.checks import check_inertia

@@ -1,4 +1,4 @@
-"""Validation of input to mechanics: positive masses, inertias that bodies can have, vectors."""
+"""Validation of arguments: positive numbers, vectors, physically possible inertias."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _TOLERANCE = 1e-9
 
 
 def check_number(name: str, value: object, unit: str) -> float:
-    """Convert a finite number.
+    """Return a finite number.
 
     Raises:
-        InputError: it is not.
+        InputError: it is none.
     """
     array = checks.finite(name, value)
     if array.ndim:
@@ -26,10 +26,10 @@ def check_number(name: str, value: object, unit: str) -> float:
 
 
 def check_positive(name: str, value: object, unit: str) -> float:
-    """Convert a positive, finite number.
+    """Return a positive, finite number.
 
     Raises:
-        InputError: it is not.
+        InputError: it is none.
     """
     array = checks.finite(name, value)
     if array.ndim or not array > 0.0:
@@ -38,7 +38,7 @@ def check_positive(name: str, value: object, unit: str) -> float:
 
 
 def check_vector(name: str, value: object, size: int) -> Array:
-    """Convert a vector (size,) of finite numbers.
+    """Return a vector (size,) of finite numbers.
 
     Raises:
         InputError: another shape, or not finite.
@@ -50,10 +50,10 @@ def check_vector(name: str, value: object, size: int) -> Array:
 
 
 def check_positive_definite(name: str, value: object, size: int) -> Array:
-    """Convert a symmetric positive definite matrix (size, size).
+    """Return a symmetric positive definite matrix (size, size).
 
     Raises:
-        InputError: misshapen, not finite, not symmetric or not positive definite.
+        InputError: wrong shape, not finite, not symmetric or not positive definite.
     """
     array = checks.matrix(size)(name, value)
     if array.shape != (size, size):
@@ -69,11 +69,11 @@ def check_positive_definite(name: str, value: object, size: int) -> Array:
 
 
 def check_inertia(name: str, value: object) -> Array:
-    """Convert a rotational inertia (3, 3), kg.m^2.
+    """Return a rotational inertia (3, 3), kg.m^2.
 
     Raises:
-        InputError: misshapen, not finite, not symmetric, not positive definite, or with a principal moment above the
-            sum of the other two, as no mass distribution has.
+        InputError: wrong shape, not finite, not symmetric, not positive definite, or a principal moment above the sum
+            of the other two, which no mass distribution has.
     """
     array = check_positive_definite(name, value, 3)
     low, middle, high = np.linalg.eigvalsh(array)

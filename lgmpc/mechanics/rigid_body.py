@@ -1,4 +1,4 @@
-"""Rigid bodies as Euler-Poincare systems: free to turn, held at a point under gravity, and free to move.
+"""Rigid bodies as Euler-Poincare systems: free rotation, heavy top, free motion.
 
 SI units. Body axes are fixed in the body; the world's third axis points up.
 """
@@ -33,7 +33,7 @@ GRAVITY = 9.81
 """m/s^2."""
 
 UP = np.array([0.0, 0.0, 1.0])
-"""Upwards in the world."""
+"""The upward direction, world axes."""
 
 HEIGHT = np.array([0.0, 0.0, 1.0, 0.0])
 """The height of a point above the ground as a covector on [point; 1] in the world, m."""
@@ -41,7 +41,7 @@ HEIGHT = np.array([0.0, 0.0, 1.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class SpatialInertia:
-    """Mass distribution of a body, seen from the origin of its frame.
+    """Mass distribution of a body, relative to the origin of its frame.
 
     Attributes:
         mass: kg.
@@ -81,7 +81,7 @@ def torque_free_body(
     Chapter 4.5; Euler, "Du mouvement de rotation des corps solides autour d'un axe variable" (1765).
 
     Args:
-        inertia: (3, 3) about the centre of mass or the point that is held, body axes, kg.m^2.
+        inertia: (3, 3) about the centre of mass or the fixed point, body axes, kg.m^2.
         body_force: torque in body axes, N.m.
         spatial_force: torque in world axes, N.m.
 
@@ -99,13 +99,13 @@ def torque_free_body(
 
 
 def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEulerPoincare:
-    """A body held at a point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
+    """A body with a fixed point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
 
-    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, upwards in body axes:
-    start at ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
+    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, the upward
+    direction in body axes: start at ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
 
     Args:
-        inertia: (3, 3) about the point that is held, body axes, kg.m^2.
+        inertia: (3, 3) about the fixed point, body axes, kg.m^2.
         moment: (3,) mass times centre of mass, from that point, body axes, kg.m.
         gravity: m/s^2.
 
@@ -130,7 +130,7 @@ def free_body(
     body_force: Expression | None = None,
     spatial_force: Expression | None = None,
 ) -> LeftEulerPoincare:
-    """Newton's and Euler's equations on SE(3), the frame's origin anywhere: ``G xi' = ad(xi)^T G xi + F``.
+    """Newton's and Euler's equations on SE(3), about any origin: ``G xi' = ad(xi)^T G xi + F``.
 
     From ``l = xi^T G xi / 2 - m g h``. Advected is the height of points above the ground as a covector on
     [point; 1] in body coordinates: ``HEIGHT`` in the world, ``g^T @ HEIGHT`` at the start.

@@ -1,4 +1,4 @@
-"""Classical Runge-Kutta on expressions, and roll-outs of a compiled step: thousands of steps in a call of C."""
+"""Classical Runge-Kutta on expressions, and roll-outs of a compiled step, thousands of steps in a call."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lgmpc.typing import Array
 __all__ = ["Rollout", "check_grid", "runge_kutta4"]
 
 CHUNK = 4096
-"""Steps kept in memory between two stored rows at least, so that one call does many."""
+"""Least number of steps in a call."""
 
 
 def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
@@ -43,7 +43,7 @@ def check_grid(step: float, steps: int, every: int) -> None:
 
 
 class Rollout:
-    """A step of some integrator, compiled, to be repeated.
+    """A compiled step of an integrator, for repeated evaluation.
 
     Args:
         function: inputs ``time`` (1), ``step`` (1), ``x`` (n), ``p`` (m); output ``x_next`` (n).
@@ -62,12 +62,12 @@ class Rollout:
             start: (n,) state at ``begin``.
             step: length of a step, s.
             steps: their number.
-            every: number of steps between two rows that are returned; divides ``steps``.
+            every: number of steps between two returned rows; divides ``steps``.
             parameters: (m,) of the function.
             begin: time of the start, s.
 
         Raises:
-            InputError: step or counts cannot be used.
+            InputError: as :func:`check_grid`.
             SolverError: the state did not stay finite.
         """
         check_grid(step, steps, every)

@@ -3,7 +3,7 @@ r"""A rigid body under water, on SE(3) (chapter 4.12.4).
     M nu' + C(nu) nu + D(nu) nu + g(eta) = tau,        M = M_RB + M_A
 
 Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control" (2011), 6 and 8; Lamb, "Hydrodynamics" (1932), 114
-to 126, for Kirchhoff's equations, which these are without damping; Leonard, "Stability of a bottom-heavy underwater
+to 126, for Kirchhoff's equations, the undamped case; Leonard, "Stability of a bottom-heavy underwater
 vehicle", Automatica 33 (1997), for their reduction.
 
 nu is the body twist, linear first (Fossen's order), eta the pose, tau a wrench on the body about its frame's origin, in
@@ -43,17 +43,17 @@ class UnderwaterVehicle:
 
     Attributes:
         body: its own mass distribution.
-        added_mass: (6, 6) M_A of the fluid that moves along, about the frame's origin, kg, kg.m, kg.m2; symmetric,
-            positive semidefinite (a vehicle in ideal fluid); a vector (6,) is its diagonal.
+        added_mass: (6, 6) M_A of the fluid, about the frame's origin, kg, kg.m, kg.m2; symmetric, positive semidefinite
+            (ideal fluid); a vector (6,) is its diagonal.
         linear_damping: (6, 6) D_l, N per m/s and so on; a vector (6,) is its diagonal.
         quadratic_damping: (6,) of ``D_q = diag(d |nu|)``, entry by entry.
         buoyancy: weight of the displaced water, N.
-        center_of_buoyancy: (3,) where it acts, body axes, m.
+        center_of_buoyancy: (3,) its point of application, body axes, m.
         gravity: m/s2.
 
     Raises:
         InputError: arrays of other shapes or not finite, an added mass that is not symmetric or has a negative
-            eigenvalue, damping that would drive, negative buoyancy or gravity.
+            eigenvalue, negative damping, buoyancy or gravity.
     """
 
     body: SpatialInertia
@@ -95,7 +95,7 @@ class UnderwaterVehicle:
 
     @property
     def weight(self) -> float:
-        """Of the body in air, N."""
+        """Weight of the body in air, N."""
         return self.body.mass * self.gravity
 
     def coriolis(self, velocity: ArrayLike) -> Array:
@@ -119,7 +119,7 @@ class UnderwaterVehicle:
         return self.linear_damping + np.diag(self.quadratic_damping * np.abs(check_vector("velocity", velocity, 6)))
 
     def restoring(self, rotation: ArrayLike) -> Array:
-        """Return (6,) g(eta): the wrench that holds the vehicle against weight and buoyancy.
+        """Return (6,) g(eta): the wrench that balances weight and buoyancy.
 
         Args:
             rotation: (3, 3) world from body.
@@ -142,9 +142,10 @@ class UnderwaterVehicle:
         return np.linalg.solve(self.mass_matrix, force).astype(np.float64)
 
     def munk_moment(self, velocity: ArrayLike) -> Array:
-        """Return (3,) the moment of ideal fluid on a body that moves without turning, ``(M_A nu)_linear x nu``, N.m.
+        """Return (3,) the moment of ideal fluid on a body in translation, ``(M_A nu)_linear x nu``, N.m.
 
-        It turns long bodies broadside on. Munk, "The aerodynamic forces on airship hulls", NACA report 184 (1924).
+        It destabilises motion along the long axis. Munk, "The aerodynamic forces on airship hulls", NACA report 184
+        (1924).
 
         Args:
             velocity: (3,) linear velocity, body axes, m/s.
@@ -156,7 +157,7 @@ class UnderwaterVehicle:
         return np.cross(self.added_mass[:3, :3] @ linear, linear)
 
     def linearization(self, velocity: ArrayLike) -> Array:
-        """Return (6, 6) the Jacobian of nu' in nu, weight and buoyancy left aside: stability of a steady motion.
+        """Return (6, 6) the Jacobian of nu' by nu without weight and buoyancy, for the stability of a steady motion.
 
         Args:
             velocity: (6,) nu.
@@ -171,7 +172,7 @@ class UnderwaterVehicle:
         return np.linalg.solve(mass, se3.coadjoint(nu) @ mass + turning - damping).astype(np.float64)
 
     def system(self, wrench: Expression | None = None) -> LeftEulerPoincare:
-        """Return the vehicle as an Euler-Poincare system on SE(3); other vehicles compile nothing anew.
+        """Return the vehicle as an Euler-Poincare system on SE(3); its constants are parameters of the compiled code.
 
         Args:
             wrench: tau (6,), N and N.m; none unless given.
@@ -205,13 +206,13 @@ def terminal_speed(force: float, linear: float, quadratic: float) -> float:
     """Return the speed (m/s) at which damping ``linear v + quadratic v^2`` balances a force (N).
 
     Raises:
-        InputError: a force that is not positive, or damping that is negative or nothing.
+        InputError: a force that is not positive, or damping that is negative or zero.
     """
     return float(2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic)))
 
 
 def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float, quadratic: float) -> Array:
-    """Return the speeds (m/s) from rest on, ``mass v' = force - linear v - quadratic v^2``, in closed form.
+    """Return the speeds (m/s) from rest by ``mass v' = force - linear v - quadratic v^2``, in closed form.
 
     Args:
         times: s, any shape.
@@ -221,7 +222,7 @@ def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float
         quadratic: N per (m/s)^2.
 
     Raises:
-        InputError: a mass or force that is not positive, or damping that is negative or nothing.
+        InputError: a mass or force that is not positive, or damping that is negative or zero.
     """
     final, root = terminal_speed(force, linear, quadratic), _root(force, linear, quadratic)
     decay = np.exp(-root / check_positive("mass", mass, "kg") * checks.finite("times", times))
@@ -261,7 +262,7 @@ def _root(force: float, linear: float, quadratic: float) -> float:
         if not 0.0 <= value < math.inf:
             raise InputError(name, value, "a number that is not negative")
     if linear == quadratic == 0.0:
-        raise InputError("linear, quadratic", "0, 0", "damping: without it no speed is the last")
+        raise InputError("linear, quadratic", "0, 0", "damping: without it there is no terminal speed")
     return math.sqrt(linear**2 + 4.0 * quadratic * force)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 import math
 import time
@@ -64,8 +63,7 @@ class BaseMpc(ABC):
     def _keep(self, plan: Plan, status: MpcStatus, qp_iterations: int, start: float) -> Plan:
         """Return a fresh plan, complete; ``start`` is when the update began, by the performance counter."""
         self.failures_in_a_row = 0
-        elapsed = time.perf_counter() - start
-        self._plan = dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+        self._plan = plan.stamped(status, qp_iterations, time.perf_counter() - start)
         return self._plan
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
@@ -77,8 +75,7 @@ class BaseMpc(ABC):
         if self.failures_in_a_row > self.settings.stale_after:
             status = MpcStatus.STALE
         plan = self._standing_plan(t if math.isfinite(t) else 0.0) if self._plan is None else self._plan
-        elapsed = time.perf_counter() - start
-        return dataclasses.replace(plan, status=status, qp_iterations=qp_iterations, update_time=elapsed)
+        return plan.stamped(status, qp_iterations, time.perf_counter() - start)
 
     def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> Plan:
         """Return a plan whose status and timing are filled in later."""
@@ -99,8 +96,8 @@ def checked_mass(mass: float) -> float:
 
 def weight_shares(flags: Array, weight: Array) -> Array:
     """(N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
-    standing = flags[:, :, None]
-    shares: Array = standing * weight / np.maximum(standing.sum(axis=1, keepdims=True), 1.0)
+    share = weight / np.maximum(np.add.reduce(flags, axis=1), 1.0)[:, None]
+    shares: Array = flags[:, :, None] * share[:, None, :]
     return shares
 
 

@@ -10,22 +10,31 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.actions import CentroidalAction
-from lgmpc.lie import quaternion, so3
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.base import checked_mass, input_error, write_intervals
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan
+from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import CentroidalWeights, SqpMpcSettings
 from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
-from lgmpc.settings import NonNegative
+from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import RealTimeResult
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalMpc", "CentroidalMpcSettings", "write_centroidal_reference"]
+__all__ = ["CentroidalMpc", "CentroidalMpcSettings"]
 
 _GRAVITY = (0.0, 0.0, -9.81)
+
+
+class CentroidalSteppingWeights(Settings):
+    """Weights that replace those of the cost while a foot is in the air within the horizon."""
+
+    com: Vector3 = Field(
+        default=(1e2, 1e2, 3e3),
+        description="Position of the centre of mass [x, y, z], 1/m2: steps take a pushed robot back, forces need not.",
+    )
 
 
 class CentroidalMpcSettings(SqpMpcSettings):
@@ -33,9 +42,12 @@ class CentroidalMpcSettings(SqpMpcSettings):
 
     model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
     uprighting_rate_hz: NonNegative = Field(
-        default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
+        default=10.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
     weights: CentroidalWeights = Field(default=CentroidalWeights(), description="Weights of the cost.")
+    stepping_weights: CentroidalSteppingWeights = Field(
+        default=CentroidalSteppingWeights(), description="Weights of the cost while the robot steps."
+    )
 
 
 class CentroidalMpc(SqpMpc):
@@ -43,7 +55,7 @@ class CentroidalMpc(SqpMpc):
 
     See :class:`~lgmpc.mpc.sqp.SqpMpc` for what each :meth:`update` does, and what happens when one fails. The forces
     alone are constrained, so every update has a feasible solution. Of base and joints the model has nothing; a tilted
-    base is turned upright by the angular momentum of :func:`write_centroidal_reference`.
+    base is turned upright by the angular momentum of :class:`~lgmpc.mpc.reference.CentroidalReference`.
 
     Args:
         mass: of the robot, kg.
@@ -86,6 +98,11 @@ class CentroidalMpc(SqpMpc):
         self._friction = view("friction")[:, 0]
         self._wrench = view("external_wrench")
         self._x_reference = view("x_reference")
+        self._com_weight = view("x_weight")[:, :3]
+        self._standing_weight = self._com_weight.copy()
+        self._stepping_weight = np.tile(s.stepping_weights.com, (s.nodes + 1, 1))
+        self._stepping_weight[-1] *= s.weights.terminal
+        self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
 
     @classmethod
@@ -104,12 +121,11 @@ class CentroidalMpc(SqpMpc):
             write_intervals(self._flags, contacts.flags)
             write_intervals(self._friction, contacts.friction)
             write_intervals(self._wrench, wrench)
-            write_centroidal_reference(
-                self._x_reference, self.mass, state, reference, self.settings.uprighting_rate_hz, self.settings.node_s
-            )
+            self._reference.write(state, reference)
             problem.x0[0:3], problem.x0[3:9] = state.com, state.momentum
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._contacts) from error
+        self._com_weight[:] = self._standing_weight if contacts.flags.all() else self._stepping_weight
         self._u_reference[...] = self._shares()
         return self._advance(state.time, start)
 
@@ -127,33 +143,3 @@ class CentroidalMpc(SqpMpc):
         x = np.concatenate([np.nan_to_num(self._x_reference[0, :3]), np.zeros(6)])
         forces = np.nan_to_num(self._shares()[:n])
         return self._make_plan(t, np.tile(x, (n + 1, 1)), forces, KktResidual.unknown())
-
-
-def write_centroidal_reference(
-    target: Array, mass: float, state: MeasuredState, reference: MotionReference, uprighting_rate: float, node_s: float
-) -> None:
-    """Write the reference of a model that has neither base nor joints.
-
-    A base turned from its reference by the angle ``theta`` (body axes) is turned back with the angular momentum
-    ``I rate exp(-rate t) theta``, besides that of the reference's own angular velocity.
-
-    Args:
-        target: (N+1, 9) [centre of mass; linear momentum; angular momentum], written.
-        mass: of the robot, kg.
-        state: measured state.
-        reference: desired motion.
-        uprighting_rate: 1/s.
-        node_s: between nodes, s.
-
-    Raises:
-        ValueError: an array of the wrong shape.
-    """
-    fading = uprighting_rate * np.exp(-uprighting_rate * node_s * np.arange(len(target)))[:, None]
-    upright = quaternion.to_matrix.unchecked(reference.q[0, 3:7])
-    turn = so3.log.unchecked(state.rotation.T @ upright)
-    if reference.com.shape != (len(target), 3):
-        raise ValueError(f"shape {reference.com.shape} of the reference instead of {(len(target), 3)}")
-    target[:, :3] = reference.com
-    np.multiply(reference.com_velocity, mass, out=target[:, 3:6])
-    target[:, 6:9] = fading * (state.inertia @ turn)
-    target[:, 6:9] += state.angular_momentum(reference.angular_velocity)

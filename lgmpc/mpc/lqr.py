@@ -26,9 +26,9 @@ from scipy.linalg import LinAlgError, expm, solve_discrete_are
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.base import BaseMpc, input_error, weight_shares, write_intervals
-from lgmpc.mpc.centroidal import write_centroidal_reference
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import MpcSettings, TrackingWeights
 from lgmpc.ocp import KktResidual
 from lgmpc.robot import Robot
@@ -102,6 +102,7 @@ class CentroidalLqr(BaseMpc):
         contacts: number of contact points, nc.
         settings: horizon, weights, limits.
         gravity: (3,) world axes, m/s^2.
+        progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
@@ -121,6 +122,7 @@ class CentroidalLqr(BaseMpc):
         settings: LqrSettings | None = None,
         *,
         gravity: tuple[float, float, float] | Array = (0.0, 0.0, -9.81),
+        progress: Callable[[str], None] | None = None,
     ) -> None:
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one contact point")
@@ -135,6 +137,7 @@ class CentroidalLqr(BaseMpc):
         self._flags = np.zeros((n + 1, contacts))
         self._wrench = np.zeros((n + 1, 6))
         self._reference = np.zeros((n + 1, 9))
+        self._motion = CentroidalReference(self._reference, self.mass, s.uprighting_rate_hz, s.node_s, progress)
         self._model: LinearCentroidal | None = None
         self._meet = np.zeros((3 * contacts, 6))
         self._place: tuple[Array, Array] | None = None  # arms and flags of the gain
@@ -146,8 +149,8 @@ class CentroidalLqr(BaseMpc):
 
     @classmethod
     def of(cls, robot: Robot, settings: LqrSettings, progress: Callable[[str], None] | None = None) -> CentroidalLqr:
-        """Return the regulator of a robot; nothing of it is compiled."""
-        return cls(robot.mass, robot.nc, settings, gravity=robot.gravity)
+        """Return the regulator of a robot; arguments and errors as of the class."""
+        return cls(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=progress)
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`.
@@ -161,9 +164,7 @@ class CentroidalLqr(BaseMpc):
             write_intervals(self._flags, contacts.flags)
             write_intervals(self._friction, contacts.friction)
             write_intervals(self._wrench, wrench)
-            write_centroidal_reference(
-                self._reference, self.mass, state, reference, self.settings.uprighting_rate_hz, self.settings.node_s
-            )
+            self._motion.write(state, reference)
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._flags.shape[1]) from error
         t = state.time

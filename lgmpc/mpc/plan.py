@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, fields
 from enum import Enum
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
+from lgmpc.compile import StageKernel
 from lgmpc.lie import quaternion, so3
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array
@@ -50,6 +54,9 @@ class MotionSample:
     angular_momentum: Array
     angular_momentum_rate: Array
     forces: Array
+
+
+_MOTION = [item.name for item in fields(MotionSample) if item.name != "forces"]
 
 
 @dataclass(frozen=True)
@@ -142,6 +149,13 @@ class Plan:
         """Time of the last node, s."""
         return self.time + self.node_duration * len(self.forces)
 
+    def stamped(self, status: MpcStatus, qp_iterations: int, update_time: float) -> Plan:
+        """Return the same motion as the result of an update (dataclasses.replace takes four times as long)."""
+        return Plan(
+            self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, self.kkt,
+            update_time, self.posture,
+        )  # fmt: skip
+
     def sample(self, t: float) -> MotionSample:
         """Return the predicted motion at time ``t`` (s); see :meth:`sample_at`."""
         rows = self.sample_at(np.array([t]))
@@ -154,27 +168,76 @@ class Plan:
         under the interval's constant forces (:mod:`lgmpc.actions.centroidal`): linear momentum linear in time, centre
         of mass quadratic, angular momentum cubic.
         """
-        h, m, last = self.node_duration, self.mass, len(self.forces) - 1
-        elapsed = np.minimum(np.maximum(times - self.time, 0.0), h * (last + 1))
+        return MotionSampler(len(times), self.forces.shape[1]).sample(self, times)
+
+
+class MotionSampler:
+    """Samples predicted motions at a number of times, in one compiled call and in buffers of its own.
+
+    Args:
+        count: of the times, n.
+        contacts: number of contact points, nc.
+
+    Attributes:
+        motion: the last samples, with n rows.
+
+    Raises:
+        CompileError: the compiler failed.
+    """
+
+    def __init__(self, count: int, contacts: int) -> None:
+        self._forces = np.zeros((count, 3 * contacts))
+        rows = dict(zip(_MOTION, np.zeros((6, count, 3)), strict=True))
+        self.motion = MotionSample(**rows, forces=self._forces.reshape(count, contacts, 3))
+        self._start, self._end = np.zeros((2, count, 9))
+        self._since, self._plan = np.zeros((count, 1)), np.zeros(2)
+        self._run = _motion_kernel(contacts).bind(
+            count, start=self._start, end=self._end, forces=self._forces, since=self._since, plan=self._plan,
+            **rows,
+        )  # fmt: skip
+
+    def sample(self, plan: Plan, times: Array) -> MotionSample:
+        """Return the motion at ``times`` (n,) s, see :meth:`Plan.sample_at`; overwritten by the next call."""
+        h, last = plan.node_duration, len(plan.forces) - 1
+        elapsed = np.minimum(np.maximum(times - plan.time, 0.0), h * (last + 1))
         k = np.minimum((elapsed / h).astype(np.intp), last)
-        s = (elapsed - k * h)[:, None]
-        x, x_next, forces = self.xs[k], self.xs[k + 1], self.forces[k]
-        c, l, l_next = x[:, 0:3], x[:, 3:6], x_next[:, 3:6]  # noqa: E741 - the momentum's usual name
-        total = forces.sum(axis=1)
-        resultant = (l_next - l) / h
-        momentum = l + s * resultant
-        com = c + (s / m) * (l + (0.5 * s) * resultant)
-        # k' = moment - c(t) x total, where the moment about the origin is constant: the end of the interval gives it.
-        moment = (x_next[:, 6:9] - x[:, 6:9] + _cross(_com_integral(c, l, resultant, h, m), total)) / h
-        angular = x[:, 6:9] + s * moment - _cross(_com_integral(c, l, resultant, s, m), total)
-        return MotionSample(com, momentum / m, resultant / m, momentum, angular, moment - _cross(com, total), forces)
+        plan.xs.take(k, axis=0, out=self._start, mode="clip")
+        plan.xs.take(k + 1, axis=0, out=self._end, mode="clip")
+        plan.forces.reshape(last + 1, -1).take(k, axis=0, out=self._forces, mode="clip")
+        np.subtract(elapsed, k * h, out=self._since[:, 0])
+        self._plan[:] = h, plan.mass
+        self._run()
+        return self.motion
+
+
+@functools.lru_cache(maxsize=8)
+def _motion_kernel(contacts: int) -> StageKernel:
+    """The motion at one time since the beginning of an interval of which both ends and the forces are given."""
+    start, end, forces = ca.SX.sym("start", 9), ca.SX.sym("end", 9), ca.SX.sym("forces", 3 * contacts)
+    since, plan = ca.SX.sym("since"), ca.SX.sym("plan", 2)
+    h, m = plan[0], plan[1]
+    (com, linear, angular), (_, linear_end, angular_end) = (ca.vertsplit(x, 3) for x in (start, end))
+    total = ca.sum2(ca.reshape(forces, 3, contacts))
+    resultant = (linear_end - linear) / h
+    momentum = linear + since * resultant
+
+    def com_integral(t: Any) -> Any:
+        return t * com + t**2 / (2.0 * m) * (linear + t / 3.0 * resultant)
+
+    com_now = com + since / m * (linear + 0.5 * since * resultant)
+    # k' = moment - c(t) x total, where the moment about the origin is constant: the end of the interval gives it.
+    moment = (angular_end - angular + ca.cross(com_integral(h), total)) / h
+    turning = angular + since * moment - ca.cross(com_integral(since), total)
+    rate = moment - ca.cross(com_now, total)
+    outputs = [com_now, momentum / m, resultant / m, momentum, turning, rate]
+    inputs = {"start": start, "end": end, "forces": forces, "since": since, "plan": plan}
+    return StageKernel(ca.Function(f"plan_motion_{contacts}", list(inputs.values()), outputs, list(inputs), _MOTION))
 
 
 class PlanSampler:
     """The latest plan, sampled by time at the ticks of the controller below.
 
-    Ticks are sampled many at once, because NumPy's cost of one call is that of a hundred rows; a time between ticks
-    reads the nearest one.
+    All ticks until the next plan are sampled at once; a time between ticks reads the nearest one.
 
     Args:
         period: of the ticks, s.
@@ -194,6 +257,7 @@ class PlanSampler:
         self.plan: Plan | None = None
         self.motion: MotionSample | None = None
         self.posture: PostureSample | None = None
+        self._sampler: MotionSampler | None = None
 
     def clear(self) -> None:
         """Forget the plan."""
@@ -203,7 +267,9 @@ class PlanSampler:
         """Sample ``plan`` from ``time`` (s) on."""
         self.plan, self.start = plan, time
         times = time + self._offsets
-        self.motion = plan.sample_at(times)
+        if self._sampler is None:
+            self._sampler = MotionSampler(len(times), plan.forces.shape[1])
+        self.motion = self._sampler.sample(plan, times)
         self.posture = None if plan.posture is None else plan.posture.sample_at(times)
 
     def row(self, time: float) -> int:
@@ -219,18 +285,3 @@ class PlanSampler:
             self.load(self.plan, time)
             return 0
         return row
-
-
-def _com_integral(c: Array, l: Array, resultant: Array, t: Array | float, m: float) -> Array:  # noqa: E741
-    integral: Array = t * c + (t * t / (2.0 * m)) * (l + (t / 3.0) * resultant)
-    return integral
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of rows (n, 3), in a fraction of the time that np.cross takes for few rows."""
-    (ax, ay, az), (bx, by, bz) = a.T, b.T
-    product = np.empty_like(a)
-    product[:, 0] = ay * bz - az * by
-    product[:, 1] = az * bx - ax * bz
-    product[:, 2] = ax * by - ay * bx
-    return product

@@ -75,7 +75,12 @@ class MpcSettings(Settings):
         description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 a kg of robot.",
     )
     observer_time_s: Annotated[Positive, Field(ge=1e-4)] = Field(
-        default=0.01, description="Time constant of the observer that estimates the external wrench, s."
+        default=0.01, description="Least time constant of the observer that estimates the external wrench, s."
+    )
+    observer_noise_share: Annotated[Positive, Field(le=1e3)] = Field(
+        default=0.05,
+        description="Noise of the estimated force, as a share of the robot's weight (standard deviation in each axis), "
+        "beyond which that time constant grows with the noise of the measured velocity.",
     )
     wrench_decay_s: Annotated[Positive, Field(ge=1e-3)] = Field(
         default=0.1, description="Time constant with which the estimated wrench is predicted to fade, s."

@@ -1,15 +1,17 @@
-"""A problem's compiled functions over the whole horizon: what solvers call, one call for all stages."""
+"""A problem's compiled functions over the whole horizon, one call for all stages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.compile import CompiledFunction, compile_functions
-from lgmpc.ocp.quadratic import OcpQpStructure, kkt_function
+from lgmpc.compile import BatchKernel, CompiledFunction, compile_functions
+from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
+from lgmpc.ocp.quadratic import OcpQp, kkt_function
+from lgmpc.typing import Array
 
 __all__ = ["HorizonFunctions"]
 
@@ -17,7 +19,7 @@ __all__ = ["HorizonFunctions"]
 class HorizonFunctions:
     """The functions of one action over N intervals, compiled (or interpreted where there is no compiler).
 
-    All take and return one column a stage.
+    The linearisation works on rows of arrays of its own; the others take and return one column a stage.
 
     Args:
         action: the interval.
@@ -26,54 +28,50 @@ class HorizonFunctions:
 
     Attributes:
         structure: of the linear-quadratic problem.
-        linearize: ``(xs (nx, N+1), us (nu, N), parameters (np, N+1)) -> (values (size, N), terminal_values)``.
+        xs: (N+1, nx) point of expansion.
+        us: (N, nu).
+        parameters: (N+1, np).
+        qp: the linear-quadratic problem around it, as :meth:`linearize` wrote it.
+        compiled: whether the functions are machine code.
         kkt: see :func:`lgmpc.ocp.quadratic.kkt_function`.
         retract: ``(xs (nx, N+1), dxs (ndx, N+1)) -> xs (+) dxs``.
-        advance: ``(xs (nx, N+1), fraction) -> xs`` moved ahead by a fraction of an interval along the line from each
-            node to the next; the last state stays.
+        advance: ``(xs (nx, N+1), fraction) -> xs`` interpolated at a fraction of an interval from each node to the
+            next; the last state stays.
         difference: ``(x0 (nx,), x1 (nx,)) -> x1 (-) x0``.
     """
 
     def __init__(self, action: Action, nodes: int, progress: Callable[[str], None] | None = None) -> None:
-        self.structure = OcpQpStructure.of(action, nodes)
+        matrices = StageMatrices(action)
+        self.structure = structure_of([matrices], action, nodes)
+        self.qp = OcpQp(self.structure)
+        self.xs: Array = np.zeros((nodes + 1, action.state.nx))
+        self.us: Array = np.zeros((nodes, action.nu))
+        self.parameters: Array = np.zeros((nodes + 1, action.parameters.size))
+        stage = BatchKernel(matrices.packed(self.structure.blocks), progress)
+        terminal = BatchKernel(pack_terminal(action, self.structure.terminal_blocks), progress)
+        self.compiled = stage.compiled
+        self._stages = stage.bind(
+            nodes, x=self.xs, u=self.us, x_next=self.xs[1:], p=self.parameters, values=self.qp.values
+        )
+        self._terminal = terminal.bind(
+            1, x=self.xs[nodes:], p=self.parameters[nodes:], values=self.qp.terminal_values.reshape(1, -1)
+        )
         functions = [
-            _linearize(action, self.structure),
             kkt_function(self.structure, action.name),
             _retract(action, nodes),
             _advance(action, nodes),
             _difference(action),
         ]
         compiled = compile_functions(functions, progress=progress)
-        self.linearize: CompiledFunction = compiled[0]
-        self.kkt: CompiledFunction = compiled[1]
-        self.retract: CompiledFunction = compiled[2]
-        self.advance: CompiledFunction = compiled[3]
-        self.difference: CompiledFunction = compiled[4]
+        self.kkt: CompiledFunction = compiled[0]
+        self.retract: CompiledFunction = compiled[1]
+        self.advance: CompiledFunction = compiled[2]
+        self.difference: CompiledFunction = compiled[3]
 
-
-def _linearize(action: Action, structure: OcpQpStructure) -> ca.Function:
-    n = structure.nodes
-    stage = _packed(action.quadratic_function, structure.blocks)
-    terminal = _packed(action.terminal_quadratic_function, structure.terminal_blocks)
-    xs, us = ca.MX.sym("xs", action.state.nx, n + 1), ca.MX.sym("us", action.nu, n)
-    parameters = ca.MX.sym("parameters", action.parameters.size, n + 1)
-    values = stage.map(n)(xs[:, :n], us, xs[:, 1:], parameters[:, :n])
-    terminal_values = terminal(xs[:, n], parameters[:, n])
-    return ca.Function(
-        f"{action.name}_linearize_{n}",
-        [xs, us, parameters],
-        [values, terminal_values],
-        ["xs", "us", "parameters"],
-        ["values", "terminal_values"],
-    )
-
-
-def _packed(function: ca.Function, blocks: dict[str, Any]) -> ca.Function:
-    """Return the function with all outputs' stored entries in one column."""
-    inputs = function.sx_in()
-    outputs = dict(zip(function.name_out(), function.call(inputs), strict=True))
-    entries = [ca.vec(ca.project(outputs[name], block.sparsity()).nz[:]) for name, block in blocks.items()]
-    return ca.Function(f"{function.name()}_packed", inputs, [ca.densify(ca.vertcat(*entries))])
+    def linearize(self) -> None:
+        """Write the linear-quadratic problem around (xs, us)."""
+        self._stages()
+        self._terminal()
 
 
 def _retract(action: Action, nodes: int) -> ca.Function:

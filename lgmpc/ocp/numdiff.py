@@ -1,4 +1,4 @@
-"""Derivatives of actions and problems against central differences on the manifold."""
+"""Comparison of actions' and problems' derivatives with central differences on the manifold."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _MEANING = {
 
 @dataclass(frozen=True)
 class DerivativeCheck:
-    """One derivative at one point.
+    """The comparison of one derivative at one point.
 
     Attributes:
         action: name of the action.
-        node: of the problem, or number of the random point.
+        node: of the problem, or index of the random point.
         quantity: A, B, q, r, C, D or terminal q, as in :attr:`lgmpc.actions.Action.quadratic_function`.
         error: largest difference of an entry, relative to the largest entry (at least 1); NaN if one is not finite.
-        row: of that entry.
+        row: of the entry with the largest difference.
         column: of that entry, in tangent coordinates.
         analytic: its value.
         numeric: its value by central differences.
@@ -52,11 +52,11 @@ class DerivativeCheck:
 
 @dataclass(frozen=True)
 class DerivativeReport:
-    """What :func:`check_derivatives` found; ``print`` it.
+    """The result of :func:`check_derivatives`; ``print`` shows it.
 
     Attributes:
         checks: all of them.
-        tolerance: largest error of a derivative that counts as right.
+        tolerance: largest error of a correct derivative.
     """
 
     checks: tuple[DerivativeCheck, ...]
@@ -64,17 +64,17 @@ class DerivativeReport:
 
     @property
     def wrong(self) -> tuple[DerivativeCheck, ...]:
-        """The checks that failed, worst first; those that are not finite before all."""
+        """The failed checks: non-finite ones first, then by decreasing error."""
         failed = [check for check in self.checks if not check.error <= self.tolerance]
         return tuple(sorted(failed, key=lambda check: -np.inf if np.isnan(check.error) else -check.error))
 
     @property
     def passed(self) -> bool:
-        """Whether all derivatives are right."""
+        """Whether all derivatives are correct."""
         return not self.wrong
 
     def __str__(self) -> str:
-        """One line for all, or one for each derivative that is wrong."""
+        """Return one line for all, or one for each wrong derivative."""
         largest = max((check.error for check in self.checks), default=0.0)
         if self.passed:
             return f"{len(self.checks)} derivatives agree with central differences (largest error {largest:.1e})"
@@ -100,21 +100,21 @@ def check_derivatives(
 ) -> DerivativeReport:
     """Compare derivatives with central differences in tangent coordinates.
 
-    An action is checked at random points; a problem at every node, at a trajectory or at random points about its first
-    state. Where a function has a kink within a step (a barrier's edge, say), differences are wrong, not derivatives.
+    An action is checked at random points; a problem at every node of a trajectory or of random points about its first
+    state. Differences across a kink, such as the edge of a barrier, are wrong although the derivative is correct.
 
     Args:
-        subject: what to check.
+        subject: the action or problem.
         rng: for the random points; a generator of seed 0 unless given.
         trajectory: of the problem.
         parameters: (np,) of the action; their defaults unless given.
-        points: how many random points of an action.
+        points: number of random points of an action.
         spread: largest entry of the random tangent vectors and controls.
         step: of the differences.
         tolerance: see :class:`DerivativeReport`.
 
     Raises:
-        InputError: parameters of the wrong shape, or a trajectory that does not fit.
+        InputError: parameters or a trajectory of the wrong shape.
     """
     random = np.random.default_rng(0) if rng is None else rng
     checks: list[DerivativeCheck] = []

@@ -1,7 +1,7 @@
-"""Stages that Pinocchio evaluates, where others are compiled: what :class:`~lgmpc.compile.StageKernel` is to solvers.
+"""Stages evaluated by Pinocchio, with the interface of the compiled :class:`~lgmpc.compile.StageKernel`.
 
-Each kernel is bound to the same memory as its compiled twin, writes the same numbers there, and loops in Python. Where
-a stage has no solution, its numbers are NaN, as they would be from machine code.
+Each kernel is bound to the same memory as the compiled one, writes the same values, and loops in Python. Where a stage
+has no solution its values are NaN, as from machine code.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class NumericRollOut:
 
 
 class NumericSubproblem:
-    """The packed expansion of :class:`~lgmpc.ocp.SubproblemFunctions`, its entries at the places of ``blocks``."""
+    """The packed expansion of :class:`~lgmpc.ocp.SubproblemFunctions`, its entries stored according to ``blocks``."""
 
     def __init__(self, action: NumericContactAction, blocks: Mapping[str, Block]) -> None:
         self._action = action
@@ -99,7 +99,8 @@ class NumericSubproblem:
                     memory["values"][k] = np.nan
                     continue
                 for name, block in self._blocks.items():
-                    # Rows that the action does not have are zero between -1 and 1, its missing controls held at zero.
+                    # Rows that the action does not have are zero between -1 and 1; controls that it does not have are
+                    # fixed at zero.
                     dense = np.eye(*block.shape) if name == "R" else np.full(block.shape, _MISSING.get(name, 0.0))
                     own = np.asarray(getattr(m, name))
                     own = own if own.ndim == 2 else own.reshape(-1, 1)
@@ -115,7 +116,7 @@ _MISSING = {"lower": -1.0, "upper": 1.0}
 
 
 def _expand(action: NumericContactAction, memory: Mapping[str, Array], k: int) -> StageQuadratic | None:
-    """The expansion of stage k; None where there is none, because something is not finite or has no solution."""
+    """Return the expansion of stage k; None if a value is not finite or an equation has no solution."""
     x, u, p = memory["x"][k], memory["u"][k, : action.nu], memory["p"][k, : action.parameters.size]
     try:
         return action.quadratic(x, u, memory["x_next"][k], p)

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.actions import Action, StageValue
 from lgmpc.errors import InputError
+from lgmpc.notebook import html_table
+from lgmpc.ocp.files import read_arrays, write_arrays
+from lgmpc.state import StateMultibody
 from lgmpc.typing import Array
 
 __all__ = ["ShootingProblem", "Trajectory"]
+
+_SCHEMA = "lgmpc trajectory 1"
+_NEWTON_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -27,34 +34,52 @@ class Trajectory:
     xs: Array
     us: Array
 
+    def save(self, path: str | Path) -> Path:
+        """Write the trajectory to a file (npz, without pickle) and return its path.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        return write_arrays(path, _SCHEMA, {"xs": self.xs, "us": self.us})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Return the trajectory of a file of :meth:`save`.
+
+        Raises:
+            InputError: the file cannot be read, or contains something else.
+        """
+        found = read_arrays(path, _SCHEMA, ("xs", "us"))
+        return cls(found["xs"].astype(np.float64), found["us"].astype(np.float64))
+
 
 class ShootingProblem:
     """Minimise the cost of N intervals and of the last state, from a given first state, subject to the actions.
 
-    It holds data only; any solver takes it. The arrays are written in place between solves, through :meth:`set` (which
-    checks) or, in a loop without time for checks, through :meth:`view`.
+    It contains data only and is independent of solvers. The arrays are written in place between solves, by :meth:`set`
+    (checked) or, in control loops, through :meth:`view` (not checked).
 
-    The intervals may differ (flight, impact, stance): give a sequence of actions on the same state. Use one object for
-    what is the same, so that it is compiled once. Controls and parameters have as many columns as the largest action
-    needs; those that a node's own action does not use are ignored.
+    The intervals may differ (flight, impact, stance): pass a sequence of actions on the same state. Every distinct
+    object is compiled once. Controls and parameters have as many columns as the largest action requires; a node's
+    action ignores the others.
 
     Args:
         action: the interval, or one action an interval.
-        nodes: N, number of intervals; may be left out where a sequence is given.
-        terminal: the action whose terminal cost the last state pays; that of the last interval unless given.
+        nodes: N, number of intervals; optional for a sequence.
+        terminal: the action whose terminal cost applies to the last state; that of the last interval unless given.
 
     Attributes:
-        actions: (N) of them, one an interval.
+        actions: (N,) one an interval.
         terminal: see above.
         nodes: N.
         state: the space of all states.
         nu: dimension of the largest control.
-        parameters: (N+1, np) parameter vector of every node, its action's defaults at first; the last one belongs to
+        parameters: (N+1, np) parameter vector of every node, initially its action's defaults; the last one is that of
             the terminal cost.
-        x0: (nx,) first state, the neutral one at first.
+        x0: (nx,) first state, initially the neutral one.
 
     Raises:
-        InputError: no interval, as many actions as there are not intervals, or actions on different states.
+        InputError: no interval, a number of actions that is not ``nodes``, or actions on different states.
     """
 
     def __init__(
@@ -75,6 +100,21 @@ class ShootingProblem:
         for k, each in enumerate(every):
             self.parameters[k, : each.parameters.size] = each.parameters.default
         self.x0: Array = self.state.neutral()
+
+    def _repr_html_(self) -> str:
+        """Return a table of the horizon, its dimensions and its actions."""
+        counts: dict[str, int] = {}
+        for action in self.actions:
+            counts[action.name] = counts.get(action.name, 0) + 1
+        rows = [
+            ("intervals", self.nodes),
+            ("state", f"nx = {self.state.nx}, ndx = {self.state.ndx}"),
+            ("controls", self.nu),
+            ("parameters", f"{self.parameters.shape[1]} a node"),
+            ("actions", ", ".join(f"{count} x {name}" for name, count in counts.items())),
+            ("terminal", self.terminal.name),
+        ]
+        return html_table(type(self).__name__, rows)
 
     @property
     def uniform(self) -> bool:
@@ -101,11 +141,11 @@ class ShootingProblem:
         """Return a writable view (N+1, size) of one parameter at all nodes.
 
         Raises:
-            InputError: no such parameter (names the nearest), or not at the same place at all nodes.
+            InputError: no such parameter (names the nearest), or its slice differs between nodes.
         """
         places = [self.action_at(k).parameters[name] for k in range(self.nodes + 1)]
         if any(place != places[0] for place in places):
-            raise InputError(name, "actions that store it differently", "set(name, value), which finds each place")
+            raise InputError(name, "actions that store it differently", "set(name, value), which writes every slice")
         view: Array = self.parameters[..., places[0]]
         return view
 
@@ -119,7 +159,8 @@ class ShootingProblem:
             nodes: which, 0 to N (n of them); all whose action has the parameter unless given.
 
         Raises:
-            InputError: no such parameter or node, wrong shape, or not finite.
+            InputError: no such parameter or node, wrong shape, not finite, or of a sign that it cannot have (weights,
+                durations).
         """
         chosen = self._having(name) if nodes is None else list(nodes)
         for k in chosen:
@@ -134,6 +175,8 @@ class ShootingProblem:
         is_bound = name.endswith(("lower", "upper"))
         if np.isnan(array).any() or not (is_bound or np.isfinite(array).all()):
             raise InputError(name, "NaN or infinity", "no NaN" if is_bound else "finite values")
+        for action in {id(each): each for each in map(self.action_at, chosen)}.values():
+            action.parameters.parameter(name).check_sign(array)
         for i, (k, place) in enumerate(zip(chosen, places, strict=True)):
             self.parameters[k, place] = array[i] if array.ndim == 2 else array
 
@@ -162,15 +205,40 @@ class ShootingProblem:
         return action.evaluate(x, u[: action.nu], self.parameters[node, : action.parameters.size])
 
     def copy(self) -> ShootingProblem:
-        """A problem with the same actions and data of its own."""
-        twin = ShootingProblem(self.actions, terminal=self.terminal)
-        twin.parameters[...] = self.parameters
-        twin.x0[...] = self.x0
-        return twin
+        """Return a problem with the same actions and a copy of the data."""
+        result = ShootingProblem(self.actions, terminal=self.terminal)
+        result.parameters[...] = self.parameters
+        result.x0[...] = self.x0
+        return result
 
     def hold(self) -> Trajectory:
-        """The plainest guess: the first state at all nodes, no control."""
+        """Return the guess with the first state at all nodes and zero controls."""
         return Trajectory(np.tile(self.x0, (self.nodes + 1, 1)), np.zeros((self.nodes, self.nu)))
+
+    def quasi_static(self, xs: ArrayLike) -> Array:
+        """Return the controls (N, nu) under which the robot stays where it is, as well as it can.
+
+        Each minimises the distance of the next state from the state, in tangent coordinates; of several such controls
+        it is the smallest. It balances gravity, with the contacts of its node.
+
+        Args:
+            xs: (N, nx) or (N+1, nx) states; a robot's velocities are taken as zero.
+
+        Raises:
+            InputError: wrong shape, or not finite.
+        """
+        states = np.array(xs, dtype=np.float64)
+        if states.shape not in ((self.nodes, self.state.nx), (self.nodes + 1, self.state.nx)):
+            raise InputError("xs", f"shape {states.shape}", f"shape {(self.nodes, self.state.nx)}, or one row more")
+        if not np.isfinite(states).all():
+            raise InputError("xs", "NaN or infinity", "finite values")
+        if isinstance(self.state, StateMultibody):
+            states[:, self.state.nx - self.state.ndx // 2 :] = 0.0
+        us = np.zeros((self.nodes, self.nu))
+        for k, action in enumerate(self.actions):
+            p = self.parameters[k, : action.parameters.size]
+            us[k, : action.nu] = _holding_control(action, states[k], p)
+        return us
 
     def rollout(self, us: ArrayLike) -> Trajectory:
         """Simulate the dynamics from the first state under given controls (N, nu).
@@ -188,7 +256,7 @@ class ShootingProblem:
         return Trajectory(xs, controls)
 
     def check(self, guess: Trajectory) -> Trajectory:
-        """Return a guess as float64 arrays, once it fits.
+        """Return a guess as float64 arrays of the right shapes.
 
         Raises:
             InputError: wrong shapes.
@@ -205,12 +273,30 @@ class ShootingProblem:
         return Trajectory(*arrays)
 
     def _having(self, name: str) -> list[int]:
-        """Nodes whose action has a parameter; the error that names the nearest where there is none."""
+        """Return the nodes whose action has a parameter; raise the error that names the nearest if there is none."""
         chosen = [k for k in range(self.nodes + 1) if name in tuple(self.action_at(k).parameters)]
         if not chosen:
             known = {key: None for k in range(self.nodes + 1) for key in self.action_at(k).parameters}
             raise InputError("parameter", name, "a parameter of an action", tuple(known))
         return chosen
+
+
+def _holding_control(action: Action, x: Array, p: Array) -> Array:
+    """Return the control (nu,) with the least distance of the next state from the state, by Gauss-Newton steps."""
+    u = np.zeros(action.nu)
+    if action.nu == 0:
+        return u
+    least = np.inf
+    best = u
+    for _ in range(_NEWTON_STEPS):
+        found = action.quadratic_function(x=x, u=u, x_next=x, p=p)
+        gap = found["b"].full()[:, 0]
+        distance = float(np.linalg.norm(gap))
+        if not distance < (1.0 - 1e-6) * least:
+            break
+        least, best = distance, u
+        u = u - np.linalg.lstsq(found["B"].full(), gap, rcond=1e-10)[0]
+    return best
 
 
 def _one_each(action: Action | Sequence[Action], nodes: int | None) -> tuple[Action, ...]:

@@ -1,11 +1,11 @@
-"""The linear-quadratic problem that a solver's step is found from: one buffer of numbers, one pattern that names them.
+"""The linear-quadratic problem of a solver's step: one buffer of values and the sparsity pattern of its blocks.
 
     minimise    sum_k  1/2 [dx_k; du_k]^T [Q_k S_k^T; S_k R_k] [dx_k; du_k] + q_k^T dx_k + r_k^T du_k
                 + 1/2 dx_N^T Q_N dx_N + q_N^T dx_N
     subject to  dx_{k+1} = A_k dx_k + B_k du_k + b_k,     lower_k <= C_k dx_k + D_k du_k <= upper_k,    dx_0 given
 
-Only entries that are not structurally zero are stored, all blocks of a stage in a row, so that a compiled function
-writes the whole problem in one pass and a solver picks its matrices' values with one index array.
+Only entries that are not structurally zero are stored, all blocks of a stage in a row: a compiled function writes the
+whole problem in one pass, and a solver selects its matrices' values with one index array.
 """
 
 from __future__ import annotations
@@ -16,18 +16,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["Block", "KktResidual", "OcpQp", "OcpQpStructure", "kkt_function"]
 
-_STAGE = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
-_TERMINAL = ("Q", "q", "cost")
-
 
 @dataclass(frozen=True)
 class Block:
-    """Where a matrix's entries are stored.
+    """The places where a matrix's entries are stored.
 
     Attributes:
         shape: of the matrix (vectors have one column).
@@ -47,7 +43,7 @@ class Block:
         return np.arange(self.where.start, self.where.stop)
 
     def sparsity(self) -> ca.Sparsity:
-        """The pattern as CasADi's."""
+        """The pattern as a CasADi sparsity."""
         return ca.Sparsity.triplet(*self.shape, self.rows.tolist(), self.columns.tolist())
 
 
@@ -75,17 +71,9 @@ class OcpQpStructure:
     size: int
     terminal_size: int
 
-    @classmethod
-    def of(cls, action: Action, nodes: int) -> OcpQpStructure:
-        """Read the patterns off the action's functions."""
-        blocks, size = _blocks(action.quadratic_function, _STAGE)
-        terminal_blocks, terminal_size = _blocks(action.terminal_quadratic_function, _TERMINAL)
-        ng = blocks["lower"].shape[0]
-        return cls(nodes, action.state.ndx, action.nu, ng, blocks, terminal_blocks, size, terminal_size)
-
 
 class OcpQp:
-    """One linear-quadratic problem (see the module), on buffers that the caller writes and solvers read.
+    """One linear-quadratic problem (see the module) on buffers written by the caller and read by solvers.
 
     Args:
         structure: sizes and patterns.
@@ -101,12 +89,12 @@ class OcpQp:
         self.terminal_values: Array = np.zeros(structure.terminal_size) if terminal_values is None else terminal_values
 
     def vector(self, name: str) -> Array:
-        """View (N, n) of a stage vector that has no structural zeros (b, q, r, lower, upper, cost)."""
+        """Return a view (N, n) of a stage vector that has no structural zeros (b, q, r, lower, upper, cost)."""
         view: Array = self.values[:, self.structure.blocks[name].where]
         return view
 
     def dense(self, name: str) -> Array:
-        """Copy (N, rows, columns) of a stage matrix or vector with its zeros."""
+        """Return a copy (N, rows, columns) of a stage matrix or vector with its zeros."""
         block = self.structure.blocks[name]
         rows, columns = block.shape
         out = np.zeros((self.structure.nodes, rows * columns))
@@ -114,7 +102,7 @@ class OcpQp:
         return out.reshape(self.structure.nodes, rows, columns)
 
     def dense_terminal(self, name: str) -> Array:
-        """Copy (rows, columns) of a matrix or vector of the last node."""
+        """Return a copy (rows, columns) of a matrix or vector of the last node."""
         block = self.structure.terminal_blocks[name]
         out = np.zeros(block.shape)
         out[block.rows, block.columns] = self.terminal_values[block.where]
@@ -123,13 +111,13 @@ class OcpQp:
 
 @dataclass(frozen=True)
 class KktResidual:
-    """How far a point is from satisfying the optimality conditions, each in the largest absolute value of its rows.
+    """Residuals of the optimality conditions at a point, each the largest absolute value of its rows.
 
     Attributes:
         stationarity: gradient of the Lagrangian.
         dynamics: gaps between the stages.
         constraint: violation of the path constraint.
-        complementarity: smaller of a row's multiplier and its distance from the bound that the multiplier is of.
+        complementarity: smaller of a row's multiplier and its distance from the multiplier's bound.
     """
 
     stationarity: float
@@ -139,13 +127,13 @@ class KktResidual:
 
     @classmethod
     def of(cls, output: Array) -> KktResidual:
-        """Read the output of a :func:`kkt_function`; all NaN if the point was not finite."""
+        """Return the residual from the output of a :func:`kkt_function`; all NaN if the point was not finite."""
         *residuals, total = output.tolist()
         return cls(*residuals) if math.isfinite(total) else cls.unknown()
 
     @classmethod
     def unknown(cls) -> KktResidual:
-        """The residual of no point: NaN."""
+        """Return an unknown residual: NaN."""
         return cls(math.nan, math.nan, math.nan, math.nan)
 
     @property
@@ -155,16 +143,16 @@ class KktResidual:
 
 
 def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
-    """Function of the residual of the optimality conditions of an :class:`OcpQp` at a point.
+    """Return the function of the residual of an :class:`OcpQp`'s optimality conditions at a point.
 
     With costates lambda_1 .. lambda_N of the dynamics ``A dx + B du + b - dx+ = 0`` and multipliers mu of the path
-    constraint (positive where the upper bound holds, negative where the lower one does) the Lagrangian is stationary in
-    dx_1 .. dx_N and du_0 .. du_{N-1}. dx_0 is given: there is no condition on it.
+    constraint (positive at an active upper bound, negative at a lower one) the Lagrangian is stationary in
+    dx_1 .. dx_N and du_0 .. du_{N-1}. dx_0 is given: it has no condition.
 
     Returns:
         ``(values (size, N), terminal_values, dxs (ndx, N+1), dus (nu, N), costates (ndx, N), multipliers (ng, N)) ->
-        residual (5,)``: the attributes of :class:`KktResidual`, and the sum of the point's numbers, which is finite
-        only if they are. :meth:`KktResidual.of` reads it.
+        residual (5,)``: the attributes of :class:`KktResidual`, and the sum of the point's entries, which is finite
+        only if they are. :meth:`KktResidual.of` converts it.
     """
     n, ndx, nu, ng = structure.nodes, structure.ndx, structure.nu, structure.ng
     v, dx, dx_next = ca.SX.sym("v", structure.size), ca.SX.sym("dx", ndx), ca.SX.sym("dx_next", ndx)
@@ -190,7 +178,7 @@ def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
     gx_last = t["Q"] @ dxs[:, n] + t["q"]
     gx_inner = ca.horzcat(gx[:, 1:], gx_last) - cos
     stationarity = ca.fmax(ca.norm_inf(ca.vec(gx_inner)), ca.mmax(gu))
-    # Comparisons and maxima pass over NaN; a sum does not.
+    # Comparisons and maxima ignore NaN; a sum does not.
     total = sum((ca.sum1(ca.vec(point)) for point in (dxs, dus, cos, mus)), ca.MX(0))
     residual = ca.vertcat(stationarity, *(ca.mmax(e) for e in (gaps, outsides, looses)), total)
     inputs = [vs, vt, dxs, dus, cos, mus]
@@ -199,7 +187,7 @@ def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
 
 
 def _larger(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Elementwise maximum (by comparison: the C library's fmax is a call for each element)."""
+    """Return the elementwise maximum (by comparison: the C library's fmax is a call for each element)."""
     return ca.if_else(a > b, a, b)
 
 
@@ -208,22 +196,8 @@ def _smaller(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _largest(column: ca.SX) -> ca.SX:
-    """Largest absolute value; 0 of an empty column."""
+    """Return the largest absolute value; 0 for an empty column."""
     largest = ca.SX(0)
     for entry in ca.vertsplit(column) if column.numel() else ():
         largest = _larger(ca.fabs(entry), largest)
     return largest
-
-
-def _blocks(function: ca.Function, names: tuple[str, ...]) -> tuple[dict[str, Block], int]:
-    blocks: dict[str, Block] = {}
-    start = 0
-    for name in names:
-        sparsity = function.sparsity_out(name)
-        # Vectors are stored whole, so that they can be viewed as arrays.
-        if sparsity.size2() == 1 and name not in "ABCDQRS":
-            sparsity = ca.Sparsity.dense(*sparsity.shape)
-        rows, columns = (np.array(index, dtype=np.int64) for index in sparsity.get_triplet())
-        blocks[name] = Block(sparsity.shape, rows, columns, slice(start, start + rows.size))
-        start += rows.size
-    return blocks, start

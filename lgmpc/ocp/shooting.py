@@ -1,19 +1,21 @@
-"""What shooting methods call: expansion and roll-out of a whole horizon on shared arrays, without copies.
+"""Expansion and roll-out of a whole horizon on shared arrays, without copies, for shooting methods.
 
-Every distinct action is compiled once, whatever the horizon's length and wherever the action stands in it; consecutive
-nodes of the same action are one loop in C.
+Every distinct action is compiled once, for any horizon and any position in it; consecutive nodes of the same action are
+one loop in C.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import groupby
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
-from lgmpc.compile import StageKernel
+from lgmpc.compile import BatchKernel, Pipeline, StageKernel
+from lgmpc.ocp.packing import pipeline_of
 from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
@@ -46,8 +48,8 @@ class ShootingFunctions:
         last_gradient: (ndx,).
         feedback: (N, nu, ndx) K.
         feedforward: (N, nu) k.
-        u_lower: (N, nu) the roll-out keeps its controls above it; minus infinity at first.
-        u_upper: (N, nu) the same from above.
+        u_lower: (N, nu) lower bounds of the roll-out's controls; initially minus infinity.
+        u_upper: (N, nu) upper bounds; initially infinity.
         step_length: (1,) alpha.
         xs_try: (N+1, nx) the roll-out's states.
         us_try: (N, nu) its controls, ``u - alpha k - K (x_try (-) x)``.
@@ -86,6 +88,10 @@ class ShootingFunctions:
             if key not in kernels:
                 if isinstance(action, NumericContactAction) and write in _NUMERIC:
                     kernels[key] = _NUMERIC[write](action, nu)
+                elif write is _expansion and action.expansion is not None:
+                    kernels[key] = BatchKernel(_expansion_pipeline(action, nu), progress)
+                elif write in (_expansion, _last_expansion, _running_cost):
+                    kernels[key] = BatchKernel(write(action, nu), progress)
                 else:
                     kernels[key] = StageKernel(write(action, nu), progress)
             return kernels[key]
@@ -102,14 +108,22 @@ class ShootingFunctions:
                     gap=self.gaps[behind], cost=self.costs[k, None],
                 )
             )  # fmt: skip
+            simulated = {
+                "x": self.xs_try[k], "x_base": x, "u_base": u, "feedback": _flat(self.feedback[k]),
+                "feedforward": self.feedforward[k], "gap": self.gaps[behind], "lower": self.u_lower[k],
+                "upper": self.u_upper[k], "alpha": self.step_length, "p": p,
+                "x_next": self.xs_try[behind], "u": self.us_try[k],
+            }  # fmt: skip
+            cost = self.costs_try[k, None]
+            if action.expansion is None:
+                roll.append(kernel(_roll_out, action).bind(length, **simulated, cost=cost))
+                continue
+            # Costs do not depend on each other: they are evaluated after the roll-out, several at a time.
+            z = np.zeros((length, action.expansion.dynamics.numel_out(1)))
+            roll.append(kernel(_simulation, action).bind(length, **simulated, z=z))
             roll.append(
-                kernel(_roll_out, action).bind(
-                    length, x=self.xs_try[k], x_base=x, u_base=u, feedback=_flat(self.feedback[k]),
-                    feedforward=self.feedforward[k], gap=self.gaps[behind], lower=self.u_lower[k],
-                    upper=self.u_upper[k], alpha=self.step_length, p=p,
-                    x_next=self.xs_try[behind], u=self.us_try[k], cost=self.costs_try[k, None],
-                )
-            )  # fmt: skip
+                kernel(_running_cost, action).bind(length, x=self.xs_try[k], u=self.us_try[k], z=z, p=p, cost=cost)
+            )
         p_last = problem.parameters[n:]
         expand.append(
             kernel(_last_expansion, problem.terminal).bind(
@@ -139,7 +153,7 @@ class ShootingFunctions:
         self._difference()
 
     def accept(self) -> None:
-        """Move the point of expansion to the last roll-out."""
+        """Set the point of expansion to the last roll-out."""
         self.xs[...] = self.xs_try
         self.us[...] = self.us_try
 
@@ -149,7 +163,7 @@ def _flat(array: Array) -> Array:
 
 
 def runs_of(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
-    """Consecutive nodes of the same action: (action, first node, node behind the last)."""
+    """Yield runs of nodes of the same action: (action, first node, node after the last)."""
     runs, start = [], 0
     for _, group in groupby(actions, key=id):
         length = len(list(group))
@@ -159,7 +173,7 @@ def runs_of(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
 
 
 def _padded(matrix: ca.SX, rows: int, columns: int) -> ca.SX:
-    """The matrix with zero rows below and zero columns on the right."""
+    """Return the matrix with zero rows below and zero columns on the right."""
     wide = ca.horzcat(matrix, ca.SX(matrix.shape[0], columns - matrix.shape[1]))
     return ca.densify(ca.vertcat(wide, ca.SX(rows - wide.shape[0], columns)))
 
@@ -188,24 +202,57 @@ def _expansion(action: Action, nu: int) -> ca.Function:
     )
 
 
+def _expansion_pipeline(action: Action, nu: int) -> Pipeline:
+    """Return the pipeline with the results of :func:`_expansion`, for an action with an expansion in steps."""
+    assert action.expansion is not None
+    symbols = {name: ca.SX.sym(name, *pattern.shape) for name, pattern in action.expansion.columns.items()}
+    n = action.state.ndx + nu
+    outputs = {
+        "jacobian": _padded(symbols["jacobian"], action.state.ndx, n),
+        "hessian": ca.diagcat(symbols["hessian"], ca.SX.eye(nu - action.nu)),
+        "gradient": _padded(symbols["gradient"], n, 1),
+        "gap": symbols["gap"],
+        "cost": symbols["cost"],
+    }
+    return pipeline_of(f"{action.name}_expansion_{nu}", action, symbols, outputs)
+
+
 def _roll_out(action: Action, nu: int) -> ca.Function:
+    inputs, names, u, close = _under_feedback(action, nu)
+    x_next, cost, *_ = action.value_function.call([inputs[0], u[: action.nu], inputs[-1]])
+    outputs = [close(x_next), _padded(u[: action.nu], nu, 1), cost]
+    return ca.Function(f"{action.name}_roll_out_{nu}", inputs, outputs, names, ["x_next", "u", "cost"])
+
+
+def _simulation(action: Action, nu: int) -> ca.Function:
+    """Return the roll-out without costs, of the action's own parameters, with the unknowns z of its dynamics."""
+    assert action.expansion is not None
+    dynamics = action.expansion.dynamics
+    inputs, names, u, close = _under_feedback(action, nu)
+    inputs[-1] = ca.SX.sym("p", dynamics.numel_in(2))
+    x_next, z = dynamics.call([inputs[0], u[: action.nu], inputs[-1]])
+    outputs = [close(x_next), _padded(u[: action.nu], nu, 1), z]
+    return ca.Function(f"{dynamics.name()}_roll_out_{nu}", inputs, outputs, names, ["x_next", "u", "z"])
+
+
+def _running_cost(action: Action, nu: int) -> ca.Function:
+    assert action.expansion is not None
+    return action.expansion.cost
+
+
+def _under_feedback(action: Action, nu: int) -> tuple[list[Any], list[str], Any, Callable[[Any], Any]]:
+    """Return a roll-out's arguments and their names, its control, and the function that leaves its share of the gap."""
     state = action.state
     x, base, gap = ca.SX.sym("x", state.nx), ca.SX.sym("x_base", state.nx), ca.SX.sym("gap", state.ndx)
     u_base, forward, lower, upper = (ca.SX.sym(name, nu) for name in ("u_base", "feedforward", "lower", "upper"))
     back, alpha = ca.SX.sym("feedback", state.ndx, nu), ca.SX.sym("alpha")
     p = ca.SX.sym("p", action.parameters.size)
     u = u_base - alpha * forward - back.T @ state.diff_symbolic(base, x)
-    # By comparison, not with fmin and fmax: those would turn NaN into a bound.
+    # By comparison, not with fmin and fmax, which return the bound for NaN.
     u = ca.if_else(u < lower, lower, ca.if_else(u > upper, upper, u))
-    values = action.value_function.call([x, u[: action.nu], p])
-    x_next = state.integrate_symbolic(values[0], (alpha - 1) * gap)
-    return ca.Function(
-        f"{action.name}_roll_out_{nu}",
-        [x, base, u_base, back, forward, gap, lower, upper, alpha, p],
-        [x_next, _padded(u[: action.nu], nu, 1), values[1]],
-        ["x", "x_base", "u_base", "feedback", "feedforward", "gap", "lower", "upper", "alpha", "p"],
-        ["x_next", "u", "cost"],
-    )
+    inputs = [x, base, u_base, back, forward, gap, lower, upper, alpha, p]
+    names = ["x", "x_base", "u_base", "feedback", "feedforward", "gap", "lower", "upper", "alpha", "p"]
+    return inputs, names, u, lambda reached: state.integrate_symbolic(reached, (alpha - 1) * gap)
 
 
 _NUMERIC: dict[Callable[..., ca.Function], type[NumericExpansion] | type[NumericRollOut]] = {

@@ -1,10 +1,9 @@
-"""Direct multiple shooting: a problem as one CasADi nonlinear programme, for any of CasADi's solvers.
+"""Direct multiple shooting: a problem as one CasADi nonlinear programme, for CasADi's solvers.
 
 The variables are tangent vectors around a base trajectory (which is a parameter), so that states on manifolds need no
-unit-norm constraints; for a vector space they are plain differences. The gaps are stated in the same coordinates,
-``dx_{k+1} - f(x_k, u_k) (-) base_{k+1}``, so that each is linear in the state behind it, with the identity: the
-structure that Riccati-based solvers look for. Bock and Plitt, "A multiple shooting algorithm for direct solution of
-optimal control problems", IFAC World Congress 1984.
+unit-norm constraints. The gaps are written in the same coordinates, ``dx_{k+1} - f(x_k, u_k) (-) base_{k+1}``: each is
+linear in the next state with the identity as its Jacobian, the structure that Riccati-based solvers require. Bock and
+Plitt, "A multiple shooting algorithm for direct solution of optimal control problems", IFAC World Congress 1984.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ __all__ = ["MultipleShooting", "transcribe"]
 class MultipleShooting:
     """The nonlinear programme ``min f(z; p)  subject to  lower <= g(z; p) <= upper``.
 
-    z holds, interval after interval, du_k and dx_{k+1}; g holds, interval after interval, the gap of the dynamics and
-    the path constraint. p holds the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np).
+    z consists of du_k and dx_{k+1} of each interval, g of the gap of the dynamics and the path constraint of each
+    interval, p of the base states (N+1, nx), the base controls (N, nu) and the parameters (N+1, np).
 
     Attributes:
         programme: CasADi's dictionary with x, p, f and g.
@@ -66,7 +65,7 @@ class MultipleShooting:
         return np.concatenate([xs.ravel(), base.us.ravel(), problem.parameters.ravel()])
 
     def unpack(self, z: Array, p: Array) -> Trajectory:
-        """Return the trajectory that the variables z stand for."""
+        """Return the trajectory of the variables z."""
         n, nx = self.nodes, self.state.nx
         xs = p[: (n + 1) * nx].reshape(n + 1, nx).copy()
         us = p[(n + 1) * nx : (n + 1) * nx + n * max(self.nu)].reshape(n, max(self.nu)).copy()
@@ -96,7 +95,7 @@ class MultipleShooting:
 
 
 def transcribe(problem: ShootingProblem) -> MultipleShooting:
-    """Write a problem as one nonlinear programme, whose data (first state, parameters) are its parameters."""
+    """Return a problem as one nonlinear programme; first state and parameters are the programme's parameters."""
     state, n = problem.state, problem.nodes
     nx, ndx, nu, n_p = state.nx, state.ndx, problem.nu, problem.parameters.shape[1]
     runs = runs_of(problem.actions)
@@ -139,7 +138,7 @@ def transcribe(problem: ShootingProblem) -> MultipleShooting:
 
 
 def _interval(action: Action) -> tuple[ca.Function, ca.Function]:
-    """``(x, u, base behind, dx behind, p) -> (cost, [gap; path constraint])`` and ``p -> (lower, upper)``."""
+    """Return ``(x, u, next base, next dx, p) -> (cost, [gap; path constraint])`` and ``p -> (lower, upper)``."""
     state = action.state
     x, base, dx = ca.SX.sym("x", state.nx), ca.SX.sym("base", state.nx), ca.SX.sym("dx", state.ndx)
     u, p = ca.SX.sym("u", action.nu), ca.SX.sym("p", action.parameters.size)

@@ -1,15 +1,15 @@
 """Ready-made optimal control problems.
 
-A builder takes a robot and settings, and returns a :class:`Scenario`: the shooting problem, a guess to start from, and
-the figures by which a solution is judged.
+A builder takes a robot and settings, and returns a :class:`Scenario`: the shooting problem, an initial guess, and the
+figures of merit of a solution.
 
     scenario = build_gait(robot, GaitSettings(pattern="walk", cycles=2))
     solution = BoxFddp(scenario.problem).solve(scenario.guess)
     print(scenario.figures(solution.trajectory))
 
-Gaits that have no name are put together of phases (:class:`~lgmpc.locomotion.sequence.GaitSequence`), and
-:func:`build_legged` takes any of them along any motion of the base. Forces and margins of any trajectory, by
-Pinocchio, are in ``reactions`` and ``soles``.
+Other gaits are sequences of phases (:class:`~lgmpc.locomotion.sequence.GaitSequence`); :func:`build_legged` combines
+any of them with any motion of the base. ``reactions`` and ``soles`` compute forces and margins of any trajectory by
+Pinocchio.
 """
 
 from lgmpc.locomotion.sequence import GaitPhase

@@ -1,4 +1,4 @@
-"""Angles of attitudes, for figures and messages; nothing here is part of a cost."""
+"""Angles of attitudes, for figures and messages; no cost uses them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["angle_between", "rotation_of", "rpy_of", "tilt"]
 
 
 def rotation_of(x: Array) -> Array:
-    """Return (3, 3) the rotation of a state's free base."""
+    """Return (3, 3) the rotation of a state's free base, world from base."""
     return np.array(pin.Quaternion(x[3:7]).toRotationMatrix(), dtype=np.float64)
 
 

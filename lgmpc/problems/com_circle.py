@@ -1,6 +1,6 @@
-"""A robot on its feet draws a horizontal circle with its centre of mass.
+"""The centre of mass of a standing robot follows a horizontal circle.
 
-With the standard numbers on Solo12 it is the problem that mim_solvers benchmarks: radius 6.5 cm, 0.2 turns a second, 50
+With the defaults on Solo12 it is the benchmark problem of mim_solvers: radius 6.5 cm, 0.2 turns a second, 50
 intervals of 20 ms.
 """
 
@@ -36,13 +36,13 @@ class ComCircleWeights(Settings):
     posture: NonNegative = Field(default=0.5, description="Joints from the reference posture, 1/rad2.")
     velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
     effort: NonNegative = Field(
-        default=0.1, description="Torques from those that hold the robot at rest under its contact forces, 1/(N.m)2."
+        default=0.1, description="Torques from those that balance gravity and the contact forces, 1/(N.m)2."
     )
     cone: NonNegative = Field(default=1.0, description="Contact forces outside their friction cones, 1/N2.")
 
 
 class ComCircleSettings(ProblemSettings):
-    """A robot on its feet draws a horizontal circle with its centre of mass; contact forward dynamics."""
+    """The centre of mass of a standing robot follows a horizontal circle; contact forward dynamics."""
 
     kind: Literal["com_circle"] = Field(default="com_circle", description="The centre of mass follows a circle.")
     radius_m: Positive = Field(default=0.065, description="Radius of the circle, m; it begins at its foremost point.")
@@ -50,7 +50,7 @@ class ComCircleSettings(ProblemSettings):
     nodes: Count = Field(default=50, description="Number of intervals.")
     node_s: Interval = Field(default=0.02, description="Length of each interval, s.")
     friction: Friction = Field(
-        default=0.6, description="Friction coefficient of the cones that the contact forces are drawn into."
+        default=0.6, description="Friction coefficient of the cones, which contact forces leave at a cost."
     )
     weights: ComCircleWeights = Field(default=ComCircleWeights(), description="Weights of the cost.")
 
@@ -58,9 +58,9 @@ class ComCircleSettings(ProblemSettings):
 def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) -> Scenario:
     """Return the problem for a robot that stands in its reference posture, at rest.
 
-    Figures: ``com_error_m`` and ``com_rms_error_m``, distance of the centre of mass from its place on the circle;
-    ``foot_displacement_m``, of the feet from where they stood; ``friction_margin_n``, least distance of a contact force
-    from its cone: ``friction`` times its normal part minus its tangential one.
+    Figures: ``com_error_m`` and ``com_rms_error_m``, distance of the centre of mass from its reference on the circle;
+    ``foot_displacement_m``, of the feet from their initial positions; ``friction_margin_n``, least distance of a
+    contact force from its cone: ``friction`` times its normal part minus its tangential one.
 
     Raises:
         InputError: a robot without free base or contact frames.
@@ -91,7 +91,7 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
     problem.set("contact_points", stance.ravel())
     problem.set("com_reference", circle)
     for name, weight in (("com", w.com), ("speed", w.com_velocity), ("posture", deviation)):
-        # Terminal costs are not multiplied by a duration: the last node should count like the others.
+        # Terminal costs are not multiplied by a duration: these weights make the last node count like the others.
         problem.set(f"{name}_weight", s.node_s * np.asarray(weight), [s.nodes])
     problem.set_initial_state(robot.x_reference)
     durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)

@@ -1,8 +1,8 @@
 """A multirotor flies through waypoints, at some of them in given attitudes, such as upside down, and ends at rest.
 
 Attitudes are given as rotation vectors, which may be longer than half a turn: ``[0, -180, 0]`` and then
-``[0, -360, 0]`` is a loop, nose up, while the second alone would be the attitude of the start. The cost depends
-on the attitudes only, as matrices, and has no branch at any angle; the vectors set the guess's sense of rotation.
+``[0, -360, 0]`` is a loop, nose up, while the second alone would be the initial attitude. The cost depends on the
+attitudes as matrices, without singularity at any angle; the vectors set the sense of rotation of the initial guess.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _INTEGRATORS = {"rk4": RungeKutta4, "semi_implicit_euler": SemiImplicitEuler}
 
 
 class FlightWaypoint(Settings):
-    """A place and, if it matters, an attitude at a time."""
+    """A position and, if given, an attitude at a time."""
 
-    name: str = Field(min_length=1, description="For the replay.")
-    time_s: Positive = Field(description="When, s; a multiple of problem.node_s.")
+    name: str = Field(min_length=1, description="Name in the replay.")
+    time_s: Positive = Field(description="Time, s; a multiple of problem.node_s.")
     position_m: Vector3 = Field(description="[x, y, z] of the body, world axes, m.")
     rotation_deg: Vector3 | None = Field(
         default=None,
@@ -57,8 +57,8 @@ class FlightSettings(ProblemSettings):
     """A multirotor flies through waypoints and comes to rest at the last; thrusts are bounded."""
 
     kind: Literal["flight"] = Field(default="flight", description="A multirotor flies through waypoints.")
-    rotors: MultirotorSettings = Field(description="The rotors, of which the URDF has only the places.")
-    start_m: Vector3 = Field(description="[x, y, z] where it hovers at first, level, world axes, m.")
+    rotors: MultirotorSettings = Field(description="The rotors, at frames of the URDF.")
+    start_m: Vector3 = Field(description="[x, y, z] of the body, which hovers level at first, world axes, m.")
     waypoints: Annotated[tuple[FlightWaypoint, ...], Field(min_length=1)] = Field(
         description="In the order of their times."
     )
@@ -72,15 +72,14 @@ class FlightSettings(ProblemSettings):
 
 
 def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
-    """Return the problem for a vehicle that hovers at the start; its thrusts are bounds on the controls.
+    """Return the problem for a vehicle that hovers at the start; its thrust limits are bounds on the controls.
 
     Figures: ``waypoint_error_m``, the largest; ``waypoint_rotation_error_deg``, the largest where an attitude is given;
     ``inverted_tilt_deg``, the largest tilt of those waypoints, 180 if it is upside down there; ``final_error_m``,
     ``final_tilt_deg`` and ``final_speed_m_s``; and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
-        InputError: a robot that is no vehicle of these rotors, or waypoints that are not ahead of each other on the
-            grid.
+        InputError: a robot that is no vehicle of these rotors, or waypoints whose times do not increase on the grid.
     """
     s, w = settings, settings.weights
     vehicle = Multirotor.of(robot, s.rotors)
@@ -98,7 +97,7 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     )
     problem.set("duration", s.node_s)
     for k, waypoint in zip(nodes, s.waypoints, strict=True):
-        # Running costs are multiplied by the duration; a waypoint counts as much wherever it is.
+        # Running costs are multiplied by the duration; the weight of a waypoint does not depend on its node.
         scale = 1.0 if k == n else 1.0 / s.node_s
         problem.set("position_reference", waypoint.position_m, [k])
         problem.set("position_weight", scale * w.position, [k])
@@ -142,7 +141,7 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
 
 
 def _nodes(s: FlightSettings) -> tuple[int, ...]:
-    """The node of each waypoint."""
+    """Return the node of each waypoint."""
     found, last = [], 0
     for waypoint in s.waypoints:
         node = round(waypoint.time_s / s.node_s)

@@ -1,4 +1,4 @@
-"""Where feet go: the base's commanded path, the footholds below it, and the swings between them."""
+"""Footsteps: the base's commanded path, the footholds along it, and the swings between them."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ __all__ = ["BaseLeap", "BaseMotion", "BasePath", "Footsteps", "SwingCurve"]
 
 
 class BaseMotion(Protocol):
-    """Where the base is commanded to be: at rest before ``start`` and after ``stop``."""
+    """The commanded motion of the base: at rest before ``start`` and after ``stop``."""
 
     @property
     def start(self) -> float:
-        """When it begins to move, s."""
+        """Time at which it begins to move, s."""
 
     @property
     def stop(self) -> float:
-        """When it is at its goal, s."""
+        """Time at which it is at its goal, s."""
 
     def placements(self, times: ArrayLike) -> Array:
-        """Return (..., 4, 4) the motion since the start, in axes at the base's first place that are the world's."""
+        """Return (..., 4, 4) the motion since the start, in world axes at the base's initial position."""
 
     def velocities(self, times: ArrayLike) -> Array:
-        """Return (..., 6) [linear; angular] velocity in those axes, moved along, m/s and rad/s."""
+        """Return (..., 6) [linear; angular] velocity in axes that move along, m/s and rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,12 @@ class BasePath:
 
     Attributes:
         twist: (6,) [linear; angular] velocity between the ramps, m/s and rad/s, in axes that move along.
-        start: when it begins to move, s.
-        stop: when it stands still again, s.
-        ramp: s, at most half of the time between; 0 for a speed that jumps.
+        start: time at which it begins to move, s.
+        stop: time at which it is at rest again, s.
+        ramp: s, at most half of the time between; 0 for steps of the speed.
 
     Raises:
-        InputError: times in another order, a ramp that does not fit, or a twist that is not six finite numbers.
+        InputError: times that do not increase, a ramp that is too long, or a twist that is not six finite numbers.
     """
 
     twist: Array
@@ -74,7 +74,7 @@ class BasePath:
         return cls(np.array([ahead, left, 0.0, 0.0, 0.0, yaw_rate]), start, stop, ramp)
 
     def progress(self, times: ArrayLike) -> Array:
-        """Return (...) for how long, s, the full twist would have led as far as the base is at ``times``."""
+        """Return (...) the time, s, in which the full twist covers the distance covered at ``times``."""
         whole, r = self.stop - self.start, self.ramp
         t = np.clip(np.asarray(times, dtype=np.float64) - self.start, 0.0, whole)
         if r == 0.0:
@@ -96,17 +96,17 @@ class BasePath:
 
 @dataclass(frozen=True, eq=False)
 class BaseLeap:
-    """A base that is thrown: it flies on a parabola and turns at a constant rate, at rest before and after.
+    """A base in ballistic flight: on a parabola and turning at a constant rate, at rest before and after.
 
     Attributes:
         displacement: (3,) from take-off to landing, m.
-        yaw: by which it turns, rad.
+        yaw: angle by which it turns, rad.
         start: of the flight, s.
         stop: of the flight, s.
         gravity: m/s2.
 
     Raises:
-        InputError: times in another order, or a displacement that is not three finite numbers.
+        InputError: times that do not increase, or a displacement that is not three finite numbers.
     """
 
     displacement: Array
@@ -141,17 +141,17 @@ class BaseLeap:
 
 @dataclass(frozen=True, eq=False)
 class SwingCurve:
-    """A foot's reference through the air: at rest, without acceleration, at both ends.
+    """Reference of a foot in the air: velocity and acceleration are zero at both ends.
 
-    With ``s`` from 0 to 1, ``start + (end - start)(10 s^3 - 15 s^4 + 6 s^5)`` (the line of least jerk: Flash and Hogan,
+    With ``s`` from 0 to 1, ``start + (end - start)(10 s^3 - 15 s^4 + 6 s^5)`` (minimum jerk: Flash and Hogan,
     J. Neurosci. 5, 1985) plus ``64 height s^3 (1 - s)^3`` upwards, whose apex is at half time.
 
     Attributes:
-        start: (3,) where the foot leaves the ground, world, m.
-        end: (3,) where it comes down.
+        start: (3,) position at lift-off, world, m.
+        end: (3,) position at touchdown, world, m.
         height: of the apex above the line, m.
-        liftoff: s.
-        touchdown: s.
+        liftoff: time, s.
+        touchdown: time, s.
     """
 
     start: Array
@@ -161,7 +161,7 @@ class SwingCurve:
     touchdown: float
 
     def positions(self, times: ArrayLike) -> Array:
-        """Return (..., 3) where the foot is at ``times``; at its ends before and after."""
+        """Return (..., 3) the positions at ``times``, world, m; those of the ends before and after."""
         s = np.clip((np.asarray(times, dtype=np.float64) - self.liftoff) / (self.touchdown - self.liftoff), 0.0, 1.0)
         line = s**3 * (10.0 + s * (6.0 * s - 15.0))
         points = self.start + line[..., None] * (self.end - self.start)
@@ -171,11 +171,11 @@ class SwingCurve:
 
 @dataclass(frozen=True, eq=False)
 class Footsteps:
-    """Where each foot is at any time of a gait.
+    """Positions of the feet over a gait.
 
     Attributes:
-        start: (nc, 3) the feet's places at time 0, world, m.
-        swings: for each foot its swings in order of time; it stands in between.
+        start: (nc, 3) the feet's positions at time 0, world, m.
+        swings: for each foot its swings in order of time; it is on the ground in between.
     """
 
     start: Array
@@ -183,19 +183,19 @@ class Footsteps:
 
     @classmethod
     def plan(cls, gait: GaitSequence, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> Footsteps:
-        """Put the footholds where the feet would be if they were fixed to the base at the middle of each stance.
+        """Return footsteps whose footholds are the nominal foot positions at the middle of each stance.
 
-        So the leg is as far ahead at touchdown as it is behind at lift-off (Raibert, "Legged robots that balance",
-        1986). The last stance of each foot goes on for ever: its foothold is that of the motion's end.
+        Nominal positions are fixed to the base; the leg is as far ahead at touchdown as behind at lift-off (Raibert,
+        "Legged robots that balance", 1986). The foothold of each foot's last stance is that of the motion's end.
 
         Args:
             gait: every swing of it begins and ends.
             motion: of the base.
-            start: (nc, 3) the feet's places at time 0, world, m.
-            origin: (3,) place of the base at time 0.
+            start: (nc, 3) the feet's positions at time 0, world, m.
+            origin: (3,) position of the base at time 0, world, m.
 
         Raises:
-            InputError: a foot that is in the air at the gait's beginning or end, or places of another shape.
+            InputError: a foot that is in the air at the gait's beginning or end, or positions of another shape.
         """
         places, base = np.array(start, dtype=np.float64), np.asarray(origin, dtype=np.float64)
         if places.shape != (len(gait.feet), 3) or not np.isfinite(places).all():
@@ -206,7 +206,7 @@ class Footsteps:
         )
 
     def positions(self, times: ArrayLike) -> Array:
-        """Return (..., nc, 3) where the feet are at ``times``, m."""
+        """Return (..., nc, 3) the feet's positions at ``times``, world, m."""
         t = np.asarray(times, dtype=np.float64)
         points = np.broadcast_to(self.start, (*t.shape, *self.start.shape)).copy()
         for i, swings in enumerate(self.swings):
@@ -238,4 +238,4 @@ def _finite(name: str, values: ArrayLike, size: int) -> Array:
 
 def _check_times(start: float, stop: float) -> None:
     if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
-        raise InputError("start, stop", f"{start}, {stop}", "two finite times, rising")
+        raise InputError("start, stop", f"{start}, {stop}", "two finite, increasing times")

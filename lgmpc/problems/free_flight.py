@@ -1,4 +1,4 @@
-"""The motion of a robot in the air: an independent simulation of a plan, and clearances of the robot's parts."""
+"""The motion of a robot in free flight: independent simulation of a plan, and clearances between links."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from lgmpc.typing import Array
 __all__ = ["MOST_STEPS", "Flown", "clearances", "refly", "spins", "trunk_spins"]
 
 MOST_STEPS = 40_000
-"""Steps of the longest simulated flight: 10 s in steps of 0.25 ms, a fall of 490 m."""
+"""Steps of the longest simulated flight: 10 s in steps of 0.25 ms."""
 
 _SAMPLES = 5
-"""Spheres along a shank, knee and foot included."""
+"""Number of spheres along a shank, knee and foot included."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A plan carried out.
+    """The simulation of a plan.
 
     Attributes:
         x: (nx,) last state.
-        spin: largest change of the angular momentum about the centre of mass on the way, N.m.s.
+        spin: largest change of the angular momentum about the centre of mass, N.m.s.
         path_error: largest distance of a joint from its planned path, rad.
     """
 
@@ -40,11 +40,11 @@ class Flown:
 def refly(
     robot: Robot, plan: Trajectory, times: Array, stiffness: float, damping: float, step: float = 2.5e-4
 ) -> Flown:
-    """Carry out a plan with its torques and a PD controller of each joint on its planned path.
+    """Simulate a plan: its torques and, for each joint, a PD controller on the planned path.
 
-    By other methods than any solver's: Pinocchio's articulated-body algorithm and Runge and Kutta's method on the
+    The methods are independent of the solvers': Pinocchio's articulated-body algorithm and a Runge-Kutta method on the
     configuration's group, in steps much finer than the plan's. The torques, constant over a step and clipped to the
-    limits, are internal: they cannot give the robot any angular momentum, whatever the plan's integrator did.
+    limits, are internal: they do not change the angular momentum, whatever the errors of the plan's integrator.
 
     Args:
         robot: with a free base and joints of one angle each.
@@ -52,14 +52,14 @@ def refly(
         times: (N+1,) of the nodes, s.
         stiffness: of the joints' controllers, N.m/rad.
         damping: of the joints' controllers, N.m.s/rad.
-        step: longest, s.
+        step: largest, s.
 
     Raises:
         InputError: a flight of more than :data:`MOST_STEPS`.
     """
     if times[-1] - times[0] > MOST_STEPS * step:
         raise InputError("times", f"a flight of {times[-1] - times[0]:g} s", f"at most {MOST_STEPS * step:g} s")
-    from scipy.interpolate import CubicHermiteSpline  # not above: it takes longer to load than all problems
+    from scipy.interpolate import CubicHermiteSpline  # here, because it takes longer to import than all problems
 
     model, data, nq = robot.model, robot.create_data(), robot.nq
     angles, rates = plan.xs[:, robot.joint_q], plan.xs[:, nq:][:, robot.joint_v]
@@ -87,7 +87,7 @@ def spins(robot: Robot, xs: Array) -> Array:
 
 
 def trunk_spins(robot: Robot, xs: Array) -> Array:
-    """Return (n, 3) the part of the base's own body in :func:`spins`, about its own centre of mass, base axes."""
+    """Return (n, 3) the angular momentum of the base's link about its own centre of mass, base axes, N.m.s."""
     inertia = robot.model.inertias[1].inertia
     return np.array([inertia @ x[robot.nq + 3 : robot.nq + 6] for x in xs])
 
@@ -95,11 +95,11 @@ def trunk_spins(robot: Robot, xs: Array) -> Array:
 def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, float]:
     """Return the least distance of a shank from the trunk, and of two shanks from each other, m.
 
-    A shank is a row of spheres as large as the feet, from the last joint before a contact frame to that frame; the
-    trunk a box about the base's origin. Negative distances of shanks are overlaps.
+    A shank is a row of spheres of the feet's radius, from the last joint before a contact frame to that frame; the
+    trunk is a box about the base's origin. Shanks at negative distances overlap.
 
     Args:
-        robot: with feet.
+        robot: with contact frames.
         xs: (n, nx) states.
         trunk_half_size: (3,) of the box, m.
     """
@@ -123,7 +123,7 @@ def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, 
 
 
 def _runge_kutta(model: pin.Model, data: pin.Data, x: Array, effort: Array, h: float) -> Array:
-    """One step of the classical method, commutator-free on the group (Celledoni, Marthinsen, Owren, 2003)."""
+    """Return the state after a classical step, commutator-free on the group (Celledoni, Marthinsen, Owren, 2003)."""
     q, v = x[: model.nq], x[model.nq :]
     a = pin.aba(model, data, q, v, effort).copy()
     v2, q2 = v + h / 2 * a, pin.integrate(model, q, h / 2 * v)

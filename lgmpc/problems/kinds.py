@@ -1,4 +1,4 @@
-"""The kinds of problems that a config can name.
+"""The kinds of problems of configs.
 
 A new kind is one file, with its settings (``kind: Literal["<kind>"]`` among them) and a function that builds a
 :class:`~lgmpc.problems.Scenario` from a robot and these settings, and one line below. ``lgmpc schema --out
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     AnyProblemSettings = ProblemSettings
 else:
     AnyProblemSettings = Annotated[Union[tuple(_KINDS)], Field(discriminator="kind")]  # noqa: UP007
-    """The settings of one kind of problem; the key ``kind`` selects which."""
+    """The settings of one kind of problem, selected by the key ``kind``."""
 
 
 def build_problem(robot: Robot, settings: ProblemSettings) -> Scenario:
     """Return the problem that ``settings`` describe.
 
     Raises:
-        InputError: at a key of ``settings``, or at ``robot``, what this robot cannot do.
+        InputError: for a key of ``settings``, or for ``robot``, that this problem cannot use.
     """
     return _KINDS[type(settings)](robot, settings)

@@ -1,4 +1,4 @@
-"""Where a robot's points are along a trajectory: by Pinocchio, independently of the expressions that are optimised."""
+"""Kinematics along a trajectory by Pinocchio, independent of the optimised expressions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def com_speed(robot: Robot, x: Array) -> float:
 
 
 def joint_limit_violation(robot: Robot, xs: Array) -> float:
-    """Return by how much any joint, each of one number, ever passes its position limits, rad or m; 0 if none does."""
+    """Return the largest violation of position limits by joints of one coordinate, rad or m; 0 if there is none."""
     joints = xs[:, robot.joint_q]
     return float(np.maximum(robot.joint_lower - joints, joints - robot.joint_upper).max(initial=0.0))
 

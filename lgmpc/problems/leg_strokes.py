@@ -1,9 +1,9 @@
-"""Strokes of the legs that turn a robot in the air, and where they take a robot without angular momentum.
+"""Cyclic strokes of the legs, and the rotation that they cause without angular momentum.
 
-Swung one way stretched and back folded, legs come back to where they were and the robot does not: the trunk's angular
-velocity is ``-A(q_j) q_j'`` with the mechanical connection A, the inertia of everything over that of the legs in the
-way of their swing, and A is larger for stretched legs. What is left after a cycle is A's curvature over the area that
-the cycle encloses in the joints' space (chapter 4.16; Montgomery, "Gauge theory of the falling cat", 1993).
+The legs swing one way stretched and back folded: after a cycle the joints are where they were, the trunk is not. Its
+angular velocity is ``-A(q_j) q_j'`` with the mechanical connection A, which is larger for stretched legs; the rotation
+of a small cycle is the integral of A's curvature over the area that the cycle encloses in joint space (Montgomery,
+"Gauge theory of the falling cat", 1993).
 """
 
 from __future__ import annotations
@@ -29,39 +29,39 @@ if TYPE_CHECKING:
 __all__ = ["LegStrokes", "falling_motion"]
 
 _SUBSTEPS = 8
-"""Steps of the trunk's attitude within an interval."""
+"""Integration steps of the trunk's attitude in an interval."""
 
 
 class LegStrokes(Settings):
-    """Cycles of the joints about the middle of two postures, one a quarter of a cycle after the other.
+    """Cycles of the joints between two postures, with a sweep a quarter of a cycle out of phase.
 
-    At the phase phi they are at ``(stretched + folded) / 2 + (stretched - folded) / 2 cos(phi) + sweep sin(phi)``; the
-    sweep's sign is that of the motion while they are stretched.
+    At the phase phi the joints are at ``(stretched + folded) / 2 + (stretched - folded) / 2 cos(phi) + sweep
+    sin(phi)``; the sweep's sign is that of the motion while they are stretched.
     """
 
     stretched_rad: dict[str, Finite] = Field(
-        description="Posture in which they swing forth, {joint name or pattern: rad}; joints not named are at 0."
+        description="Posture in which the legs swing forth, {joint name or pattern: rad}; joints not named are at 0."
     )
-    folded_rad: dict[str, Finite] = Field(description="Posture in which they swing back, {joint name or pattern: rad}.")
+    folded_rad: dict[str, Finite] = Field(
+        description="Posture in which the legs swing back, {joint name or pattern: rad}."
+    )
     sweep_rad: dict[str, Finite] = Field(
         description="Amplitude of the swing, {joint name or pattern: rad}; the robot turns against its sign."
     )
     count: Count = Field(default=5, description="Number of cycles.")
-    ramp_s: Positive = Field(
-        default=0.12, description="Time in which they begin from the reference posture, and end in it, s."
-    )
+    ramp_s: Positive = Field(default=0.12, description="Time of the transitions from and to the reference posture, s.")
 
     def joints(self, robot: Robot, times: Array) -> CubicSpline:
         """Return the joints' path (nu,) over time, at rest in the reference posture at both ends.
 
         Args:
-            robot: whose joints have one angle each.
+            robot: with joints of one angle each.
             times: (N+1,) of the nodes, s.
 
         Raises:
-            InputError: a name that no joint has, or ramps longer than the motion.
+            InputError: an unknown joint name, or ramps longer than the motion.
         """
-        from scipy.interpolate import CubicSpline  # not above: it takes longer to load than all problems
+        from scipy.interpolate import CubicSpline  # here, because it takes longer to import than all problems
 
         duration = float(times[-1] - times[0])
         if not 0.0 < 2.0 * self.ramp_s <= duration:
@@ -78,15 +78,15 @@ class LegStrokes(Settings):
 
 
 def falling_motion(robot: Robot, x0: Array, joints: CubicSpline, times: Array) -> Trajectory:
-    """Return how a robot falls without angular momentum while its joints move, and the torques of it.
+    """Return the fall of a robot without angular momentum along a path of its joints, with its torques.
 
-    The centre of mass follows its parabola; the base's velocity is the one that leaves the momentum as it is; torques
-    are those of the mean motion of each interval, clipped to the limits. In the continuous limit it is exact.
+    The centre of mass follows its parabola; the base's velocity conserves the momentum; torques are those of the mean
+    motion of each interval, clipped to the limits. Exact in the continuous limit.
 
     Args:
         robot: with a free base.
-        x0: (nx,) first state; its joints are at rest where the path begins, and it does not turn.
-        joints: their path.
+        x0: (nx,) first state: joints at rest at the beginning of the path, no rotation.
+        joints: the path of the joints.
         times: (N+1,) of the nodes, s.
     """
     model, data, nq = robot.model, robot.create_data(), robot.nq
@@ -118,7 +118,7 @@ def _base_velocity(robot: Robot, data: pin.Data, q: Array, rates: Array, momentu
 
 
 def _torques(robot: Robot, data: pin.Data, x: Array, after: Array, h: float) -> Array:
-    """Return (nu,) the torques of the mean motion of an interval; nothing pushes the base."""
+    """Return (nu,) the torques of the mean motion of an interval, without external forces."""
     model, nq = robot.model, robot.nq
     q = pin.interpolate(model, x[:nq], after[:nq], 0.5)
     v, a = (x[nq:] + after[nq:]) / 2.0, (after[nq:] - x[nq:]) / h
@@ -137,7 +137,7 @@ def _by_joint(robot: Robot, key: str, values: Mapping[str, float]) -> Array:
 
 
 def _smooth(s: Array) -> Array:
-    """Rise from 0 to 1, with two derivatives of zero at both ends."""
+    """Return the smooth step from 0 to 1 whose first two derivatives are zero at both ends."""
     s = np.clip(s, 0.0, 1.0)
     risen: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     return risen

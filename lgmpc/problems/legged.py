@@ -1,4 +1,4 @@
-"""Walking, trotting and jumping robots: full-body problems that follow from a gait and a motion of the base."""
+"""Full-body problems of gaits and jumps, defined by a sequence of contacts and a motion of the base."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["build_gait", "build_jump", "build_legged"]
 
 
 def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
-    """Return the problem of a robot that goes at a commanded velocity. Figures: :class:`LeggedFigures`.
+    """Return the problem of a gait at a commanded velocity. Figures: :class:`LeggedFigures`.
 
     Raises:
         InputError: as :func:`build_legged`, or a ramp longer than half of the time in which feet swing.
@@ -41,7 +41,7 @@ def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
 
 
 def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
-    """Return the problem of a robot that jumps. Figures: :class:`LeggedFigures`.
+    """Return the problem of a jump. Figures: :class:`LeggedFigures`.
 
     Raises:
         InputError: as :func:`build_legged`.
@@ -61,17 +61,17 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
 def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
     """Return the problem of any gait along any motion of the base.
 
-    The guess is the posture carried along, and the torques that hold it at rest.
+    The guess is the reference posture moved with the base, and the torques that balance it at rest.
 
     Args:
         name: a C identifier.
-        robot: stands in its reference posture at first.
+        robot: initially at rest in its reference posture.
         gait: of all its contact frames, with every foot on the ground at beginning and end.
         motion: of its base.
         settings: of weights, friction and grid.
 
     Raises:
-        InputError: a robot without free base or feet, or a gait that does not fit.
+        InputError: a robot without free base or contact frames, or a gait of other feet.
     """
     _check_robot(robot)
     if gait.feet != robot.contact_frames:
@@ -108,7 +108,7 @@ def _check_robot(robot: Robot) -> None:
 
 
 def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
-    """Return (N+1, nx) the reference posture carried along."""
+    """Return (N+1, nx) the reference posture moved with the base."""
     states = np.tile(robot.x_reference, (len(times), 1))
     position, turn = robot.q_reference[:3], np.asarray(pin.Quaternion(robot.q_reference[3:7]).matrix())
     for x, moved, velocity in zip(states, motion.placements(times), motion.velocities(times), strict=True):
@@ -119,7 +119,7 @@ def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
 
 
 def _guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
-    """Return the reference, at rest unless it flies: a base that moves over feet that do not is far from any motion."""
+    """Return the reference, at rest except in flight: a base that moves over resting feet is no feasible motion."""
     states = reference.copy()
     states[:-1][~grid.flight, robot.nq :] = 0.0
     states[-1, robot.nq :] = 0.0

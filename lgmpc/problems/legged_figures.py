@@ -1,4 +1,4 @@
-"""What a legged motion is judged by: Pinocchio recomputes it from states and torques."""
+"""Figures of merit of legged motions, recomputed by Pinocchio from states and torques."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ __all__ = ["LeggedFigures"]
 
 @dataclass(frozen=True, eq=False)
 class LeggedFigures:
-    """Measures a robot's motion in a gait.
+    """Figures of a robot's motion in a gait.
 
     Attributes:
-        robot: whose motion.
-        grid: its intervals.
-        steps: where its feet are meant to be.
-        motion: of its base, as commanded.
+        robot: the robot.
+        grid: the intervals.
+        steps: reference positions of the feet.
+        motion: commanded motion of the base.
         friction: coefficient of the ground.
     """
 
@@ -38,18 +38,18 @@ class LeggedFigures:
     friction: float
 
     def measure(self, trajectory: Trajectory) -> dict[str, float]:
-        """Return all figures by name; the unit is the end of the name.
+        """Return all figures by name, which ends in the unit.
 
         forward_distance_m, goal_error_m, goal_rotation_error_deg: of the base at the end, from its start and its goal.
         final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. com_rise_m:
         highest centre of mass above its first. swing_height_m: apex of the lowest swing above its line.
-        foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: of feet
-        that come down. slip_m: largest way of a foot on the ground from where it came down. friction_ratio: largest
-        tangential force over what friction allows; normal_force_n: the smallest; peak_force_n: the largest.
-        impact_cone_violation_ns: of impulses beyond friction, or that pull. effort_ratio, joint_velocity_ratio:
-        largest, over the limits. joint_limit_violation_rad: beyond the limits. dynamics_misfit_ratio: what the forces
-        leave of the equations of motion, over the weight; at impacts over the momentum that weight gives within a
-        second. flight_com_error_m, flight_spin_ratio: see :meth:`flight`.
+        foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: at
+        touchdown. slip_m: largest distance of a foot on the ground from its touchdown position. friction_ratio: largest
+        ratio of tangential force to its limit; normal_force_n: the smallest; peak_force_n: the largest.
+        impact_cone_violation_ns: of impulses outside the cone. effort_ratio, joint_velocity_ratio: largest ratios to
+        the limits. joint_limit_violation_rad: beyond the limits. dynamics_misfit_ratio: residual of the equations of
+        motion over the weight, at impacts over the impulse of the weight in a second. flight_com_error_m,
+        flight_spin_ratio: see :meth:`flight`.
         """
         robot, grid, xs = self.robot, self.grid, trajectory.xs
         feet, planned = contact_positions(robot, xs), self.steps.positions(grid.times)
@@ -95,7 +95,7 @@ class LeggedFigures:
         return forces
 
     def flight(self, xs: Array) -> tuple[float, float]:
-        """Return how far a flight without any contact is from what mechanics allows; zeros if there is none.
+        """Return the errors of the momenta in a flight without contacts; zeros if there is none.
 
         The centre of mass's distance from the parabola through take-off and landing, m, and the change of the angular
         momentum about it, over that of a turn in the flight's time. Both are errors of the integrator, of first order
@@ -144,7 +144,7 @@ class LeggedFigures:
         return fastest
 
     def _slip(self, feet: Array) -> float:
-        """Return how far any foot gets, while it is on the ground, from where it came down."""
+        """Return the largest distance of a foot on the ground from its touchdown position, m."""
         slip = 0.0
         for i, down in enumerate(self.grid.flags.T):
             for first, last in _runs(down):
@@ -159,7 +159,7 @@ def _runs(flags: BoolArray) -> list[tuple[int, int]]:
 
 
 def _outside_cone(forces: Array, friction: float) -> Array:
-    """Return (n,) by how much forces leave the friction cone, or pull."""
+    """Return (n,) the violation of the friction cone, tensile forces included."""
     beyond = np.linalg.norm(forces[:, :2], axis=1) - friction * forces[:, 2]
     outside: Array = np.maximum(np.maximum(beyond, -forces[:, 2]), 0.0)
     return outside

@@ -1,13 +1,13 @@
-"""The optimal control problem of a gait: two actions, contact dynamics and impact, and what they have at each node.
+"""The optimal control problem of a gait: two actions, contact dynamics and impact, and their parameters at each node.
 
 Every interval has the same action, contact forward dynamics whose flags are parameters, and every touchdown is an
-impact after which no foot on the ground moves. The impact's costs draw feet to their footholds and their speed to zero;
-so little is left of the impact, and what is left obeys the laws of impact.
+impact after which no foot on the ground moves. The impact's costs penalise the distance of feet from their footholds
+and their speed, so that impulses are small.
 
-On the ground, contacts have the damping 1 / h and a stiffness of a quarter of 1 / h^2, h being the interval's length.
-With the damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and
-creep by a sum of these; the stiffness halves what is left of it with each interval. (With 1 / h^2 the place at the end,
-``p + h (v + h a)``, would be the one that is held, exactly, but forces jump from interval to interval to hold it.)
+On the ground, contacts have the damping 1 / h and the stiffness 1 / (4 h^2), h being the interval's length. With the
+damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and creep by
+the sum of these errors; the stiffness halves the error with each interval. (With 1 / h^2 the position at the end,
+``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SPEED_USED = 0.95
 class LeggedScale:
     """A robot's mass, leg length and gravity, and the units that follow from them.
 
-    Robots of different size that move alike have equal Froude numbers, and equal motions in these units (Alexander,
+    Dynamically similar robots have equal Froude numbers, and equal motions in these units (Alexander,
     "The gaits of bipedal and quadrupedal animals", Int. J. Robot. Res. 3, 1984).
 
     Attributes:
@@ -54,7 +54,7 @@ class LeggedScale:
 
     @classmethod
     def of(cls, robot: Robot) -> LeggedScale:
-        """Measure a robot."""
+        """Return the scale of a robot."""
         model, data = robot.model, robot.create_data()
         pin.framesForwardKinematics(model, data, robot.q_reference)
         feet = np.mean([data.oMf[i].translation[2] for i in robot.contact_ids])
@@ -67,22 +67,22 @@ class LeggedScale:
 
     @property
     def torque(self) -> float:
-        """N.m."""
+        """The weight times the length, N.m."""
         return self.force * self.length
 
     @property
     def time(self) -> float:
-        """In which a pendulum as long as the legs swings by a radian, s."""
+        """``sqrt(length / gravity)``, s."""
         return math.sqrt(self.length / self.gravity)
 
     @property
     def speed(self) -> float:
-        """m/s."""
+        """``sqrt(length gravity)``, m/s."""
         return self.length / self.time
 
     @property
     def impulse(self) -> float:
-        """N.s."""
+        """The mass times the speed, N.s."""
         return self.mass * self.speed
 
 
@@ -92,11 +92,11 @@ def legged_problem(
     """Return the problem.
 
     Args:
-        robot: with free base and feet; stands in its reference posture at first.
+        robot: with free base and contact frames; initially at rest in its reference posture.
         grid: the intervals (N).
-        reference: (N+1, nx) states to stay near.
-        places: (N+1, nc, 3) where the feet are meant to be, world, m.
-        settings: see there.
+        reference: (N+1, nx) reference states.
+        places: (N+1, nc, 3) reference positions of the feet, world, m.
+        settings: weights, friction and grid.
     """
     scale, w = LeggedScale.of(robot), settings.weights
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
@@ -154,9 +154,9 @@ def legged_problem(
 
 
 def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
-    """Return (N, nu) the torques that hold the reference posture on the feet on the ground, as nearly as they can.
+    """Return (N, nu) the torques that balance the reference posture on the feet on the ground, in least squares.
 
-    None in flight and at impacts.
+    Zero in flight and at impacts.
     """
     known: dict[bytes, Array] = {}
     for flags in grid.flags:
@@ -188,12 +188,12 @@ def _state_weights(robot: Robot, scale: LeggedScale, w: LeggedWeights) -> Array:
 
 
 def _beyond(robot: Robot, scale: LeggedScale) -> Array:
-    """Return (ndx,) units of joint positions and speeds beyond their limits, squared, inverse; the base has none."""
+    """Return (ndx,) inverse squared units of joint positions and speeds beyond their limits; zero for the base."""
     return np.repeat([0.0, 1.0, 0.0, scale.time**2], [6, robot.nu, 6, robot.nu])
 
 
 def _room(robot: Robot) -> tuple[Array, Array]:
-    """Return (ndx,) the least and the largest deviation from the reference posture at rest."""
+    """Return (ndx,) the smallest and the largest deviation from the reference posture at rest."""
     free, speed = np.full(6, np.inf), _SPEED_USED * robot.velocity_limit
     middle = robot.q_reference[robot.joint_q]
     lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])

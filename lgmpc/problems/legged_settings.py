@@ -1,4 +1,4 @@
-"""What can be said about walking and jumping robots: gaits, jumps, and weights without dimension."""
+"""Settings of gaits and jumps, with dimensionless weights."""
 
 from __future__ import annotations
 
@@ -34,13 +34,12 @@ _PATTERNS = {
 
 
 class LeggedWeights(Settings):
-    """Weights of squared deviations, without dimension: a robot's mass, leg length and weight are the units.
+    """Dimensionless weights of squared deviations, in units of the robot's mass, leg length and gravity.
 
-    So they mean the same to robots of all sizes. The running cost counts per sqrt(length / g), the time in which a
-    pendulum as long as the legs swings by a radian.
+    The same values serve robots of all sizes. The unit of time of the running cost is sqrt(length / g).
     """
 
-    position: NonNegative = Field(default=0.1, description="Base, ahead and to the left, from where it is commanded.")
+    position: NonNegative = Field(default=0.1, description="Horizontal position of the base from the commanded one.")
     height: NonNegative = Field(default=10.0, description="Height of the base.")
     rotation: NonNegative = Field(default=10.0, description="Rotation of the base.")
     joints: NonNegative = Field(default=0.3, description="Joints from the reference posture.")
@@ -48,40 +47,42 @@ class LeggedWeights(Settings):
     joint_velocity: NonNegative = Field(default=0.01, description="Joint speeds.")
     effort: Positive = Field(default=2.0, description="Torques from those that carry the robot at rest.")
     swing: NonNegative = Field(default=1e4, description="Feet in the air from their references.")
-    friction: NonNegative = Field(default=1e3, description="Contact forces outside their cone, and such impulses.")
+    friction: NonNegative = Field(default=1e3, description="Contact forces and impulses outside their cone.")
     limits: NonNegative = Field(default=1e3, description="Joint positions and speeds beyond their limits.")
-    foothold: NonNegative = Field(default=1e5, description="Places where feet come down, once each.")
-    touchdown: NonNegative = Field(default=1e3, description="Speeds at which they do, once each.")
+    foothold: NonNegative = Field(default=1e5, description="Feet from their footholds, at touchdowns.")
+    touchdown: NonNegative = Field(default=1e3, description="Speeds of the feet at touchdowns.")
     terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
 
 
 class JumpWeights(LeggedWeights):
-    """Weights as those of a gait, with other defaults: little on the way, all on the landing and the end."""
+    """Weights as those of a gait, with other defaults: small before the landing, large at it and at the end."""
 
     height: NonNegative = Field(default=1.0, description="Height of the base.")
     rotation: NonNegative = Field(default=1.0, description="Rotation of the base.")
     effort: Positive = Field(default=0.2, description="Torques from those that carry the robot at rest.")
     swing: NonNegative = Field(default=100.0, description="Feet in the air from their references.")
-    touchdown: NonNegative = Field(default=10.0, description="Speeds at which feet come down, once each.")
+    touchdown: NonNegative = Field(default=10.0, description="Speeds of the feet at touchdowns.")
 
 
 class LeggedSettings(Settings):
-    """What gaits and jumps have in common."""
+    """The common settings of gaits and jumps."""
 
-    step_s: Interval = Field(default=0.015, description="About the length of an interval, s; they end on switches.")
+    step_s: Interval = Field(
+        default=0.015, description="Approximate length of an interval, s; intervals end at switches."
+    )
     friction: Friction = Field(default=0.7, description="Friction coefficient of the ground.")
     friction_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
-        default=0.1, description="Fraction of the friction that contact forces are drawn away from."
+        default=0.1, description="The cost penalises contact forces above (1 - friction_margin) of the friction limit."
     )
     least_force: Annotated[NonNegative, Field(lt=0.25)] = Field(
         default=0.05,
-        description="Normal force that feet on the ground are drawn above, as a fraction of the robot's weight.",
+        description="Normal force of feet on the ground below which a cost acts, as a fraction of the robot's weight.",
     )
     weights: LeggedWeights = Field(default=LeggedWeights(), description="Weights of the cost.")
 
 
 class GaitSettings(LeggedSettings, ProblemSettings):
-    """A robot stands, goes for some cycles at a commanded velocity, and stands."""
+    """A robot stands, walks for some cycles at a commanded velocity, and stands."""
 
     kind: Literal["gait"] = Field(default="gait", description="A robot walks, trots, ... in a gait.")
     pattern: Literal["walk", "trot", "pace", "bound"] | None = Field(
@@ -90,16 +91,16 @@ class GaitSettings(LeggedSettings, ProblemSettings):
     phases: tuple[GaitPhase, ...] = Field(
         default=(), description="One cycle, phase by phase, of any robot with point feet. Give this or pattern."
     )
-    cycles: Annotated[Count, Field(le=100)] = Field(default=3, description="How many cycles, at most 100.")
-    swing_s: Positive = Field(default=0.2, description="How long a foot is in the air, s (of a pattern).")
+    cycles: Annotated[Count, Field(le=100)] = Field(default=3, description="Number of cycles, at most 100.")
+    swing_s: Positive = Field(default=0.2, description="Duration of a swing, s (of a pattern).")
     stance_s: NonNegative = Field(
-        default=0.04, description="How long all feet are on the ground after each swing, s (of a pattern)."
+        default=0.04, description="Time with all feet on the ground after each swing, s (of a pattern)."
     )
     height_m: NonNegative = Field(default=0.05, description="Apex of the swings, m (of a pattern).")
     velocity_m_s: Vector2 = Field(default=(0.3, 0.0), description="[ahead, left] in the base's axes, m/s.")
     yaw_rate_deg_s: Finite = Field(default=0.0, description="Rate of turning to the left, degrees per s.")
-    settle_s: Positive = Field(default=0.2, description="How long the robot stands before and after, s.")
-    ramp_s: NonNegative = Field(default=0.2, description="How long the base takes to its speed, and from it, s.")
+    settle_s: Positive = Field(default=0.2, description="Time of standing before and after, s.")
+    ramp_s: NonNegative = Field(default=0.2, description="Time of acceleration and of deceleration of the base, s.")
 
     @model_validator(mode="after")
     def _one_gait(self) -> GaitSettings:
@@ -113,7 +114,7 @@ class GaitSettings(LeggedSettings, ProblemSettings):
         """Return the gait of a robot's feet.
 
         Raises:
-            InputError: a named pattern for a robot that is no quadruped, or phases with feet that it does not have.
+            InputError: a named pattern for a robot that is no quadruped, or phases with unknown feet.
         """
         feet = robot.contact_frames
         still = GaitSequence.stand(feet, self.settle_s)
@@ -128,13 +129,17 @@ class JumpSettings(LeggedSettings, ProblemSettings):
     """A robot crouches, takes off with all feet, flies, lands on all feet, and comes to rest."""
 
     kind: Literal["jump"] = Field(default="jump", description="A robot jumps.")
-    displacement_m: Vector3 = Field(default=(0.2, 0.0, 0.0), description="Of the landing, [ahead, left, up], m.")
-    yaw_deg: Finite = Field(default=0.0, description="By which it turns to the left in the air, degrees.")
-    takeoff_s: Positive = Field(default=0.3, description="How long it stands before the flight, s.")
-    flight_s: Positive = Field(default=0.3, description="How long no foot is on the ground, s.")
-    landing_s: Positive = Field(default=0.5, description="How long it has to come to rest, s.")
-    height_m: NonNegative = Field(default=0.1, description="By which feet rise above the straight line, m.")
-    step_s: Interval = Field(default=0.01, description="About the length of an interval, s; they end on switches.")
+    displacement_m: Vector3 = Field(
+        default=(0.2, 0.0, 0.0), description="Displacement at the landing, [ahead, left, up], m."
+    )
+    yaw_deg: Finite = Field(default=0.0, description="Angle by which it turns to the left in the air, degrees.")
+    takeoff_s: Positive = Field(default=0.3, description="Time on the ground before the flight, s.")
+    flight_s: Positive = Field(default=0.3, description="Duration of the flight, s.")
+    landing_s: Positive = Field(default=0.5, description="Time on the ground after the landing, s.")
+    height_m: NonNegative = Field(default=0.1, description="Apex of the feet's paths above the straight line, m.")
+    step_s: Interval = Field(
+        default=0.01, description="Approximate length of an interval, s; intervals end at switches."
+    )
     weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")
 
     def gait(self, robot: Robot) -> GaitSequence:

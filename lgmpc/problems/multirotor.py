@@ -1,4 +1,4 @@
-"""A flying body that rotors push along their axes: dynamics, hover, a guess of its way, an independent simulation."""
+"""Multirotors: dynamics, hovering thrusts, an initial guess, an independent simulation."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Vector = tuple[float, float, float]
 
 
 class MultirotorSettings(Settings):
-    """What a URDF does not hold of rotors; each pushes along its frame's z axis, from 0 to the largest thrust."""
+    """Properties of rotors that a URDF does not contain; thrusts act along the frames' z axes, not backwards."""
 
     frames: tuple[str, ...] = Field(min_length=1, description="Names of the rotors' frames.")
     turning: tuple[Literal["ccw", "cw"], ...] = Field(
-        description="Sense of each rotor seen from above; its drag turns the body the other way."
+        description="Sense of rotation of each rotor from above; its drag moment on the body is opposite."
     )
     max_thrust_n: Positive = Field(description="Largest thrust of each rotor, N.")
     drag_ratio_m: Finite = Field(default=0.0, ge=0.0, description="Moment about its axis per thrust, m.")
@@ -43,12 +43,12 @@ class MultirotorSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Multirotor:
-    """A robot that flies.
+    """A free body with rotors.
 
     Attributes:
         robot: one free body.
         dynamics: u = thrusts of the rotors, N.
-        hover: (nu,) thrusts that hold it level against gravity, N.
+        hover: (nu,) thrusts that balance gravity in level attitude, N.
         max_thrust: of each rotor, N.
         body: name of the frame of its body.
         rotors: names of the rotors' frames.
@@ -63,11 +63,11 @@ class Multirotor:
 
     @classmethod
     def of(cls, robot: Robot, settings: MultirotorSettings) -> Multirotor:
-        """Put rotors on a robot.
+        """Return the multirotor of a robot and its rotors.
 
         Raises:
-            InputError: a robot with joints or a fixed base, a frame that is not there, as many senses as there are not
-                rotors, or rotors that cannot hold the robot level.
+            InputError: a robot with joints or a fixed base, an unknown frame, a number of senses that
+                is not that of the rotors, or rotors that cannot hover level.
         """
         if not robot.floating_base or robot.nu:
             raise InputError("robot", f"{robot.name}, {robot.nv} degrees of freedom", "a single free body")
@@ -90,7 +90,7 @@ class Multirotor:
 
     @property
     def controls(self) -> Controls:
-        """What the controls are: thrusts, by the names of the rotors' frames."""
+        """The controls: thrusts, by the names of the rotors' frames, N."""
         most = np.full(len(self.rotors), self.max_thrust)
         return Controls(self.rotors, "N", np.zeros_like(most), most)
 
@@ -98,16 +98,16 @@ class Multirotor:
 def turning_guess(
     vehicle: Multirotor, durations: Array, places: Sequence[tuple[float, Vector]], turns: Sequence[tuple[float, Vector]]
 ) -> Trajectory:
-    """Return a guess that goes straight from place to place, turns evenly from attitude to attitude, and hovers.
+    """Return a guess that interpolates positions and rotation vectors linearly, with hovering thrusts.
 
-    Its velocities are those of this motion; its thrusts are not, so that it has gaps. Attitudes are rotation vectors,
-    which may be longer than half a turn: from [0, 0, 0] by [0, -180, 0] to [0, -360, 0] is a loop, nose up.
+    Its velocities are those of this motion, its thrusts are not: it has gaps. Attitudes are rotation vectors, which
+    may be longer than half a turn: from [0, 0, 0] by [0, -180, 0] to [0, -360, 0] is a loop, nose up.
 
     Args:
-        vehicle: what flies.
+        vehicle: the multirotor.
         durations: (N,) of the intervals, s.
-        places: times, s, and positions, world axes, m; the times rise.
-        turns: times, s, and rotation vectors, degrees; the times rise.
+        places: increasing times, s, and positions, world axes, m.
+        turns: increasing times, s, and rotation vectors, degrees.
     """
     n, model = len(durations), vehicle.robot.model
     times = np.concatenate([[0.0], np.cumsum(durations)])
@@ -125,18 +125,18 @@ def _between(times: Array, points: Sequence[tuple[float, Vector]]) -> Array:
 
 
 def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
-    """Return (13,) the state after flying given thrusts, by another method than any solver's.
+    """Return (13,) the state after flying given thrusts, by methods independent of the solvers'.
 
-    Pinocchio's accelerations, the quaternion's differential equation and Dormand and Prince's method of order 8, none
-    of which the action uses.
+    Pinocchio's accelerations, the quaternion's differential equation and the Dormand-Prince method of order 8; the
+    action uses none of these.
 
     Args:
-        vehicle: what flies.
+        vehicle: the multirotor.
         x0: (13,) first state.
         us: (N, nu) thrusts, each constant over its interval, N.
         durations: (N,) s.
     """
-    from scipy.integrate import solve_ivp  # not above: it takes longer to load than all problems
+    from scipy.integrate import solve_ivp  # here, because it takes longer to import than all problems
 
     model, data = vehicle.robot.model, vehicle.robot.create_data()
     actuation = np.asarray(vehicle.dynamics.actuation.full())
@@ -156,10 +156,10 @@ def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
 
 
 def thrust_figures(vehicle: Multirotor, trajectory: Trajectory, durations: Array) -> dict[str, float]:
-    """Return the figures that all flights have.
+    """Return the common figures of all flights.
 
     ``least_thrust_ratio`` and ``peak_thrust_ratio``: of the largest thrust. ``integration_error_m`` and
-    ``integration_error_deg``: how far the last state is from where the thrusts take the vehicle (see :func:`flown`).
+    ``integration_error_deg``: distance of the last state from that of an independent simulation (:func:`flown`).
     """
     ratio = trajectory.us / vehicle.max_thrust
     truth, end = flown(vehicle, trajectory.xs[0], trajectory.us, durations), trajectory.xs[-1]

@@ -1,4 +1,4 @@
-"""An arm puts a frame at a place and is at rest there, within its motors' efforts."""
+"""An arm moves a frame to a target and comes to rest there, within its motors' efforts."""
 
 from __future__ import annotations
 
@@ -32,20 +32,18 @@ class ReachWeights(Settings):
     rest: NonNegative = Field(default=1e3, description="Joint velocities at the end, 1/(rad/s)2.")
     posture: NonNegative = Field(default=1.0, description="Joints from the reference posture, 1/rad2.")
     velocity: NonNegative = Field(default=1.0, description="Joint velocities, 1/(rad/s)2.")
-    effort: Positive = Field(
-        default=1e-3, description="Efforts from those that hold the robot against gravity, 1/(N.m)2."
-    )
+    effort: Positive = Field(default=1e-3, description="Efforts from those that balance gravity, 1/(N.m)2.")
     limits: NonNegative = Field(
         default=1e4, description="Joints beyond their position and velocity limits, 1/rad2 and 1/(rad/s)2."
     )
 
 
 class ReachSettings(ProblemSettings):
-    """A robot with a fixed base moves a frame from where its reference posture has it to a target."""
+    """A robot with a fixed base moves a frame from its place in the reference posture to a target."""
 
-    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a place.")
-    frame: str = Field(min_length=1, description="Name of the frame that reaches.")
-    position_m: Vector3 = Field(description="[x, y, z] where its origin should be at the end, world axes, m.")
+    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a target.")
+    frame: str = Field(min_length=1, description="Name of the frame.")
+    position_m: Vector3 = Field(description="[x, y, z] of its origin at the end, world axes, m.")
     rpy_deg: Vector3 | None = Field(
         default=None,
         description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
@@ -59,10 +57,10 @@ class ReachSettings(ProblemSettings):
 def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     """Return the problem for a robot that begins at rest in its reference posture.
 
-    The efforts keep to the robot's limits as bounds, positions and velocities of the joints by barriers. Figures:
+    Limits of efforts are bounds on the controls, those of joint positions and velocities are barriers. Figures:
     ``position_error_m``, ``rotation_error_deg`` (if a rotation is requested) and ``final_joint_velocity_rad_s``, the
-    largest, at the end; ``joint_limit_violation_rad`` and ``joint_velocity_violation_rad_s``, by how much any joint
-    passes its position and velocity limits.
+    largest, at the end; ``joint_limit_violation_rad`` and ``joint_velocity_violation_rad_s``, the largest violations
+    of position and velocity limits.
 
     Raises:
         InputError: no such frame, or a robot whose base is free.
@@ -70,7 +68,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     s, w, nu = settings, settings.weights, robot.nu
     if robot.floating_base:
         raise InputError("robot", f"{robot.name}, whose base is free", "a robot with a fixed base")
-    robot.frame(s.frame)  # that it is there
+    robot.frame(s.frame)  # raises if there is none
     target = pin.SE3(
         np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position_m)
     )
@@ -118,8 +116,8 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         name="reach",
         robot=robot,
         problem=problem,
-        # Standing still without efforts leaves gaps, and so FDDP can shoot over many nodes; with the efforts that hold
-        # the robot it would be single shooting, which takes three times as many iterations, or does not arrive.
+        # A guess at rest without efforts has gaps: FDDP starts from multiple shooting. With the efforts that balance
+        # gravity it would be single shooting, which takes three times as many iterations or does not converge.
         guess=problem.hold(),
         durations=np.full(s.nodes, s.node_s),
         figures=figures,

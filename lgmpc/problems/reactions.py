@@ -1,4 +1,4 @@
-"""What the ground does to a robot, from its motion: by Pinocchio's inverse dynamics, not an action's expressions."""
+"""Ground reaction forces from a motion, by Pinocchio's inverse dynamics, independent of an action's expressions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["Reactions", "carry", "friction_use", "reactions"]
 
 @dataclass(frozen=True, eq=False)
 class Reactions:
-    """Forces that explain a motion.
+    """The contact forces of a motion.
 
     Attributes:
         wrenches: (N, nc, size) on the robot at the origins of its contact frames, world axes, [force; moment] or force
             alone, N and N.m; over an impact their impulses. Zero where there is no contact.
-        misfit: (N,) the largest entry of what they leave of the equations of motion, N or N.m, over an impact N.s.
+        misfit: (N,) largest entry of the residual of the equations of motion, N or N.m, over an impact N.s.
     """
 
     wrenches: Array
@@ -32,8 +32,8 @@ def reactions(robot: Robot, trajectory: Trajectory, durations: Array, flags: Boo
     """Return the forces of a trajectory.
 
     They follow from the change of velocity, ``J^T f = rnea(q, v, dv / h) - [0; u]`` or at an impact ``J^T f = M dv``,
-    in the sense of least squares: there are more equations than forces, so that the remainder shows whether the motion
-    is one.
+    in least squares: there are more equations than forces, so that the residual shows whether the motion satisfies
+    them.
 
     Args:
         robot: with contact frames.
@@ -62,10 +62,10 @@ def reactions(robot: Robot, trajectory: Trajectory, durations: Array, flags: Boo
 
 
 def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
-    """Return what holds the reference posture at rest: wrenches (nc, size) at the contacts, and efforts (nu,), N.m.
+    """Return the contacts' wrenches (nc, size) and the efforts (nu,), N.m, that balance the reference posture at rest.
 
-    The smallest wrenches that balance gravity on the free base, as nearly as they can, and the efforts that are then
-    left. No efforts where there is no contact.
+    The wrenches of least norm that balance gravity on the free base in least squares, and the efforts that then
+    remain. Zero efforts if there is no contact.
 
     Args:
         robot: with free base and contact frames.
@@ -84,7 +84,7 @@ def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
 
 
 def friction_use(forces: Array, friction: float) -> Array:
-    """Return (n,) tangential parts of forces (n, 3), world axes, as a share of what friction allows.
+    """Return (n,) the tangential parts of forces (n, 3), world axes, over the friction limits.
 
     Infinite where a normal force is not positive.
     """

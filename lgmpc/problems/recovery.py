@@ -1,9 +1,9 @@
-"""A multirotor that tumbles, or hangs in the air upside down, turns upright and hovers where it began.
+"""A multirotor that tumbles or is upside down turns upright and hovers at its initial position.
 
-Its attitude may pass through any angle on the way: nothing in the problem is written in angles. States are drawn
-together on SE(3), whose logarithm is only ever taken of the small turn from one node to the next, and the cost measures
-attitudes by matrices (Psi of the chapter), which have no branch at rotation pi. In roll, pitch and yaw the same motion
-jumps at pitch 90 degrees, and in the rotation vector from the goal at rotation pi.
+The problem has no singularity at any attitude: gaps are differences on SE(3), whose logarithm is taken of the small
+rotation from one node to the next only, and the cost measures attitudes by matrices (:class:`FrameRotationMatrix`),
+which are smooth at rotation pi. In roll, pitch and yaw the same motion jumps at pitch 90 degrees, and in the rotation
+vector from the goal at rotation pi.
 """
 
 from __future__ import annotations
@@ -32,22 +32,20 @@ __all__ = ["RecoverySettings", "RecoveryWeights", "build_recovery"]
 class RecoveryWeights(Settings):
     """Weights of the cost; all but that of the goal are per second of the horizon."""
 
-    position: NonNegative = Field(default=1.0, description="From where it began, on the way, 1/m2.")
-    rotation: NonNegative = Field(
-        default=1.0, description="From the attitude of the goal, on the way, 1/rad2 for small angles."
-    )
-    speed: NonNegative = Field(default=1e-2, description="Velocity on the way, 1/(m/s)2 and 1/(rad/s)2.")
+    position: NonNegative = Field(default=1.0, description="Position from the initial one, 1/m2.")
+    rotation: NonNegative = Field(default=1.0, description="Attitude from that of the goal, 1/rad2 for small angles.")
+    speed: NonNegative = Field(default=1e-2, description="Velocity, 1/(m/s)2 and 1/(rad/s)2.")
     thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
     goal: Positive = Field(default=1e3, description="Position, attitude and velocity at the end.")
 
 
 class RecoverySettings(ProblemSettings):
-    """A multirotor in any attitude turns upright and comes to rest where it began; thrusts are bounded."""
+    """A multirotor in any attitude turns upright and comes to rest at its initial position; thrusts are bounded."""
 
     kind: Literal["recovery"] = Field(default="recovery", description="A multirotor recovers from any attitude.")
-    rotors: MultirotorSettings = Field(description="The rotors, of which the URDF has only the places.")
+    rotors: MultirotorSettings = Field(description="The rotors, at frames of the URDF.")
     position_m: Vector3 = Field(
-        default=(0.0, 0.0, 5.0), description="[x, y, z] where it begins, and should end, world axes, m."
+        default=(0.0, 0.0, 5.0), description="[x, y, z] of the body at first and at the end, world axes, m."
     )
     rotation_deg: Vector3 = Field(
         default=(0.0, 180.0, 0.0), description="Attitude at first as a rotation vector (axis times angle), degrees."
@@ -59,7 +57,7 @@ class RecoverySettings(ProblemSettings):
     goal_rotation_deg: Vector3 = Field(
         default=(0.0, 0.0, 0.0),
         description="Attitude at the end, degrees. More than half a turn gives the guess its direction: from "
-        "[0, 150, 0] to [0, 360, 0], which is level, it goes on over its back.",
+        "[0, 150, 0] to [0, 360, 0], which is level, it turns further over its back.",
     )
     nodes: Count = Field(default=100, description="Number of intervals.")
     node_s: Interval = Field(default=0.025, description="Length of each interval, s.")
@@ -67,11 +65,11 @@ class RecoverySettings(ProblemSettings):
 
 
 def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
-    """Return the problem; its thrusts are bounds on the controls, and the guess turns evenly for half of the time.
+    """Return the problem; thrust limits are bounds on the controls, and the guess turns evenly for half of the time.
 
     Figures: ``final_tilt_deg``, ``final_error_m``, ``final_speed_m_s``, ``final_rate_rad_s``; ``height_lost_m``, the
-    most below the start; ``attitude_step_deg``, the largest turn from a node to the next, beside what two charts make
-    of the same motion: ``rpy_jump_deg``, the largest change of roll, pitch or yaw from a node to the next, whole turns
+    largest below the start; ``attitude_step_deg``, the largest rotation from a node to the next, and the same motion
+    in two charts: ``rpy_jump_deg``, the largest change of roll, pitch or yaw from a node to the next, whole turns
     not counted (180 where pitch passes 90 degrees), and ``log_jump_deg``, that of the rotation vector from the goal
     (360 where the rotation passes pi); and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 

@@ -1,9 +1,9 @@
-"""A legged robot, dropped or tossed upside down without spin, turns upright in the air by moving its legs only.
+"""A legged robot, dropped or tossed upside down without angular momentum, turns upright by moving its legs.
 
-It is the falling cat's problem. Nothing pushes the robot, so that it can only turn by closed paths of its joints
-(:mod:`lgmpc.problems.leg_strokes`), and an integrator's error in the angular momentum, of the size of what such paths
-bring, would be taken for a turn: the problem has the variational integrator, which keeps the momentum, and its figures
-are those of an independent flight (:mod:`lgmpc.problems.free_flight`).
+It is the falling cat's problem: without external forces the robot turns only by closed paths of its joints
+(:mod:`lgmpc.problems.leg_strokes`). An integrator's error in the angular momentum could turn it as much as such paths
+do. The problem therefore uses the variational integrator, which conserves the momentum, and its figures are those of an
+independent simulation (:mod:`lgmpc.problems.free_flight`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from lgmpc.typing import Array
 __all__ = ["JointMotion", "RightingSettings", "RightingWeights", "build_righting"]
 
 _STIFFNESS, _DAMPING = 3.0, 0.05
-"""Of the joints' controllers in the independent flight, N.m/rad and N.m.s/rad; moderate for Solo12's size."""
+"""Gains of the joints' controllers in the independent simulation, N.m/rad and N.m.s/rad."""
 
 
 class RightingWeights(Settings):
@@ -43,7 +43,7 @@ class RightingWeights(Settings):
     strokes: NonNegative = Field(default=1.0, description="Joints from the strokes, 1/rad2.")
     rates: NonNegative = Field(default=1e-3, description="Joint rates from those of the strokes, 1/(rad/s)2.")
     effort: Positive = Field(default=1e-2, description="Torques, 1/(N.m)2.")
-    rotation: Positive = Field(default=1e2, description="From the attitude of the goal, at the end, 1/rad2.")
+    rotation: Positive = Field(default=1e2, description="Attitude from that of the goal, at the end, 1/rad2.")
     posture: NonNegative = Field(default=1e2, description="Joints from the reference posture, at the end, 1/rad2.")
     rest: NonNegative = Field(default=1.0, description="Joint rates at the end, 1/(rad/s)2.")
 
@@ -51,21 +51,23 @@ class RightingWeights(Settings):
 class RightingSettings(ProblemSettings):
     """A falling robot without angular momentum turns upright by moving its legs only.
 
-    Torques, joint positions and joint rates are hard constraints: a solver that takes them is needed (sqp, ipopt).
+    Limits of torques, joint positions and rates are hard constraints, which require sqp or ipopt.
     """
 
     kind: Literal["righting"] = Field(default="righting", description="A falling robot lands on its feet.")
-    strokes: LegStrokes = Field(description="How the legs move in the guess.")
+    strokes: LegStrokes = Field(description="Motion of the legs in the initial guess.")
     position_m: Vector3 = Field(default=(0.0, 0.0, 8.0), description="[x, y, z] of the base at first, world axes, m.")
     rotation_deg: Vector3 = Field(
-        default=(180.0, 0.0, 0.0), description="Its attitude at first as a rotation vector (axis times angle), degrees."
+        default=(180.0, 0.0, 0.0),
+        description="Attitude of the base at first as a rotation vector (axis times angle), degrees.",
     )
     velocity_m_s: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="Velocity at first, world axes, m/s: upwards for a toss."
     )
     goal_rotation_deg: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Attitude at the end, degrees.")
     trunk_half_size_m: tuple[Positive, Positive, Positive] = Field(
-        default=(0.2, 0.08, 0.03), description="Half sizes of the box from which the shanks' distance is measured, m."
+        default=(0.2, 0.08, 0.03),
+        description="Half sizes of the trunk's box, from which the shanks' clearance is measured, m.",
     )
     nodes: Count = Field(default=240, description="Number of intervals.")
     node_s: Interval = Field(default=0.005, description="Length of each interval, s.")
@@ -90,20 +92,20 @@ class JointMotion(Residual):
 
 
 def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
-    """Return the problem; torques, joint positions and joint rates keep to their limits by hard constraints.
+    """Return the problem; limits of torques, joint positions and joint rates are hard constraints.
 
     Figures, of the plan: ``final_tilt_deg`` and ``final_rotation_deg``, of the base from upright and from the goal's
     attitude; ``planned_spin_nms``, largest angular momentum about the centre of mass at the nodes, which is an error of
     the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` and
     ``leg_clearance_m`` (see :func:`lgmpc.problems.free_flight.clearances`); ``flight_height_m``, from the lowest to the
-    highest place of the centre of mass. Of the independent flight (see :func:`lgmpc.problems.free_flight.refly`):
-    ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the change of the angular momentum, beside the
-    largest ``trunk_spin_nms`` that the plan's trunk has; ``path_error_rad``, of the joints; and ``landing_rate_rad_s``,
-    of the base's rotation at the end.
+    highest position of the centre of mass. Of the independent simulation (see
+    :func:`lgmpc.problems.free_flight.refly`): ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the
+    change of the angular momentum; for comparison the plan's largest ``trunk_spin_nms``; ``path_error_rad``, of the
+    joints; and ``landing_rate_rad_s``, of the base's rotation at the end.
 
     Raises:
-        InputError: a robot without free base or feet or with joints of more than an angle, strokes of joints that it
-            does not have, or no duration.
+        InputError: a robot without free base or contact frames, or with joints of more than an angle; strokes of
+            unknown joints; no duration.
     """
     s, w, nu = settings, settings.weights, robot.nu
     if not (robot.floating_base and robot.nc and robot.nq - 7 == nu):

@@ -1,4 +1,4 @@
-"""An optimal control problem with the data to solve it, to judge its solution and to show it."""
+"""Scenarios: optimal control problems with initial guesses and figures of merit."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class ProblemSettings(Settings):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A place that something is meant to reach; shown in the replay.
+    """A target at a time; shown in the replay.
 
     Attributes:
-        name: what is meant to be there, shown to the user.
-        time: when, s.
+        name: shown to the user.
+        time: s.
         position: (3,) world, m.
-        rotation: (3, 3) world from frame; none if only the place counts.
+        rotation: (3, 3) world from frame; None for a position only.
     """
 
     name: str
@@ -41,16 +41,16 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Controls:
-    """What the controls are, for figures and for the check of their limits.
+    """Names, unit and limits of the controls.
 
     Attributes:
         names: (nu,) of each, shown to the user.
         unit: of all of them.
-        lower: (nu,) lowest values that the machine can have.
-        upper: (nu,) highest.
+        lower: (nu,) lower limits.
+        upper: (nu,) upper limits.
 
     Raises:
-        InputError: numbers of names and limits that differ.
+        InputError: different numbers of names and limits.
     """
 
     names: tuple[str, ...]
@@ -65,37 +65,37 @@ class Controls:
 
     @classmethod
     def joints(cls, robot: Robot) -> Controls:
-        """The efforts of a robot's joints."""
+        """Return the efforts of a robot's joints as controls."""
         limit = np.array(robot.effort_limit)
         return cls(robot.joint_names, "N.m", -limit, limit)
 
     def ratio(self, us: Array) -> float:
-        """Largest of all controls (N, nu) as a share of the limit on its side; above 1 is beyond it."""
+        """Return the largest ratio of controls (N, nu) to the limit on their side; above 1 is beyond it."""
         limit = np.where(us > 0.0, self.upper, self.lower)
         return float(np.max(np.abs(us) / np.maximum(np.abs(limit), 1e-12), initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A shooting problem of a robot, a guess, and the figures by which a solution is judged.
+    """A shooting problem of a robot, an initial guess, and the figures of merit of a solution.
 
     Attributes:
         name: a C identifier.
         robot: the robot; states begin with its configuration and velocity.
         problem: the optimal control problem.
-        guess: where solvers start.
+        guess: initial trajectory of the solvers.
         durations: (N,) length of each interval, s; 0 for an impact.
-        figures: from states and controls to named figures of merit; the unit is the end of the name (``_m``, ``_deg``,
+        figures: from states and controls to figures of merit by name, which ends in the unit (``_m``, ``_deg``,
             ``_nm``, ``_ratio``).
         contact_flags: (N, nc) which of the robot's contact frames are on the ground in each interval.
-        contact_forces: from states and controls to the (N, nc, 3) forces on the robot, world axes, N; none if there
+        contact_forces: from states and controls to the (N, nc, 3) forces on the robot, world axes, N; None if there
             are no contacts.
-        waypoints: places to reach.
-        controls: what the controls are; efforts of the joints, if there are as many, unless given.
-        friction: coefficient that the forces are meant to keep to; none for a problem without.
+        waypoints: targets, for the replay.
+        controls: names and limits of the controls; unless given the joints' efforts, if there are as many.
+        friction: coefficient of the contact forces' cones; None for a problem without.
 
     Raises:
-        InputError: durations, flags or names of controls that do not fit the problem.
+        InputError: durations, flags or names of controls whose number is not the problem's.
     """
 
     name: str

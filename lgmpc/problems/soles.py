@@ -1,4 +1,4 @@
-"""Rectangular soles: their corners, their centres of pressure, and the polygon that they support."""
+"""Rectangular soles: corners, centres of pressure, and margins within the support polygon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["center_of_pressure", "in_axes_of", "margin_inside", "sole_corners"]
 
 
 def center_of_pressure(wrench: Array) -> Array:
-    """Return (2,) where, in the plane z = 0 of a wrench's axes, its horizontal moment vanishes; m.
+    """Return (2,) the point in the plane z = 0 of a wrench's axes about which its horizontal moment vanishes, m.
 
     ``[-m_y, m_x] / f_z`` (Sardain and Bessonnet, "Forces acting on a biped robot. Center of pressure - zero moment
     point", IEEE Trans. SMC A 34, 2004).
@@ -38,11 +38,11 @@ def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:
 
 
 def margin_inside(corners: Array, points: Array) -> float:
-    """Return how far points (n, >= 2) stay inside the convex hull of corners (m, >= 2), in the plane, m.
+    """Return the least distance of points (n, >= 2) to the edge of the corners' (m, >= 2) convex hull in the plane, m.
 
-    Negative if one is outside.
+    Negative if a point is outside.
     """
-    from scipy.spatial import ConvexHull  # not above, for the sake of what imports no soles
+    from scipy.spatial import ConvexHull  # here, because only problems with soles use it
 
     edges = ConvexHull(corners[:, :2]).equations
     return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

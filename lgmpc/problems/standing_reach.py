@@ -1,8 +1,7 @@
-"""A humanoid on both feet puts its hand at a place and keeps its balance; no foot slips or tips.
+"""A humanoid on both feet moves its hand to a target and keeps its balance; no foot slips or tips.
 
-The robot is too large for compiled expressions to pay for one solve (350,000 instructions a stage of Talos, minutes to
-compile), so Pinocchio evaluates it: :class:`~lgmpc.actions.NumericContactAction`. What it must not do (slip, tip, pass
-its limits) are hard constraints, which SQP and ipopt keep; barriers in their place cost FDDP ten times the iterations.
+Friction, centres of pressure and limits are hard constraints, for SQP and ipopt; with barriers instead FDDP takes ten
+times as many iterations.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction, NumericContactAction
+from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
 from lgmpc.costs.library import (
     CenterOfPressure,
@@ -41,7 +40,7 @@ from lgmpc.typing import Array
 __all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
 
 _ROOM = 0.02
-"""How far from its limits a joint is drawn, rad (m)."""
+"""Margin of the joints' references from their limits, rad (m)."""
 
 
 class StandingReachWeights(Settings):
@@ -54,7 +53,8 @@ class StandingReachWeights(Settings):
     posture: NonNegative = Field(default=0.3, description="Joints from the reference posture, 1/rad2.")
     velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
     acceleration: NonNegative = Field(
-        default=1e-2, description="Joint accelerations, 1/(rad/s2)2; without it the joints brake in the last moment."
+        default=1e-2,
+        description="Joint accelerations, 1/(rad/s2)2; without it the joints decelerate in the last intervals only.",
     )
     effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
 
@@ -62,13 +62,15 @@ class StandingReachWeights(Settings):
 class StandingReachSettings(ProblemSettings):
     """A robot stands on soles at its contact frames and moves a hand from its reference posture to a target.
 
-    Hard constraints keep joints and efforts within their limits, forces in friction cones, and pressure within the
-    soles: a solver that takes constraints is needed (sqp, ipopt).
+    Limits of joints and efforts, friction cones, and soles around the centres of pressure are hard constraints, which
+    require sqp or ipopt.
     """
 
-    kind: Literal["standing_reach"] = Field(default="standing_reach", description="A hand reaches a place, standing.")
+    kind: Literal["standing_reach"] = Field(
+        default="standing_reach", description="A hand of a standing robot reaches a target."
+    )
     frame: str = Field(min_length=1, description="Name of the hand's frame.")
-    position_m: Vector3 = Field(description="[x, y, z] where its origin should be at the end, world axes, m.")
+    position_m: Vector3 = Field(description="[x, y, z] of its origin at the end, world axes, m.")
     rpy_deg: Vector3 | None = Field(
         default=None,
         description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
@@ -78,9 +80,9 @@ class StandingReachSettings(ProblemSettings):
         default=(0.1, 0.065), description="Half length and half width of the soles, centred at the contact frames, m."
     )
     sole_margin_m: NonNegative = Field(
-        default=0.02, description="How far from a sole's edge its centre of pressure is kept, m."
+        default=0.02, description="Least distance of a centre of pressure from its sole's edge, m."
     )
-    friction: Friction = Field(default=0.5, description="Coefficient of the cones that the contact forces are kept in.")
+    friction: Friction = Field(default=0.5, description="Friction coefficient of the contact forces' cones.")
     nodes: Count = Field(default=30, description="Number of intervals.")
     node_s: Interval = Field(default=0.05, description="Length of each interval, s.")
     weights: StandingReachWeights = Field(default=StandingReachWeights(), description="Weights of the cost.")
@@ -94,11 +96,11 @@ class StandingReachSettings(ProblemSettings):
 
 
 class Scaled(Residual):
-    """Another residual in units of its own, so that rows of newtons and of radians weigh alike in a solver.
+    """A residual divided by a unit, so that a solver weighs rows of newtons and of radians alike.
 
     Args:
-        residual: the other.
-        unit: (nr,) or a number: what counts as one.
+        residual: the undivided residual.
+        unit: (nr,) or a number, in the residual's units.
     """
 
     def __init__(self, residual: Residual, unit: ArrayLike) -> None:
@@ -113,20 +115,19 @@ class Scaled(Residual):
 
 
 def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scenario:
-    """Return the problem for a robot that stands in its reference posture, at rest, on soles at its contact frames.
+    """Return the problem for a robot that stands at rest in its reference posture, on soles at its contact frames.
 
     Hard constraints: efforts and joints within the robot's limits, contact forces in friction cones, centres of
     pressure within the soles. Figures: ``position_error_m`` and ``rotation_error_deg`` (if a rotation is requested) of
     the hand, ``final_speed_m_s`` of the centre of mass and ``final_joint_velocity_rad_s``, the largest, at the end;
-    ``com_margin_m`` and ``zmp_margin_m``, how far inside the soles' convex hull the centre of mass, projected to the
-    ground, and the zero moment point stay; ``cop_margin_m``, how far from its edge each sole's centre of pressure;
-    ``friction_ratio``, tangential force over what friction allows; ``slip_m`` and ``sole_turn_deg``, of the soles from
-    where they stood; ``joint_limit_violation_rad``, by how much any joint passes its position limits. Forces are
-    recomputed from the motion by Pinocchio's inverse dynamics.
+    ``com_margin_m`` and ``zmp_margin_m``, least distances of the projected centre of mass and of the zero moment point
+    to the edge of the soles' convex hull; ``cop_margin_m``, least distance of a centre of pressure to its sole's edge;
+    ``friction_ratio``, tangential force over its limit; ``slip_m`` and ``sole_turn_deg``, displacements of the soles;
+    ``joint_limit_violation_rad``, largest violation of position limits. Forces are recomputed from the motion by
+    Pinocchio's inverse dynamics.
 
     Raises:
-        InputError: a robot without free base or contact frames, no such frame, or a margin that leaves nothing of the
-            soles.
+        InputError: a robot without free base or contact frames, an unknown frame, or a margin as large as the soles.
     """
     s = settings
     _check(robot, s)
@@ -189,7 +190,7 @@ def _check(robot: Robot, s: StandingReachSettings) -> None:
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without soles", "a free base and contact_frames")
     if robot.nq - robot.nv != 1:
-        raise InputError("robot", f"{robot.name} with joints of more than one number", "joints with one angle each")
+        raise InputError("robot", f"{robot.name} with joints of more than one number", "joints of one angle each")
     robot.frame(s.frame)
 
 
@@ -199,15 +200,16 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     state, (length, width) = dynamics.state, s.sole_half_size_m
     reduced = (length - s.sole_margin_m, width - s.sole_margin_m)
     deviation = np.repeat([0.0, w.base, w.posture, w.velocity], [3, 3, nu, robot.nv])
-    # Drawn to a point on its limit, a joint would make a constraint active that no force holds: methods of interior
-    # points lose their accuracy there.
+    # With a reference on its limit a joint would make a constraint weakly active, near which interior-point methods
+    # lose accuracy.
     posture = robot.x_reference.copy()
     room = np.minimum(_ROOM, (robot.joint_upper - robot.joint_lower) / 2.0)
     posture[robot.joint_q] = np.clip(posture[robot.joint_q], robot.joint_lower + room, robot.joint_upper - room)
     running = [
         CostItem("posture", StateError(state, posture), deviation),
         CostItem("acceleration", JointAcceleration(nu), w.acceleration),
-        # Of the efforts themselves: those against gravity and contact forces leave what the feet do to each other free.
+        # The efforts themselves: their difference from gravity and contact forces would leave internal forces between
+        # the feet free.
         CostItem("effort", Control(nu), w.effort / robot.effort_limit**2),
     ]
     weight = robot.mass * float(np.linalg.norm(robot.gravity))
@@ -227,7 +229,7 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     if s.rpy_deg is not None:
         quaternion = pin.Quaternion(target.rotation).coeffs()
         ending.append(CostItem("hand_rotation", FrameRotation(s.frame, quaternion), w.rotation))
-    action = NumericContactAction(MultibodyAction("standing_reach", dynamics, running, constraints))
+    action = MultibodyAction("standing_reach", dynamics, running, constraints)
     problem = ShootingProblem(action, s.nodes, MultibodyAction("standing_reach_end", dynamics, ending))
     nodes = list(range(s.nodes))
     h = s.node_s
@@ -235,12 +237,12 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
         "duration": h,
         "contact_points": np.concatenate([sole.translation for sole in stance]),
         "contact_orientations": np.concatenate([pin.Quaternion(sole.rotation).coeffs() for sole in stance]),
-        # What a step of the integrator leaves of a displaced contact, the next one takes away.
+        # These gains cancel the displacement of a contact in one step of the integrator.
         "contact_gains": [1.0 / h**2, 1.0 / h],
     }
     for name, value in values.items():
         problem.set(name, value, nodes)
-    # The first state is given: limits that it is at are opened, so that interior point methods have an interior.
+    # The first state is fixed: limits at its values are relaxed, so that interior-point methods have an interior.
     start = robot.q_reference[robot.joint_q]
     problem.set("joint_limit_lower", np.minimum(robot.joint_lower, start - 1.0), [0])
     problem.set("joint_limit_upper", np.maximum(robot.joint_upper, start + 1.0), [0])

@@ -1,4 +1,4 @@
-"""What the joints of a model are, and the values that patterns of joint names give them."""
+"""Actuated joints of a model, and values assigned to them by name patterns."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ActuatedJoint:
         index: its index in the model.
         q: its entries of the configuration.
         v: its entries of the velocity.
-        prismatic: whether it slides.
+        prismatic: whether it is prismatic.
         scalar: whether its position is one number, so that it can have position limits.
         circular: whether its position is an angle without limits, stored as (cos, sin).
     """
@@ -68,7 +68,7 @@ def actuated_joints(model: pin.Model) -> tuple[ActuatedJoint, ...]:
 def match_joints(
     values: Mapping[str, T], names: Sequence[str], argument: str, kind: str = "joint"
 ) -> tuple[dict[str, T], list[str]]:
-    """Give each joint the value of the key that matches it: its own name first, else the last pattern that matches.
+    """Return for each joint the value of the key that matches it: its own name, else the last pattern that matches.
 
     Returns:
         The values by joint name, and one problem for each key that matches no joint.
@@ -91,7 +91,7 @@ def match_joints(
 def joint_values(
     values: float | Mapping[str, float] | None, joints: Iterable[ActuatedJoint], own: Array, argument: str
 ) -> tuple[Array, list[str]]:
-    """Return (nv,) ``own`` with what ``values`` gives to some or all joints, and the problems of its keys."""
+    """Return (nv,) ``own`` with the joints' ``values`` substituted, and the problems of their keys."""
     joints = tuple(joints)
     result = np.array(own, dtype=np.float64)
     problems: list[str] = []

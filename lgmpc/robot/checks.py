@@ -1,4 +1,4 @@
-"""What a robot model lacks: checks that name the joint, link or frame, the number found, and what to give instead."""
+"""Checks of a robot model: problems that name the joint, link or frame, the value found, and the remedy."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ __all__ = [
 ]
 
 _FASTEST = 200.0
-"""rad/s or m/s: no joint of a robot with a gearbox reaches it, so a limit above it is a placeholder."""
+"""rad/s or m/s; larger limits are placeholders: no geared joint reaches them."""
 
 _LIFTS = 10.0
-"""An actuator that holds this many of the whole robot, a joint at arm's length, is a placeholder."""
+"""Larger effort limits, in the robot's weight times its reach (for prismatic joints its weight), are placeholders."""
 
 
 @dataclass(frozen=True)
 class ModelReport:
-    """Everything found in a model.
+    """The problems and notes of a model.
 
     Attributes:
         robot: its name.
-        problems: what forbids its use.
-        notes: what is worth knowing, but not wrong.
+        problems: each prevents its use.
+        notes: unusual properties that do not prevent its use.
     """
 
     robot: str
@@ -97,7 +97,7 @@ def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
     """Return problems and notes about the inertia of each rigid body.
 
     A body's inertia about its centre of mass must be positive semi-definite, and no principal moment may exceed the sum
-    of the other two. Bodies without mass are noted: whether they matter shows in the mass matrix.
+    of the other two. Bodies without mass are noted; :func:`check_mass_matrix` reports those that matter.
     """
     problems: list[str] = []
     massless: list[str] = []
@@ -112,10 +112,7 @@ def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
         elif moments[0] < -tolerance:
             problems.append(f"{body}: its inertia is not positive definite; moments {_moments(moments)} kg.m2")
         elif moments[2] > moments[0] + moments[1] + tolerance:
-            problems.append(
-                f"{body}: its inertia violates the triangle inequality, as no body's can; moments"
-                f" {_moments(moments)} kg.m2"
-            )
+            problems.append(f"{body}: its inertia violates the triangle inequality; moments {_moments(moments)} kg.m2")
         elif inertia.mass == 0:
             massless.append(body)
     if is_floating(model) and model.inertias[1].mass == 0:
@@ -126,7 +123,7 @@ def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
 
 
 def check_mass_matrix(model: pin.Model, q: Array, joints: Iterable[ActuatedJoint]) -> list[str]:
-    """Return a problem naming the joints that move no inertia, or that the mass matrix is singular otherwise."""
+    """Return a problem if joints move no inertia, with their names, or if the mass matrix is singular otherwise."""
     mass_matrix = pin.crba(model, model.createData(), q)
     mass_matrix = np.triu(mass_matrix) + np.triu(mass_matrix, 1).T
     diagonal = np.diag(mass_matrix)
@@ -156,7 +153,7 @@ def check_limits(
 
     Args:
         joints: the actuated joints.
-        effort: (nv,) as the URDF has them; entries given by the user are NaN and not judged.
+        effort: (nv,) of the URDF; entries given by the user are NaN and not checked.
         velocity: (nv,) likewise.
         lower: (nq,) lowest positions.
         upper: (nq,) highest positions.
@@ -194,7 +191,7 @@ def check_limits(
 
 
 def check_posture(joints: Iterable[ActuatedJoint], q: Array, lower: Array, upper: Array) -> list[str]:
-    """Return a problem for each joint that the reference posture puts outside its limits."""
+    """Return a problem for each joint that is outside its limits in the reference posture."""
     problems = []
     for joint in joints:
         if joint.scalar:
@@ -208,9 +205,9 @@ def check_posture(joints: Iterable[ActuatedJoint], q: Array, lower: Array, upper
 
 
 def check_mimic(model: pin.Model, mimics: Iterable[str]) -> list[str]:
-    """Return a note if joints of the model mimic others in the URDF, which they do not do here."""
+    """Return a note if the URDF has mimic joints, which are independent here."""
     moving = [name for name in mimics if model.existJointName(name)]
-    return [f"joints that mimic another in the URDF move on their own here: {some(moving)}"] if moving else []
+    return [f"mimic joints of the URDF are independent joints here: {some(moving)}"] if moving else []
 
 
 def _bounded(lower: Array, upper: Array) -> BoolArray:

@@ -1,4 +1,4 @@
-"""What of a robot, besides its feet, can touch the floor: spheres, boxes and capsules fixed to its links."""
+"""Collision shapes of a robot, besides its feet: spheres, boxes and capsules fixed to its links."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ if TYPE_CHECKING:
 __all__ = ["AnyShape", "Box", "Capsule", "CollisionShape", "Sphere", "check_shapes", "shapes_of"]
 
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
-"""m: from the size of a grain to that of a crane."""
+"""m."""
 
 
 class _Shape(Settings):
     """A shape fixed to links."""
 
-    link: str = Field(min_length=1, description="Link that carries it; a glob pattern gives one to each that matches.")
-    center_m: Vector3 = Field(default=(0.0, 0.0, 0.0), description="[x, y, z] of its middle in the link's frame, m.")
+    link: str = Field(
+        min_length=1, description="Link to which it is fixed; a glob pattern adds one to each matching link."
+    )
+    center_m: Vector3 = Field(default=(0.0, 0.0, 0.0), description="[x, y, z] of its centre in the link's frame, m.")
 
 
 class Sphere(_Shape):
@@ -52,11 +54,13 @@ class Box(_Turned):
 
 
 class Capsule(_Turned):
-    """A cylinder along its z axis with half spheres at its ends."""
+    """A cylinder along its z axis with hemispherical ends."""
 
-    kind: Literal["capsule"] = Field(default="capsule", description="A cylinder along its z axis with round ends.")
+    kind: Literal["capsule"] = Field(
+        default="capsule", description="A cylinder along its z axis with hemispherical ends."
+    )
     radius_m: Size = Field(description="Radius, m.")
-    half_length_m: Size = Field(description="Half of its length without the round ends, m.")
+    half_length_m: Size = Field(description="Half of the cylinder's length, m.")
 
 
 AnyShape = Annotated[Union[Sphere, Box, Capsule], Field(discriminator="kind")]  # noqa: UP007
@@ -67,10 +71,10 @@ class CollisionShape:
     """A shape on a moving body.
 
     Attributes:
-        name: for messages and engines; each shape of a robot has its own.
+        name: for messages and engines; unique within a robot.
         joint: index of the joint that moves it.
         placement: of its axes in that joint's frame, m.
-        shape: what it is; its link and placement are not used.
+        shape: its geometry; the shape's own link and placement are not used.
     """
 
     name: str
@@ -104,10 +108,10 @@ def check_shapes(model: pin.Model, shapes: tuple[Sphere | Box | Capsule, ...] | 
 
 
 def shapes_of(robot: Robot) -> tuple[CollisionShape, ...]:
-    """Return the shapes that the robot was given or, if it was given none, those of its URDF's collision geometry.
+    """Return the robot's given shapes or, if there are none, those of its URDF's collision geometry.
 
-    Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay, and all else is
-    enclosed in boxes. Bodies that carry a contact frame have none: their contact points stand for them.
+    Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay spheres, and all
+    else is enclosed in boxes. Bodies with a contact frame have none: their contact points represent them.
 
     Raises:
         ModelError: a mesh of the collision geometry cannot be read.
@@ -146,7 +150,7 @@ def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
 
 
 def _enclosed(geometry: coal.CollisionGeometry, scale: np.ndarray) -> tuple[np.ndarray, Sphere | Box | Capsule]:
-    """Return the middle of a geometry in its own axes, and the shape around it."""
+    """Return the centre of a geometry in its own axes, and the shape that encloses it."""
     if isinstance(geometry, coal.Sphere):
         return np.zeros(3), Sphere(link="*", radius_m=geometry.radius)
     if isinstance(geometry, (coal.Cylinder, coal.Capsule)):

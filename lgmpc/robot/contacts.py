@@ -1,4 +1,4 @@
-"""Which feet are on the ground when: a schedule of phases, sampled at any times."""
+"""Contact schedules: phases of feet on the ground, sampled at any times."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lgmpc.typing import Array, BoolArray, IntArray
 __all__ = ["ContactPhase", "ContactSchedule", "Swing"]
 
 _SLACK = 1e-9
-"""A time this little before a switch, s, is after it: node times are sums of rounded steps."""
+"""A time less than this before a switch, s, counts as after it: node times are sums of rounded steps."""
 
 
 @dataclass(frozen=True)
 class ContactPhase:
-    """A stretch of time with the same feet on the ground.
+    """An interval of time with the same feet on the ground.
 
     Attributes:
         duration: s; infinite in the last phase of a schedule that does not repeat, if it never ends.
@@ -39,11 +39,11 @@ class ContactPhase:
 
 @dataclass(frozen=True)
 class Swing:
-    """The time a foot spends in the air.
+    """The interval of time in which a foot is in the air.
 
     Attributes:
-        liftoff: when it leaves the ground, s; -inf if it never was on it.
-        touchdown: when it is back, s; inf if it never comes.
+        liftoff: time, s; -inf if it was never on the ground.
+        touchdown: time, s; inf if there is none.
     """
 
     liftoff: float
@@ -52,16 +52,16 @@ class Swing:
 
 @dataclass(frozen=True)
 class ContactSchedule:
-    """Contact phases one after the other.
+    """A sequence of contact phases.
 
-    A phase holds from its start up to, but not at, its end. Before ``start`` the first phase holds, unless the schedule
-    repeats; after the last phase, that one goes on.
+    A phase is active from its start up to, but not at, its end. Unless the schedule repeats, the first phase is active
+    before ``start`` and the last one after its end.
 
     Attributes:
         contact_frames: (nc,) all contact frames, in the order of the flags' columns.
         phases: in order of time.
-        start: when the first phase begins, s.
-        cyclic: whether the phases repeat for ever, in both directions of time.
+        start: of the first phase, s.
+        cyclic: whether the phases repeat, in both directions of time.
 
     Raises:
         InputError: no phases, a stance frame that is not among ``contact_frames`` (the nearest are named), or an
@@ -92,7 +92,7 @@ class ContactSchedule:
 
     @classmethod
     def standing(cls, contact_frames: Iterable[str]) -> ContactSchedule:
-        """Return the schedule that keeps every foot on the ground for ever."""
+        """Return the schedule with every foot on the ground at all times."""
         frames = tuple(contact_frames)
         return cls(frames, (ContactPhase(math.inf, frames),))
 
@@ -111,11 +111,11 @@ class ContactSchedule:
         return flags
 
     def phase(self, time: float) -> ContactPhase:
-        """Return the phase that holds at ``time``, s."""
+        """Return the phase that is active at ``time``, s."""
         return self.phases[int(self._locate(time)[1])]
 
     def swing(self, frame: str, time: float) -> Swing | None:
-        """Return when the foot that is in the air at ``time`` left the ground and comes back; None if it is on it.
+        """Return the swing of the foot at ``time``, s; None if it is on the ground.
 
         Raises:
             InputError: ``frame`` is not a contact frame, or the time is not finite.

@@ -1,10 +1,10 @@
-"""The friction pyramid: what replaces the friction cone where conditions have to be linear.
+"""The friction pyramid, which approximates the friction cone by linear conditions.
 
 The regular pyramid with n facets inscribed in the cone of coefficient mu,
 
     cos(2 pi j / n) f_x + sin(2 pi j / n) f_y <= mu cos(pi / n) f_z,      j = 0 .. n - 1,
 
-has its edges on the cone. A circumscribed one would allow diagonal forces beyond the cone, and the feet slip.
+has its edges on the cone. A circumscribed one would allow diagonal forces outside the cone, at which feet slip.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from lgmpc.typing import Array
 
 __all__ = ["check_facets", "facet_normals", "friction_margins", "friction_pyramid", "pyramid_half_width"]
 
-_ROUNDING = 1e-15  # of cosines and sines that are zero
+_ROUNDING = 1e-15  # largest rounding error of cosines and sines that are zero
 
 
 def check_facets(facets: int) -> None:
-    """Refuse a number of facets that makes no pyramid.
+    """Check the number of facets.
 
     Raises:
-        InputError: less than three.
+        InputError: fewer than three.
     """
     if facets < 3:
         raise InputError("facets", facets, "at least 3 sides of the friction pyramid (4 and 8 are usual)")
 
 
 def pyramid_half_width(friction: Any, facets: int) -> Any:
-    """Return ``mu cos(pi / n)``, the pyramid's half-width at unit height; friction is a number or a CasADi one."""
+    """Return ``mu cos(pi / n)``, the pyramid's half-width at unit height; friction is a number or a CasADi scalar."""
     return friction * math.cos(math.pi / facets)
 
 
@@ -56,6 +56,6 @@ def friction_margins(force: Any, half_width: Any, facets: int) -> list[Any]:
         half_width: of :func:`pyramid_half_width`, computed once for all contacts.
         facets: n.
     """
-    # What rounding alone keeps from zero is left out, so that the rows stay sparse.
+    # Entries that differ from zero by rounding only are omitted, so that the rows stay sparse.
     normals = np.where(np.abs(facet_normals(facets)) < _ROUNDING, 0.0, facet_normals(facets)).tolist()
     return [half_width * force[2] - x * force[0] - y * force[1] for x, y in normals]

@@ -1,4 +1,4 @@
-"""Load a robot: find the files, build the model, give it limits and a posture, and check it."""
+"""Loading of robots: files, model, limits, posture and checks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["check_model", "load_robot"]
 
 
 def load_robot(spec: RobotSpec) -> Robot:
-    """Load the robot that ``spec`` describes. No mesh is read.
+    """Return the robot that ``spec`` describes. No mesh is read.
 
     Raises:
         InputError: the robot's name is unknown (the nearest are named), or a file does not exist.
@@ -51,6 +51,7 @@ class _Actuators:
     effort: Array
     velocity: Array
     armature: Array
+    friction: Array
     problems: list[str]
     notes: list[str]
 
@@ -96,6 +97,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
         joint_lower=lower[start:],
         joint_upper=upper[start:],
         armature=actuators.armature[start:],
+        joint_friction=actuators.friction[start:],
         source=source.files,
         given_shapes=spec.collision_shapes,
         notes=notes,
@@ -118,13 +120,14 @@ def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
 
 
 def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:
-    """Write limits and armature into the model, and collect what is wrong with those of the files."""
+    """Write limits and armature into the model, and return the problems and notes of those in the files."""
     unknown = np.full(model.nv, np.nan)
     given_effort, effort_problems = joint_values(spec.effort_limit_nm, joints, unknown, "effort_limit_nm")
     given_velocity, velocity_problems = joint_values(spec.velocity_limit_rad_s, joints, unknown, "velocity_limit_rad_s")
     armature, armature_problems = joint_values(
         spec.armature_kg_m2, joints, np.asarray(model.armature), "armature_kg_m2"
     )
+    friction, friction_problems = joint_values(spec.joint_friction_nm, joints, np.zeros(model.nv), "joint_friction_nm")
 
     def own_range(joint: ActuatedJoint) -> tuple[float, float]:
         return float(model.lowerPositionLimit[joint.q][0]), float(model.upperPositionLimit[joint.q][0])
@@ -144,11 +147,11 @@ def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: Ro
     effort = np.where(np.isnan(given_effort), model.effortLimit, given_effort)
     velocity = np.where(np.isnan(given_velocity), model.velocityLimit, given_velocity)
     model.effortLimit, model.velocityLimit, model.armature = effort, velocity, armature
-    if hasattr(model, "lowerEffortLimit"):  # Pinocchio keeps both signs; its setters above write only the upper one.
+    if hasattr(model, "lowerEffortLimit"):  # Pinocchio stores both signs; its setters above write only the upper one.
         model.lowerEffortLimit, model.lowerVelocityLimit = -effort, -velocity
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-    problems = [*effort_problems, *velocity_problems, *armature_problems, *range_problems, *limit_problems]
-    return _Actuators(effort, velocity, armature, problems, notes)
+    problems = [*effort_problems, *velocity_problems, *armature_problems, *friction_problems, *range_problems]
+    return _Actuators(effort, velocity, armature, friction, [*problems, *limit_problems], notes)
 
 
 def _degree_limits(model: pin.Model, joints: tuple[ActuatedJoint, ...]) -> tuple[Array, Array]:
@@ -162,7 +165,7 @@ def _degree_limits(model: pin.Model, joints: tuple[ActuatedJoint, ...]) -> tuple
 
 
 def _reach(model: pin.Model) -> float:
-    """Return the length of the longest chain of joints, m: no centre of mass is further from a joint's axis."""
+    """Return the length of the longest chain of joints, m, which bounds the distance of masses from joint axes."""
     reach = [0.0] * int(model.njoints)
     for index in range(1, model.njoints):
         reach[index] = reach[model.parents[index]] + float(np.linalg.norm(model.jointPlacements[index].translation))

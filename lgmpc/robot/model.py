@@ -1,4 +1,4 @@
-"""The robot that every room works with: a ``pin.Model`` with contact frames, actuator limits and a posture."""
+"""Robots: a ``pin.Model`` with contact frames, actuator limits and a reference posture."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.notebook import html_table
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
 from lgmpc.robot.names import degree_names, frame_index, is_floating
 from lgmpc.typing import Array
@@ -23,12 +24,12 @@ __all__ = ["ModelSource", "Robot"]
 
 @dataclass(frozen=True)
 class ModelSource:
-    """Where a model came from, for whoever needs its meshes.
+    """The files of a model, for reading its meshes.
 
     Attributes:
         urdf: the URDF file.
         srdf: the SRDF file, if there is one.
-        package_dirs: folders in which ``package://`` addresses are looked up.
+        package_dirs: folders in which ``package://`` paths are resolved.
     """
 
     urdf: Path
@@ -38,10 +39,10 @@ class ModelSource:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot model, complete and checked; made by :func:`lgmpc.robot.load_robot`.
+    """A complete and checked robot model, returned by :func:`lgmpc.robot.load_robot`.
 
-    The arrays are read-only. ``model`` holds the same armature, effort, velocity and position limits; treat it as
-    read-only too. "Actuated" are all degrees of freedom but the floating base's.
+    The arrays are read-only. ``model`` has the same armature, effort, velocity and position limits; do not change it.
+    All degrees of freedom but the floating base's are actuated.
 
     Attributes:
         name: name in example-robot-data, or the URDF's.
@@ -57,9 +58,10 @@ class Robot:
         joint_lower: (nu,) lowest joint position, rad (m); -inf where a joint has none (continuous, spherical).
         joint_upper: (nu,) highest joint position; inf where a joint has none.
         armature: (nu,) reflected rotor inertia, kg.m2 (kg).
-        source: the files the model came from.
-        notes: what the checks found worth knowing but not wrong.
-        given_shapes: what besides the feet touches the floor; None for the URDF's collision geometry.
+        joint_friction: (nu,) Coulomb friction that is known of the joints, N.m (N).
+        source: the model's files.
+        notes: unusual properties found by the checks.
+        given_shapes: collision shapes besides the feet; None for the URDF's collision geometry.
     """
 
     name: str
@@ -73,15 +75,30 @@ class Robot:
     joint_lower: Array
     joint_upper: Array
     armature: Array
+    joint_friction: Array
     source: ModelSource
     notes: tuple[str, ...] = ()
     given_shapes: tuple[Sphere | Box | Capsule, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("q_reference", "effort_limit", "velocity_limit", "joint_lower", "joint_upper", "armature"):
+        limits = ("effort_limit", "velocity_limit", "joint_lower", "joint_upper")
+        for name in ("q_reference", *limits, "armature", "joint_friction"):
             values = np.array(getattr(self, name), dtype=np.float64)
             values.flags.writeable = False
             object.__setattr__(self, name, values)
+
+    def _repr_html_(self) -> str:
+        """Return a table of mass, freedom, feet and limits."""
+        rows = [
+            ("mass", f"{self.mass:.3f} kg"),
+            ("base", "free" if self.floating_base else "fixed"),
+            ("joints", f"{self.nu}: {', '.join(self.joint_names)}"),
+            ("contact frames", ", ".join(self.contact_frames) or "none"),
+            ("largest effort", _span(self.effort_limit, "N.m")),
+            ("largest speed", _span(self.velocity_limit, "rad/s")),
+            *(("note", note) for note in self.notes),
+        ]
+        return html_table(self.name, rows)
 
     def create_data(self) -> pin.Data:
         """Return a new workspace for Pinocchio's algorithms on ``model``."""
@@ -96,24 +113,24 @@ class Robot:
 
     @cached_property
     def collision_shapes(self) -> tuple[CollisionShape, ...]:
-        """What besides the feet touches the floor; read from the URDF's collision geometry unless it was given.
+        """The collision shapes besides the feet; read from the URDF's collision geometry unless given.
 
         Raises:
             ModelError: a mesh of the collision geometry cannot be read.
         """
         return shapes_of(self)
 
-    @property
+    @cached_property
     def nq(self) -> int:
         """Size of the configuration."""
         return int(self.model.nq)
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Size of the velocity."""
         return int(self.model.nv)
 
-    @property
+    @cached_property
     def nu(self) -> int:
         """Number of actuated degrees of freedom."""
         return self.nv - int(self.joint_v.start)
@@ -128,19 +145,19 @@ class Robot:
         """Whether the first joint is a free-flyer."""
         return is_floating(self.model)
 
-    @property
+    @cached_property
     def joint_q(self) -> slice:
         """The actuated joints' entries of the configuration."""
         return slice(7 if self.floating_base else 0, self.nq)
 
-    @property
+    @cached_property
     def joint_v(self) -> slice:
         """The actuated joints' entries of the velocity."""
         return slice(6 if self.floating_base else 0, int(self.model.nv))
 
     @cached_property
     def mass(self) -> float:
-        """Mass of everything that moves, kg."""
+        """Mass of all moving bodies, kg."""
         return float(pin.computeTotalMass(self.model))
 
     @cached_property
@@ -185,9 +202,15 @@ class Robot:
 
         Args:
             name: of the frame.
-            key: what an error calls the argument.
+            key: name of the argument in errors.
 
         Raises:
             InputError: there is no such frame; the nearest are named.
         """
         return frame_index(self.model, name, key)
+
+
+def _span(values: Array, unit: str) -> str:
+    """Return one number if all are equal, else the smallest and the largest."""
+    lowest, highest = f"{values.min(initial=np.inf):g}", f"{values.max(initial=-np.inf):g}"
+    return f"{lowest} {unit}" if lowest == highest else f"{lowest} to {highest} {unit}"

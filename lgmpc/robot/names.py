@@ -1,4 +1,4 @@
-"""Names in a Pinocchio model: of frames, of degrees of freedom, and how messages list them."""
+"""Names of frames and degrees of freedom in a Pinocchio model, and their lists in messages."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def degree_names(model: pin.Model) -> tuple[str, ...]:
 
 
 def some(names: Sequence[str], most: int = 4) -> str:
-    """Return up to ``most`` names, and how many more there are."""
+    """Return a list of up to ``most`` names and the number of further ones."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

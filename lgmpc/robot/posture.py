@@ -1,4 +1,4 @@
-"""The reference posture: joint angles by name, and the base put onto the ground."""
+"""The reference posture: joint angles by name, and the base placed on the ground."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lgmpc.typing import Array
 __all__ = ["LEVEL_TOLERANCE", "contact_heights", "put_on_ground", "reference_posture"]
 
 LEVEL_TOLERANCE = 1e-3
-"""Contact points that deviate less from a plane, m, are put level."""
+"""Largest deviation of contact points from a plane that is levelled, m."""
 
 _LARGEST_TILT = math.radians(45.0)
 
@@ -33,7 +33,7 @@ def reference_posture(
         model: with position limits and reference configurations.
         joints: the model's joints without the floating base.
         posture: name of a reference configuration, or {joint name or pattern: rad or m}, or None.
-        usual: name of the reference configuration to take when ``posture`` is None; moved into the limits if need be.
+        usual: name of the reference configuration if ``posture`` is None; clipped to the limits.
     """
     known = {entry.key(): entry.data() for entry in model.referenceConfigurations}
     if isinstance(posture, str):
@@ -46,7 +46,7 @@ def reference_posture(
         own = _normalized(model, known[usual])
         q, moved = _within_limits(model, joints, own)
         note = (
-            f"its own posture '{usual}' is outside the limits of {', '.join(moved)}; they are put at the nearest limit"
+            f"its own posture '{usual}' is outside the limits of {', '.join(moved)}; they are set to the nearest limit"
         )
         return q, [], [note] if moved else []
     q, _ = _within_limits(model, joints, _normalized(model, pin.neutral(model)))
@@ -67,7 +67,7 @@ def contact_heights(model: pin.Model, q: Array, frames: Sequence[int], radius: f
 
 
 def put_on_ground(model: pin.Model, q: Array, frames: Sequence[int], radius: float) -> Array:
-    """Return ``q`` with the base level, where the contact points lie in one plane, and the lowest of them at z = 0."""
+    """Return ``q`` with the lowest contact point at z = 0 and the contact points' plane, if there is one, level."""
     q = q.copy()
     if not frames or not is_floating(model):
         return q
@@ -101,7 +101,7 @@ def _points(model: pin.Model, q: Array, frames: Sequence[int]) -> Array:
 
 
 def _levelling(points: Array) -> Array:
-    """Return the smallest rotation that puts ``points`` level; the identity unless they lie in a flattish plane."""
+    """Return the smallest rotation that levels ``points``; the identity if they are not close to a plane."""
     if len(points) < 3:
         return np.eye(3)
     centred = points - points.mean(axis=0)

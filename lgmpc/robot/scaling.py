@@ -1,12 +1,12 @@
-"""How weights and force limits grow with a robot's mass: the one place where settings meet the mass.
+"""Scaling of weights and force limits with the robot's mass.
 
-Settings hold numbers for a robot of :data:`REFERENCE_MASS`. Unscaled, the momentum of a robot of 50 kg would count 400
-times as much beside costs of accelerations and positions.
+Settings are values for a robot of :data:`REFERENCE_MASS`. Unscaled, the squared momentum of a robot of 50 kg would be
+400 times as large relative to costs of accelerations and positions.
 """
 
 from __future__ import annotations
 
-__all__ = ["REFERENCE_MASS", "normal_force_range", "weight_factor"]
+__all__ = ["REFERENCE_MASS", "normal_force_range", "turning_factor", "weight_factor"]
 
 REFERENCE_MASS = 2.5
 """kg; mass of Solo12, for which weights of squared forces and momenta are stated."""
@@ -17,13 +17,22 @@ def weight_factor(mass: float) -> float:
     return float((REFERENCE_MASS / mass) ** 2)
 
 
+def turning_factor(mass: float) -> float:
+    """Return the factor on weights of squared angular accelerations: ``(mass / REFERENCE_MASS)^(2/3)``.
+
+    Robots of one shape and of lengths L have masses in proportion to L^3, linear accelerations that do not depend on
+    L, and angular ones in proportion to 1 / L.
+    """
+    return float((mass / REFERENCE_MASS) ** (2.0 / 3.0))
+
+
 def normal_force_range(
     given: tuple[float, float] | None, per_kilogram: tuple[float, float], mass: float
 ) -> tuple[float, float]:
     """Return the lowest and highest normal force of a foot, N.
 
     Args:
-        given: as set, N; None for a range in proportion to the mass.
+        given: the setting, N; None for a range proportional to the mass.
         per_kilogram: N/kg, used where none is given.
         mass: of the robot, kg.
     """

@@ -1,4 +1,4 @@
-"""Find a robot's files and build its ``pin.Model``, without loading a mesh."""
+"""A robot's files, and its ``pin.Model`` without meshes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["ResolvedSource", "available_models", "build_model", "resolve"]
 
 @dataclass(frozen=True)
 class ResolvedSource:
-    """A robot's files, and what example-robot-data says about them.
+    """A robot's files, and their entries in example-robot-data.
 
     Attributes:
         name: name in example-robot-data, or the URDF file's stem until the model is read.
@@ -38,7 +38,7 @@ class ResolvedSource:
 
 
 def _loaders() -> dict[str, Any]:
-    """Return the loader classes whose model is just their URDF (some describe an SDF, or alter the model in Python)."""
+    """Return the loader classes whose model is that of their URDF (others read an SDF, or change it in Python)."""
     import example_robot_data as erd
 
     return {
@@ -52,7 +52,7 @@ def available_models() -> tuple[str, ...]:
 
 
 def resolve(spec: RobotSpec) -> ResolvedSource:
-    """Find the files of ``spec``.
+    """Return the files of ``spec``.
 
     Raises:
         InputError: unknown robot name (the nearest are named), or a file that does not exist.
@@ -87,10 +87,10 @@ def _siblings(path: Path) -> tuple[str, ...]:
 
 
 def build_model(source: ResolvedSource) -> tuple[pin.Model, tuple[str, ...]]:
-    """Build the model from its URDF, and return it with what the parser complained about.
+    """Build the model from its URDF, and return it with the parser's warnings.
 
     Raises:
-        ModelError: the parser refuses the file; the problems are its own words.
+        ModelError: the parser rejects the file; the problems are its messages.
     """
     path = str(source.files.urdf)
     with _native_stderr() as said:
@@ -108,7 +108,7 @@ def build_model(source: ResolvedSource) -> tuple[pin.Model, tuple[str, ...]]:
 
 
 def _parser_words(text: str) -> tuple[str, ...]:
-    """Return the parser's sentences without the lines that name its own source files."""
+    """Return the parser's messages without the lines that name its own source files."""
     lines = (line.strip() for line in text.splitlines())
     return tuple(
         line.removeprefix("Error:").removeprefix("Warning:").strip()
@@ -119,7 +119,7 @@ def _parser_words(text: str) -> tuple[str, ...]:
 
 @contextmanager
 def _native_stderr() -> Iterator[list[str]]:
-    """Catch what native code prints to file descriptor 2; the list holds the text once the block ends."""
+    """Capture what native code prints to file descriptor 2; the list contains the text when the block has ended."""
     said: list[str] = []
     sys.stderr.flush()
     saved = os.dup(2)

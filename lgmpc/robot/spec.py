@@ -1,4 +1,4 @@
-"""Which robot to load, and what its model's file does not say."""
+"""The settings of a robot: its files, and properties that these lack."""
 
 from __future__ import annotations
 
@@ -24,51 +24,53 @@ Posture = Annotated[
 ]
 
 Torque = Annotated[Positive, Field(ge=1e-6, le=1e5)]
-"""N.m, from the motors of insects' size to those of excavators."""
+"""N.m."""
 Speed = Annotated[Positive, Field(ge=1e-3, le=1e4)]
-"""rad/s: a joint that is limited to less does not move, and 1e4 rad/s is 100,000 rpm."""
+"""rad/s; the largest is 100,000 rpm."""
 Inertia = Annotated[NonNegative, Field(le=1e3)]
 """kg.m2 of a rotor, reflected through its gears."""
+Friction = Annotated[NonNegative, Field(le=1e4)]
+"""N.m."""
 
 
 class RobotSpec(Settings):
-    """The robot that is controlled, and that the plant simulates.
+    """The robot that is controlled and simulated.
 
-    Tables have joint names or glob patterns (``"*_KFE"``, ``"F?_HFE"``) as keys. An exact name wins over patterns, and
-    among patterns the last that matches wins. Joints that no key matches keep what the model's file says. For prismatic
-    joints, read m for rad and N for N.m.
+    Tables have joint names or glob patterns (``"*_KFE"``, ``"F?_HFE"``) as keys. An exact name has
+    precedence over patterns, and the last matching pattern over others. Joints that no key matches keep the values of
+    the model's file. For prismatic joints the units are m instead of rad and N instead of N.m.
     """
 
     model: str | None = Field(
-        default=None, min_length=1, description="Name in example-robot-data, such as solo12. Give this or urdf."
+        default=None, min_length=1, description="Name in example-robot-data, such as solo12; excludes urdf."
     )
-    urdf: Path | None = Field(default=None, description="URDF file, relative to the config file. Give this or model.")
+    urdf: Path | None = Field(default=None, description="URDF file, relative to the config file; excludes model.")
     srdf: Path | None = Field(
         default=None,
         description="SRDF file with reference configurations and rotor parameters, relative to the config file. null: "
-        "a named model's own.",
+        "that of the named model.",
     )
     package_dirs: tuple[Path, ...] = Field(
         default=(),
-        description="Folders in which package:// addresses of the URDF are looked up, relative to the config file.",
+        description="Folders in which package:// paths of the URDF are resolved, relative to the config file.",
     )
     floating_base: bool | None = Field(
         default=None,
         strict=True,
-        description="Whether the base moves freely. null: as the named model has it; true for a URDF.",
+        description="Whether the base moves freely. null: as in the named model; true for a URDF.",
     )
     contact_frames: tuple[str, ...] = Field(
         default=(), description="Frames that touch the ground, in the order of the logs."
     )
     contact_radius_m: Annotated[NonNegative, Field(le=0.5)] = Field(
         default=0.0,
-        description="Radius of the spherical feet in m, at most 0.5; 0 for point feet. The contact point lies this far "
-        "below.",
+        description="Radius of the spherical feet in m, at most 0.5; 0 for point feet. The contact point is this far "
+        "below the frame's origin.",
     )
     posture: Posture | None = Field(
         default=None,
         description="Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}. "
-        "null: the named model's own.",
+        "null: that of the named model.",
     )
     effort_limit_nm: PerJoint[Torque] | None = Field(
         default=None,
@@ -87,11 +89,16 @@ class RobotSpec(Settings):
         description="Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}. null: the SRDF's, "
         "or 0.",
     )
+    joint_friction_nm: PerJoint[Friction] | None = Field(
+        default=None,
+        description="Coulomb friction in N.m, as identified, which the controllers compensate: a number, or {joint "
+        "name or pattern: number}. null: none.",
+    )
 
     collision_shapes: tuple[AnyShape, ...] | None = Field(
         default=None,
-        description="What besides the feet touches the floor in a simulation: spheres, boxes and capsules on links."
-        " null: around each part of the URDF's collision geometry, but for bodies with a contact frame.",
+        description="Collision shapes with the floor besides the feet: spheres, boxes and capsules on links. null: one "
+        "around each part of the URDF's collision geometry, except on bodies with a contact frame.",
     )
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""What a URDF's XML says beside what Pinocchio's parser takes from it: mimic tags, mesh paths, entities."""
+"""Properties of a URDF's XML that Pinocchio's parser does not report: mimic tags, mesh paths, entities."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class UrdfText:
     """A URDF as XML.
 
     Attributes:
-        problems: what makes its meaning depend on the parser: text that is not well-formed, entities.
+        problems: text whose interpretation depends on the parser: not well-formed, or with entities.
         mimics: joints with a ``<mimic>``.
         meshes: file names of its meshes, each once.
     """
@@ -30,20 +30,20 @@ class UrdfText:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is worth knowing, but not wrong."""
+        """Unusual properties that do not prevent its use."""
         outside = [mesh for mesh in self.meshes if _leaves_package(mesh)]
         if not outside:
             return ()
-        return (f"meshes outside the package that their path names, read from where the path leads: {some(outside)}",)
+        return (f"meshes outside the package that their path names: {some(outside)}",)
 
 
 def read_urdf_text(urdf: Path) -> UrdfText:
-    """Read the URDF's XML.
+    """Return the contents of a URDF's XML.
 
-    Pinocchio's parser expands no entity, assumes UTF-8 and ignores what follows the robot: where a file depends on any
-    of these, other tools read another robot in it, so it is a problem.
+    Pinocchio's parser expands no entity, assumes UTF-8 and ignores what follows the robot: a file that depends on any
+    of these describes another robot to other parsers, which is a problem.
     """
-    parser = expat.ParserCreate()  # without namespaces: an undeclared prefix is common in URDFs, and harmless
+    parser = expat.ParserCreate()  # without namespaces: undeclared prefixes are common in URDFs
     path: list[str] = []
     joint = ""
     mimics: list[str] = []
@@ -83,7 +83,7 @@ class _EntityDeclared(Exception):
 
 
 def _leaves_package(mesh: str) -> bool:
-    """Whether a ``package://`` path climbs out of the package that it begins with."""
+    """Return whether a ``package://`` path leaves the package that it begins with."""
     if not mesh.startswith(_SCHEME):
         return False
     path = mesh.removeprefix(_SCHEME)

@@ -1,7 +1,7 @@
-"""Runs: recording them, their folder, their metrics, and the verdict."""
+"""Runs: recorder, run folder, metrics and verdict."""
 
 from lgmpc.runs.atomic import atomic_write
-from lgmpc.runs.compare import Change, compare
+from lgmpc.runs.compare import Change, compare, flat_metrics, metric_names
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
@@ -9,6 +9,7 @@ from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import PushInterval, RunLog, push_intervals
 from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
+from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.recorder import LogSettings, Recorder
 from lgmpc.runs.result import RunResult, SolveResult
 from lgmpc.runs.trajectory import TrajectoryLog
@@ -22,6 +23,7 @@ __all__ = [
     "HostInfo",
     "LogSettings",
     "Metrics",
+    "ModeMetrics",
     "Outcome",
     "PushInterval",
     "Recorder",
@@ -39,10 +41,12 @@ __all__ = [
     "atomic_write",
     "compare",
     "compute_metrics",
+    "flat_metrics",
     "host_info",
     "judge",
     "judge_figures",
     "measured",
+    "metric_names",
     "push_intervals",
     "versions",
 ]

@@ -1,4 +1,4 @@
-"""Files that are either complete or not there."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ __all__ = ["atomic_write", "reason_of"]
 
 
 def reason_of(error: OSError) -> str:
-    """Return why the operating system refused, in words, without the errno and the repeated path."""
+    """Return the operating system's reason in words, without the errno and the path."""
     return (error.strerror or str(error)).lower()
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file beside ``path`` that takes its name only when the block ends without an exception.
+    """Open a temporary file in the folder of ``path``, renamed to it when the block ends without an exception.
 
-    A reader therefore sees the old file, or the new one, never a part of it; an exception or an interrupt leaves the
-    old file as it was and no temporary one behind.
+    Readers see the old file or the complete new one; after an exception or an interrupt the old file is unchanged and
+    the temporary one is removed.
 
     Args:
         path: the file to write; its folder must exist.
@@ -45,7 +45,7 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp made it private (0600); a result file is as readable as the user's umask would have made it.
+        # mkstemp creates private files (0600); results have the permissions of the user's umask.
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except OSError as error:

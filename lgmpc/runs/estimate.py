@@ -1,4 +1,4 @@
-"""Errors of the estimate that a controller received."""
+"""Errors of the state estimate."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from lgmpc.typing import Array
 __all__ = ["EstimatorErrors", "estimator_errors", "tilt_and_yaw_deg"]
 
 CONTACT_FORCE_N = 0.1
-"""A foot whose normal force is larger stands: about 1/60 of one of Solo12's feet at rest."""
+"""Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
 
 
 @dataclass(frozen=True)
 class EstimatorErrors:
-    """Differences between estimate and truth over a run.
+    """Errors of the estimate over a run.
 
-    Position and yaw are not observable from inside a robot: they drift, and their errors here are that drift.
+    Position and yaw are not observable by the robot's own sensors: their errors are drift.
 
     Attributes:
         max_position_m: largest distance between estimated and true base position.
         final_position_m: distance at the end.
         max_tilt_deg: largest angle between estimated and true vertical in the base.
-        max_yaw_deg: largest size of the yaw's error.
-        final_yaw_deg: its size at the end.
-        rms_velocity_m_s: RMS size of the error of the base's linear velocity, base axes.
-        max_velocity_m_s: largest such size.
+        max_yaw_deg: largest absolute error of the yaw.
+        final_yaw_deg: absolute error of the yaw at the end.
+        rms_velocity_m_s: RMS norm of the error of the base's linear velocity, base axes.
+        max_velocity_m_s: largest norm of this error.
         wrong_contact_fraction: fraction of feet and ticks whose contact was classified wrongly.
     """
 
@@ -43,7 +43,7 @@ class EstimatorErrors:
 
 
 def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | None:
-    """Measure the estimate over the first ``end`` ticks (all if not given); ``None`` if there was no estimator."""
+    """Return the errors over the first ``end`` ticks (all unless given); ``None`` if there was no estimator."""
     if log.estimate_q is None or log.estimate_v is None or log.estimate_contacts is None:
         return None
     use = slice(0, end)
@@ -64,7 +64,7 @@ def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | N
 
 
 def tilt_and_yaw_deg(estimate: Array, truth: Array) -> tuple[Array, Array]:
-    """Split the rotation from true to estimated orientations into a tilt and a turn about the vertical.
+    """Decompose the rotation from true to estimated orientations into tilt and yaw.
 
     Args:
         estimate: (n, 4) quaternions x y z w.

@@ -1,4 +1,4 @@
-"""Named figures, such as those of a solved problem: their words, their units, their bounds."""
+"""Figures of merit by name, such as those of a solved problem: wording, units, bounds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UNITS = {
     "_s": ("s", 1.0),
     "_percent": ("%", 1.0),
 }
-"""Ending of a figure's name, the unit that its values read best in, and how many of these one of the name's is."""
+"""Unit at the end of a figure's name, unit of display, and factor from the first to the second."""
 
 _ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RMSE", "RPY", "ZMP")}
 
@@ -29,35 +29,33 @@ _SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin",
 """Last words, before the unit, of figures that can be negative."""
 
 _SMALL = 1e-3
-"""What is smaller, in its unit, is shown as less than that: 2.8e-05 deg informs no reader."""
+"""Smaller values, in their units, are shown as less than this."""
 
 
 def figure_of(bound: str) -> str:
-    """Return the figure that a bound is about: ``max_com_error_m`` is about ``com_error_m``."""
+    """Return the figure of a bound: that of ``max_com_error_m`` is ``com_error_m``."""
     return bound[len("max_") :]
 
 
 def is_signed(figure: str) -> bool:
-    """Return whether a figure can be negative: a margin, a distance ahead, a height; not an error, a ratio, a speed."""
+    """Return whether a figure can be negative: margins, distances ahead, heights; not errors, ratios, speeds."""
     return _stem(figure).rpartition("_")[2] in _SIGNED or figure.startswith("least_")
 
 
 def figure_words(figure: str) -> tuple[str, str, float]:
-    """Return ``com_error_m`` as ("CoM error", "mm", 1000): words, unit to show it in, scale to that unit."""
+    """Return a figure's words, unit of display and factor to it: of ``com_error_m`` ("CoM error", "mm", 1000)."""
     stem = _stem(figure)
     unit, scale = _UNITS.get(figure.removeprefix(stem), ("", 1.0))
     return _words(stem), unit, scale
 
 
 def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
-    """Return a figure for people: three digits, and an exponent only where the order of magnitude is the point.
-
-    It is for numbers without a unit, such as residuals, and beside limits that are small themselves.
+    """Return a figure as text: three digits, with an exponent only if it has no unit or its limit is small too.
 
     Args:
         value: in the unit; NaN becomes "-".
         unit: empty if it has none.
-        limit: that stands beside it, if any.
+        limit: shown with it, if any.
     """
     if math.isnan(value):
         return "-"
@@ -69,19 +67,19 @@ def figure_number(value: float, unit: str = "", limit: float | None = None) -> s
 
 
 def short_number(value: float, limit: float) -> tuple[str, str]:
-    """Return a value and the limit that it breaks, short, but not so short that the two read the same."""
+    """Return a value and the limit that it violates, with as many digits as are needed to distinguish them."""
     shown, allowed = _short(value), _short(limit)
     return (shown, allowed) if shown != allowed else (f"{value:.7g}", f"{limit:.7g}")
 
 
 def unknown_bounds(bounds: Iterable[str], figures: Iterable[str]) -> list[str]:
-    """Return the bounds that are about none of the figures."""
+    """Return the bounds on unknown figures."""
     known = set(figures)
     return [bound for bound in bounds if figure_of(bound) not in known]
 
 
 def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a sentence for each bound (``max_<figure>`` or ``min_<figure>``) that is broken; NaN breaks all."""
+    """Return a sentence for each violated bound (``max_<figure>`` or ``min_<figure>``); NaN violates all."""
     reasons = []
     for bound, limit in bounds.items():
         value, highest = figures[figure_of(bound)], bound.startswith("max_")
@@ -94,7 +92,7 @@ def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> 
 
 
 def _stem(figure: str) -> str:
-    """The name without its unit."""
+    """Return the name without its unit."""
     return next((figure.removesuffix(ending) for ending in _UNITS if figure.endswith(ending)), figure)
 
 
@@ -103,5 +101,5 @@ def _words(name: str) -> str:
 
 
 def _short(value: float) -> str:
-    """Three digits, but no exponent for what is merely large."""
+    """Return three digits, without an exponent for large values."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"

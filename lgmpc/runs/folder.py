@@ -8,7 +8,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, TypeVar
@@ -39,17 +39,17 @@ _DAMAGE = (
     zlib.error,
     zipfile.BadZipFile,
 )
-"""What NumPy, zipfile and zlib raise for files whose headers or contents were changed."""
+"""Exceptions of NumPy, zipfile and zlib for files whose headers or contents were changed."""
 
 _OTHER_FILES = 1_000_000
-"""Bytes for config, result and the arrays' headers: more than they ever take."""
+"""Upper bound of the size of config, result and the arrays' headers, B."""
 
 CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE = "config.yaml", "log.npz", "trajectory.npz"
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder, read.
+    """The contents of a run folder.
 
     Attributes:
         path: the folder.
@@ -59,14 +59,18 @@ class Run:
     """
 
     path: Path
-    config: str
-    log: RunLog
+    config: str = field(repr=False)
+    log: RunLog = field(repr=False)
     result: RunResult
+
+    def _repr_html_(self) -> str:
+        """Return a table of the verdict and of some figures."""
+        return self.result.html(self.path)
 
 
 @dataclass(frozen=True)
 class SolvedRun:
-    """The folder of a solved problem, read.
+    """The contents of a solved problem's run folder.
 
     Attributes:
         path: the folder.
@@ -76,31 +80,35 @@ class SolvedRun:
     """
 
     path: Path
-    config: str
-    trajectory: TrajectoryLog
+    config: str = field(repr=False)
+    trajectory: TrajectoryLog = field(repr=False)
     result: SolveResult
+
+    def _repr_html_(self) -> str:
+        """Return a table of the verdict and of some figures."""
+        return self.result.html(self.path)
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """A folder that a run writes its results into."""
+    """The folder of a run's results."""
 
     path: Path
 
     @classmethod
     def create(cls, out: Path | str, name: str, now: datetime | None = None) -> RunFolder:
-        """Make ``out/<UTC time>-<name>/`` and prove that it can be written.
+        """Create ``out/<UTC time>-<name>/`` and check that it can be written.
 
-        Called before a run starts, so that a folder that cannot be written is reported at once. Two runs that start in
-        the same second get two folders.
+        Called before a run starts, so that an unwritable folder is reported at once. Two runs that start in the same
+        second have different folders.
 
         Args:
-            out: parent folder, made if it does not exist.
-            name: the run's name; characters that do not belong into a file name become "-".
-            now: the time to put into the name; the current time if not given.
+            out: parent folder, created if it does not exist.
+            name: the run's name; characters that are not allowed in a file name become "-".
+            now: the time in the name; the current time unless given.
 
         Raises:
-            RunFolderError: if it cannot be made or written, with the reason.
+            RunFolderError: if it cannot be created or written, with the reason.
         """
         out = Path(out)
         stamp = (now or datetime.now(timezone.utc)).astimezone(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
@@ -116,29 +124,27 @@ class RunFolder:
                 except FileExistsError:
                     count += 1
         except FileExistsError as error:
-            raise RunFolderError(
-                f"{out} is a file, not a folder to make runs in. Choose another one with --out"
-            ) from error
+            raise RunFolderError(f"{out} is a file, not a folder for runs: choose another one with --out") from error
         except OSError as error:
             raise RunFolderError(
-                f"cannot make a run folder in {out}: {reason_of(error)}. Choose another one with --out"
+                f"cannot create a run folder in {out}: {reason_of(error)}; choose another one with --out"
             ) from error
         return cls(path)
 
     def check_space(self, log_bytes: int) -> None:
-        """Check that the disk has room for a run's arrays, before the run starts.
+        """Check, before a run starts, that the disk has space for its arrays.
 
         Args:
             log_bytes: size of the arrays, an estimate.
 
         Raises:
-            RunFolderError: if it has not.
+            RunFolderError: if it does not.
         """
         free = shutil.disk_usage(self.path).free
         if free < log_bytes + _OTHER_FILES:
             raise RunFolderError(
-                f"{self.path.parent} has {_megabytes(free)} free, and the run needs about"
-                f" {_megabytes(log_bytes + _OTHER_FILES)}: make room, or choose another folder with --out"
+                f"{self.path.parent} has {_megabytes(free)} free, and the run requires about"
+                f" {_megabytes(log_bytes + _OTHER_FILES)}: free some space, or choose another folder with --out"
             )
 
     def write_config(self, text: str) -> None:
@@ -146,7 +152,7 @@ class RunFolder:
         self._write(CONFIG_FILE, text)
 
     def write_log(self, log: RunLog) -> None:
-        """Write the arrays. :class:`RunLog` holds plain numbers and strings only, so nothing in the file is pickled."""
+        """Write the arrays: numbers and strings only, so that nothing in the file is pickled."""
         self._write_arrays(LOG_FILE, log.arrays())
 
     def write_trajectory(self, trajectory: TrajectoryLog) -> None:
@@ -168,10 +174,10 @@ class RunFolder:
 
     @staticmethod
     def load(path: Path | str) -> Run:
-        """Read the run folder of a closed loop and check it.
+        """Return the checked contents of a closed loop's run folder.
 
         Raises:
-            RunFolderError: if it is not one, or a file is missing, damaged, or of a newer schema.
+            RunFolderError: if it is none, or a file is missing, damaged, or of a newer schema.
         """
         path = Path(path)
         config, result = _texts(path)
@@ -180,7 +186,7 @@ class RunFolder:
 
     @staticmethod
     def load_solved(path: Path | str) -> SolvedRun:
-        """Read the run folder of a solved problem and check it; errors as :meth:`load`."""
+        """Return the checked contents of a solved problem's run folder; errors as :meth:`load`."""
         path = Path(path)
         config, result = _texts(path)
         parsed = SolveResult.from_json(result, str(path / RESULT_FILE))
@@ -188,7 +194,7 @@ class RunFolder:
 
     @staticmethod
     def load_any(path: Path | str) -> Run | SolvedRun:
-        """Read a run folder of either kind and check it; errors as :meth:`load`."""
+        """Return the checked contents of a run folder of either kind; errors as :meth:`load`."""
         path = Path(path)
         solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
         return RunFolder.load_solved(path) if solved else RunFolder.load(path)
@@ -212,7 +218,7 @@ def _texts(path: Path) -> tuple[str, str]:
 
 def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
     try:
-        # Opened here, because np.load leaves a damaged file open.
+        # Opened here, because np.load does not close a damaged file.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except OSError as error:
@@ -230,6 +236,6 @@ def _megabytes(size: int) -> str:
 
 
 def _hint(path: Path) -> str:
-    """If ``path`` holds run folders instead of being one, name the newest."""
+    """Return a hint that names the newest run folder in ``path``, if there are any."""
     runs = sorted(child.name for child in path.iterdir() if (child / RESULT_FILE).is_file())
-    return f". It holds {len(runs)} run folders; the newest is {path / runs[-1]}" if runs else ""
+    return f". It contains {len(runs)} run folders; the newest is {path / runs[-1]}" if runs else ""

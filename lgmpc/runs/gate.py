@@ -1,4 +1,4 @@
-"""The limits that a run, and the solution of a problem, keep to pass."""
+"""Gates: the limits by which a run or a solution passes or fails."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ Number = Annotated[int, Field(strict=True, ge=0)]
 
 
 class Gate(Settings):
-    """Limits on a run's metrics. A robot that falls fails every gate.
+    """Limits on a run's metrics. A robot that falls fails every gate that does not allow falls.
 
-    Each limit is a number, or null where there is none. Tilt, base height, torque limits and solver failures are
-    limited by default: a robot that hangs by its limits has not balanced, even if it has not fallen.
+    Each limit is a number, or null for none. Tilt, base height, torque saturation and solver failures are limited by
+    default.
     """
 
     steady_from_s: NonNegative = Field(
-        default=0.0, description="From when on tracking errors and joint speeds count, s; itself no limit."
+        default=0.0, description="Time from which tracking errors and joint speeds are evaluated, s; itself no limit."
     )
     max_tilt_deg: NonNegative | None = Field(default=20.0, description="Largest tilt of the base, degrees.")
     max_displacement_m: NonNegative | None = Field(
-        default=None, description="Largest distance of the base from its start, or from where commands lead it, m."
+        default=None,
+        description="Largest distance of the base from its initial or, with commands, its commanded position, m.",
     )
     min_base_height_m: NonNegative | None = Field(default=None, description="Lowest height of the base, m.")
     min_base_height_fraction: Fraction | None = Field(
-        default=0.7, description="Lowest height of the base as a share of its first height, 0 to 1."
+        default=0.7, description="Lowest height of the base as a fraction of its initial height, 0 to 1."
     )
     max_final_position_error_m: NonNegative | None = Field(
-        default=None, description="Distance of the base from its start, or from where commands lead it, at the end, m."
+        default=None,
+        description="Distance of the base from its initial or, with commands, its commanded position at the end, m.",
     )
     max_final_tilt_deg: NonNegative | None = Field(default=None, description="Tilt of the base at the end, degrees.")
     max_final_rotation_deg: NonNegative | None = Field(
         default=None,
-        description="Rotation of the base from its start, or from where commands lead it, at the end, yaw included,"
-        " degrees.",
+        description="Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
+        "included, degrees.",
     )
-    max_slip_m: NonNegative | None = Field(
-        default=None, description="Largest distance that a foot slides while it is in contact, m."
-    )
+    max_slip_m: NonNegative | None = Field(default=None, description="Largest slip of a foot in contact, m.")
     max_foot_displacement_m: NonNegative | None = Field(
-        default=None, description="Largest distance of a foot from its start, m."
+        default=None, description="Largest distance of a foot from its initial position, m."
     )
     max_abs_torque_nm: NonNegative | None = Field(default=None, description="Largest torque at any joint, N.m.")
     max_torque_saturation_fraction: Fraction | None = Field(
-        default=0.1, description="Share of ticks with a joint at its torque limit, 0 to 1."
+        default=0.1, description="Fraction of ticks with a joint at its torque limit, 0 to 1."
     )
     min_friction_margin_n: Finite | None = Field(
         default=None, description="Smallest distance of a measured force from the friction cone's surface, N."
@@ -67,19 +67,17 @@ class Gate(Settings):
         default=0, description="MPC updates and whole-body ticks whose solver failed."
     )
     max_deadline_misses: Number | None = Field(
-        default=None, description="MPC updates and whole-body ticks that took longer than their period."
+        default=None, description="Ticks that took longer than their period, estimation and planning in them included."
     )
     max_mpc_p50_ms: NonNegative | None = Field(default=None, description="Median duration of an MPC update, ms.")
     max_wbc_p50_ms: NonNegative | None = Field(default=None, description="Median duration of a whole-body tick, ms.")
-    min_real_time_factor: NonNegative | None = Field(
-        default=None, description="Simulated seconds per second of computing."
-    )
+    min_real_time_factor: NonNegative | None = Field(default=None, description="Simulated over elapsed time.")
     max_velocity_rmse_m_s: NonNegative | None = Field(
         default=None,
         description="RMS error of the velocity averaged over a stride at constant commands, m/s.",
     )
     max_raw_velocity_rmse_m_s: NonNegative | None = Field(
-        default=None, description="RMS error of the momentary velocity at constant commands, m/s."
+        default=None, description="RMS error of the instantaneous velocity at constant commands, m/s."
     )
     max_velocity_bias_m_s: NonNegative | None = Field(
         default=None, description="Mean velocity error at any constant command, m/s."
@@ -95,32 +93,44 @@ class Gate(Settings):
         default=None, description="Standard deviation of the base's height at any constant command, m."
     )
     max_cost_of_transport: NonNegative | None = Field(
-        default=None, description="Sum of |torque x joint speed| over weight x way."
+        default=None, description="Cost of transport: integral of |torque x joint speed| over weight times distance."
     )
-    min_steps: Number | None = Field(default=None, description="Swings of all feet.")
-    max_lost_contacts: Number | None = Field(
-        default=None, description="How often feet lose their contact in the middle of a stance."
-    )
+    min_steps: Number | None = Field(default=None, description="Number of swings of all feet.")
+    max_lost_contacts: Number | None = Field(default=None, description="Number of contacts lost during a stance.")
     max_walking_tilt_deg: NonNegative | None = Field(
         default=None, description="Largest tilt of the base while it walks, degrees."
     )
     max_scuff_m: NonNegative | None = Field(
-        default=None, description="Longest way that a foot slides over the floor within one swing, m."
+        default=None, description="Largest distance that a foot slides over the floor in a swing, m."
     )
     max_peak_impact_n: NonNegative | None = Field(
         default=None, description="Largest normal force of a foot just after its touchdown, N."
     )
     max_odometry_drift_percent: NonNegative | None = Field(
-        default=None, description="Error of the estimated base position at the end over the way, %."
+        default=None, description="Error of the estimated base position at the end over the distance travelled, %."
     )
     max_recovery_time_s: NonNegative | None = Field(
         default=None, description="Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
     )
     max_stop_strides: NonNegative | None = Field(
-        default=None, description="Time from the command's coming to rest until the robot stands, in gait cycles."
+        default=None, description="Time from the end of the command's motion until the robot stands, in gait cycles."
     )
     max_final_foot_error_m: NonNegative | None = Field(
-        default=None, description="Distance of a foot, at the end, from where it was relative to the base at first, m."
+        default=None, description="Distance of a foot at the end from its initial position relative to the base, m."
+    )
+
+    max_falls: Number | None = Field(default=0, description="Falls; null: any number.")
+    max_give_up_s: NonNegative | None = Field(
+        default=None, description="Time for which the robot has fallen and its joints are not damped, s."
+    )
+    max_damped_rms_torque_nm: NonNegative | None = Field(
+        default=None, description="RMS torque of all joints while they are damped, N.m."
+    )
+    min_rises: Number | None = Field(default=None, description="How often the robot rises from its belly to standing.")
+    min_descents: Number | None = Field(default=None, description="How often it lies down from standing.")
+    max_torque_step_nm: NonNegative | None = Field(
+        default=None,
+        description="Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m.",
     )
 
     @property
@@ -132,7 +142,7 @@ class Gate(Settings):
 class SolveGate(Settings):
     """Bounds on the figures of a solution: ``max_<figure>`` and ``min_<figure>``.
 
-    Which figures there are depends on the problem; an unknown one is an error that names the nearest.
+    The figures depend on the problem; an unknown one is an error that names the nearest.
     """
 
     model_config = ConfigDict(
@@ -149,14 +159,12 @@ class SolveGate(Settings):
     )
     __pydantic_extra__: dict[str, Finite] = Field(init=False)
 
-    converged: bool = Field(
-        default=True, strict=True, description="true: the solver has to reach its tolerance. false: it need not."
-    )
+    converged: bool = Field(default=True, strict=True, description="Whether the solver must reach its tolerance.")
 
     @model_validator(mode="before")
     @classmethod
     def _bounds(cls, data: Any) -> Any:
-        """Refuse all wrong names and all wrong numbers together."""
+        """Report all wrong names and values together."""
         if not isinstance(data, dict):
             return data
         wrong = []

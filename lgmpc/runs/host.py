@@ -1,4 +1,4 @@
-"""What a run ran on: versions and machine, for ``run.json``."""
+"""Versions and machine of a run, for ``run.json``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class HostInfo:
 
 
 def versions() -> Mapping[str, str]:
-    """Return the versions of Python and of the packages that decide a run's numbers ("absent" if not installed)."""
+    """Return the versions of Python and of the packages on which results depend ("absent" if not installed)."""
     found = {"python": platform.python_version()}
     for package in _PACKAGES:
         try:
@@ -45,7 +45,7 @@ def versions() -> Mapping[str, str]:
 
 
 def host_info() -> HostInfo:
-    """Return what is known about this machine."""
+    """Return the properties of this machine."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return HostInfo(
         system=f"{platform.system()} {platform.release()}",

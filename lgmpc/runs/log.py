@@ -17,6 +17,7 @@ __all__ = [
     "CHANNELS",
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
+    "MODES",
     "MPC_CHANNELS",
     "STEP_CHANNELS",
     "Channel",
@@ -28,7 +29,10 @@ __all__ = [
 StatusArray = NDArray[np.int8]
 
 CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
-"""What a foot does, compared with the schedule: the channel ``contact_states`` holds indices into this."""
+"""Contact states of a foot relative to the schedule; the channel ``contact_states`` consists of indices into this."""
+
+MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
+"""What a robot does as a whole: the channel ``mode`` holds indices into this."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +49,15 @@ class Channel:
 
 
 def single(name: str, array: NDArray[Any], kinds: str) -> Any:
-    """Return the one value that an entry of a log file holds.
+    """Return the single value of an entry of a log file.
 
     Args:
         name: of the entry.
         array: the entry.
-        kinds: NumPy's letters for what it may hold: text, truth values, whole numbers, numbers.
+        kinds: NumPy's letters of the allowed types: text, truth values, whole numbers, numbers.
 
     Raises:
-        RunFolderError: it holds several, or something else.
+        RunFolderError: it has several values, or another type.
     """
     if array.shape != () or array.dtype.kind not in kinds:
         raise RunFolderError(f"entry '{name}' has shape {array.shape} and holds {array.dtype}, expected one value")
@@ -90,15 +94,15 @@ class RunLog:
         v: (n, nv) velocity.
         tau: (n, nu) torque applied by the plant, after clipping, N.m.
         tau_command: (n, nu) torque that the controller commanded, N.m.
-        contact_forces: (n, nc, 3) forces on the robot as the plant measured them, N.
+        contact_forces: (n, nc, 3) forces on the robot, measured by the plant, N.
         contact_forces_desired: (n, nc, 3) forces of the whole-body QP, N.
-        contact_points: (n, nc, 3) where the contact points are, m.
+        contact_points: (n, nc, 3) positions of the contact points, m.
         com: (n, 3) centre of mass, m.
         com_reference: (n, 3) its target, m.
         momentum: (n, 6) centroidal momentum [linear; angular].
         base_reference: (n, 7) target base pose [position, quaternion x y z w].
         push: (n, 6) disturbance wrench applied [force; torque], N and N.m.
-        push_point: (n, 3) where it acts, m.
+        push_point: (n, 3) its point of application, m.
         wbc_status: (n,) 0 = solved, anything else = fallback command.
         wbc_ms: (n,) duration of the whole-body controller's tick, ms.
         mpc_time: (m,) time of each MPC update, s.
@@ -115,18 +119,19 @@ class RunLog:
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
         mass_kg: mass of the simulated robot; NaN where it was not recorded.
-        estimate_q: (n, nq) configuration that the controller received; None, as all of the estimate, if it was the
+        estimate_q: (n, nq) configuration that the controller received; None, like all of the estimate, if it was the
             true one.
         estimate_v: (n, nv) velocity that it received.
         estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing.
         estimate_ms: (n,) duration of the estimator's tick, ms.
         command: (n, 3) limited motion command [velocity ahead, to the left, m/s; yaw rate, rad/s] in the horizontal
-            frame that turns with the base; None, as all of the steps, where they were not recorded.
+            frame that turns with the base; None, like all of the steps, if they were not recorded.
+        mode: (n,) mode of the controller, as index into :data:`MODES`.
         gait_period_s: (n,) duration of one cycle of the gait that the schedule follows, s.
-        stance: (n, nc) 1 = the controller counts on the foot to carry.
-        contact_states: (n, nc) what each foot does, as index into :data:`CONTACT_STATES`.
-        swing_targets: (n, nc, 3) where a foot in the air should be, a standing one its contact point, m.
-        footholds: (n, nc, 3) where each foot stands or is to touch down next, m.
+        stance: (n, nc) 1 = the controller assumes that the foot is in contact.
+        contact_states: (n, nc) state of each foot, as index into :data:`CONTACT_STATES`.
+        swing_targets: (n, nc, 3) reference of a foot in the air, contact point of one in stance, m.
+        footholds: (n, nc, 3) current or next foothold of each foot, m.
     """
 
     time: Array = _tick()
@@ -155,6 +160,7 @@ class RunLog:
     estimate_contacts: StatusArray | None = _estimate("nc", dtype=np.int8)
     estimate_ms: Array | None = _estimate()
     command: Array | None = _step(3)
+    mode: StatusArray | None = _step(dtype=np.int8)
     gait_period_s: Array | None = _step()
     stance: StatusArray | None = _step("nc", dtype=np.int8)
     contact_states: StatusArray | None = _step("nc", dtype=np.int8)
@@ -227,8 +233,13 @@ class RunLog:
         """Whether the robot was commanded to move at some time."""
         return self.command is not None and bool(self.command.any())
 
+    @property
+    def stepped(self) -> bool:
+        """Whether a foot swung at some time."""
+        return self.stance is not None and not bool(self.stance.all())
+
     def _optional_tables(self) -> list[Mapping[str, Channel]]:
-        """The tables of channels that some runs lack, of which this one has a channel."""
+        """The optional tables of channels that this log has."""
         tables = (ESTIMATE_CHANNELS, STEP_CHANNELS)
         return [table for table in tables if any(getattr(self, name) is not None for name in table)]
 
@@ -245,10 +256,10 @@ class RunLog:
         return self.v[:, 6:] if self.floating_base else self.v
 
     def decimated(self, every: int) -> RunLog:
-        """Return the log with one tick kept out of ``every``.
+        """Return the log with one of ``every`` ticks.
 
-        A controller status that is not 0 survives: it moves to the kept tick of its window, so that no failure
-        disappears from the file. MPC channels stay as they are.
+        A controller status that is not 0 is moved to the kept tick of its window, so that the file contains every
+        failure. MPC channels are unchanged.
         """
         if every <= 1 or self.ticks == 0:
             return self
@@ -259,14 +270,22 @@ class RunLog:
         kept["wbc_status"] = worst.astype(np.int8)
         return replace(self, **kept)
 
+    def until(self, end: int) -> RunLog:
+        """Return the log of the first ``end`` ticks, and the MPC updates before the next one."""
+        updates = int(np.searchsorted(self.mpc_time, self.time[end])) if end < self.ticks else len(self.mpc_time)
+        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
+        kept: dict[str, Any] = {name: getattr(self, name)[:end].copy() for name in names}
+        kept |= {name: getattr(self, name)[:updates].copy() for name in MPC_CHANNELS}
+        return replace(self, **kept)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return everything as named arrays, as ``log.npz`` holds it."""
+        """Return all arrays by name, as stored in ``log.npz``."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
-        """Build a log from the arrays of ``log.npz``.
+        """Return the log of the arrays of ``log.npz``.
 
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
@@ -289,17 +308,17 @@ def _table(name: str) -> Mapping[str, Channel]:
 
 
 CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS = map(_table, ("tick", "update", "estimate", "step"))
-"""Channels by what has an entry in them: control ticks, MPC updates, control ticks of runs with an estimator, and of
-runs whose steps are recorded."""
+"""Channels by table: of control ticks, MPC updates, control ticks of runs with an estimator, and of runs whose steps
+are recorded."""
 
 
 @dataclass(frozen=True)
 class PushInterval:
-    """One push as the log shows it.
+    """One push of a log.
 
     Attributes:
         start: time of its first tick, s.
-        end: time at which it is over, s.
+        end: time of its end, s.
         impulse: (3,) integral of its force, N.s, world axes.
     """
 
@@ -309,7 +328,7 @@ class PushInterval:
 
 
 def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
-    """Return the pushes of a run: the stretches in which the applied wrench is not zero."""
+    """Return the pushes of a run: the intervals in which the applied wrench is not zero."""
     if log.ticks < 2:
         return ()
     active = np.any(log.push != 0.0, axis=1)

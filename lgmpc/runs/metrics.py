@@ -1,7 +1,7 @@
-"""Figures of merit of a run: pure functions from its log.
+"""Figures of merit of a run, computed from its log.
 
-Everything is measured on the part of the log before the first value that is not finite, so a run that blew up still
-yields figures, and :attr:`Metrics.survived_s` says when it ended.
+They are computed from the part of the log before the first value that is not finite; :attr:`Metrics.survived_s` is the
+length of that part.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
 from lgmpc.runs.log import RunLog
+from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
 from lgmpc.typing import Array, BoolArray
 
 __all__ = [
-    "FALL_HEIGHT_FRACTION",
-    "FALL_TILT_DEG",
     "Metrics",
     "Timing",
     "compute_metrics",
@@ -26,18 +25,13 @@ __all__ = [
     "rotate",
     "rpy_deg",
     "slip",
+    "stances",
     "tilt_deg",
     "timing",
 ]
 
-FALL_TILT_DEG = 45.0
-"""A base tilted further than this has fallen."""
-
-FALL_HEIGHT_FRACTION = 0.5
-"""A base below this fraction of its first height has fallen."""
-
 CONTACT_GAP_S = 0.02
-"""A contact that opens for a shorter time has chattered, not stepped: the stance goes on, and so does its slip."""
+"""A contact that opens for a shorter time, s, remains one stance, and so does its slip."""
 
 
 @dataclass(frozen=True)
@@ -51,25 +45,25 @@ class Timing:
 
 @dataclass(frozen=True)
 class Metrics:
-    """What a run is judged by. ``None`` where there was nothing to measure.
+    """The metrics of a run; ``None`` where there was nothing to measure.
 
     Attributes:
-        survived_s: time until the base fell (below half its first height, tilted beyond 45 degrees, or not finite);
-            the whole duration if it did not.
+        survived_s: time until the base fell (below half its first or its target height, tilted beyond 45 degrees, or
+            not finite); the whole duration if it did not. A robot that lies, rises or lies down has not fallen.
         fell: whether it fell.
         max_tilt_deg: largest angle between the base's upright axis and the vertical. The upright axis is the one that
             is vertical in the reference posture, so yaw does not count.
-        max_displacement_m: largest distance of the base's position from where it began or, in a run with motion
-            commands, from where they lead it (the target base pose).
+        max_displacement_m: largest distance of the base's position from its initial one or, in a run with motion
+            commands, from the commanded one (the target base pose).
         min_base_height_m: lowest base height.
         final_position_error_m: distance of the last base position from the first, or from the target.
         final_tilt_deg: tilt at the end.
         final_rotation_deg: angle of the rotation from the first base orientation, or from the last target, to the
             last one, yaw included.
-        max_slip_m: largest horizontal distance of a contact point from where its stance began. The rolling of a
-            spherical foot counts: it moves the contact point too.
-        max_foot_displacement_m: largest horizontal distance of a contact point from where it was at the start, steps
-            and hops included.
+        max_slip_m: largest horizontal distance of a contact point from its position at the start of the stance,
+            including the rolling of spherical feet.
+        max_foot_displacement_m: largest horizontal distance of a contact point from its initial position, steps
+            included.
         max_abs_torque_nm: largest torque applied.
         torque_saturation_fraction: fraction of the ticks in which at least one joint was at its limit.
         min_friction_margin_n: smallest ``mu f_n - |f_t|`` of the measured forces over closed contacts and time.
@@ -77,14 +71,16 @@ class Metrics:
         com_rms_error_m: RMS distance of the centre of mass from its target, from ``steady_from_s`` on.
         max_com_error_m: largest such distance, from ``steady_from_s`` on.
         solver_failures: ticks and MPC updates without a solution.
-        deadline_misses: ticks and MPC updates that took longer than their period.
+        deadline_misses: ticks that took longer than their period, estimation and planning in them included.
         mpc_ms: duration of the MPC updates.
         wbc_ms: duration of the whole-body controller's ticks.
         real_time_factor: simulated over elapsed time.
         estimator_ms: duration of the estimator's ticks.
-        estimator: how far the controller's estimate was from the truth.
+        estimator: errors of the controller's estimate.
         min_base_height_fraction: lowest base height over the first; 1 for a base that is fixed.
-        walking: how motion commands were followed; None for a run without.
+        walking: metrics of commanded motion; None for a run without commands.
+        falls: number of falls; a fall ends when the robot folds its legs again.
+        modes: metrics of giving up, lying and rising; None where modes were not recorded.
     """
 
     survived_s: float
@@ -112,18 +108,20 @@ class Metrics:
     estimator: EstimatorErrors | None = None
     min_base_height_fraction: float | None = None
     walking: WalkingMetrics | None = None
+    falls: int = 0
+    modes: ModeMetrics | None = None
 
 
 def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
-    """Measure a run.
+    """Return the metrics of a run.
 
     Args:
-        log: the log, at the full control rate if counts and extremes are to be complete.
-        steady_from_s: when the transient is over: tracking errors and joint velocities count from here.
-        elapsed_s: wall-clock time that the run took; without it there is no real-time factor.
+        log: the log, at the full control rate for complete counts and extremes.
+        steady_from_s: time from which tracking errors and joint velocities are evaluated, s.
+        elapsed_s: wall-clock time of the run, s; without it there is no real-time factor.
 
     Raises:
-        InputError: if the log has no tick whose state is finite.
+        InputError: if the log has no tick with a finite state.
     """
     finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
     end = log.ticks if finite.all() else int(np.argmin(finite))
@@ -133,12 +131,10 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
     time = log.time[use]
     base = log.base_pose[use]
     tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-    fallen = tilt > FALL_TILT_DEG
-    if log.floating_base:
-        fallen |= base[:, 2] < FALL_HEIGHT_FRACTION * base[0, 2]
+    fallen = fallen_ticks(log, tilt)
     fell = bool(fallen.any()) or end < log.ticks
     fall_index = int(np.argmax(fallen)) if fallen.any() else end
-    # The last tick lasts as long as the others; a fall is dated by the tick that shows it.
+    # The last tick has the period of the others; the time of a fall is that of its first tick.
     last = float(log.time[-1]) + log.control_period_s
     survived = (float(log.time[fall_index]) if fall_index < log.ticks else last) - float(time[0])
 
@@ -150,7 +146,6 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
     steady = time >= steady_from_s
     com_error = np.linalg.norm(log.com[use] - log.com_reference[use], axis=1)[steady]
     joint_velocity = log.joint_velocity[use][steady]
-    tick_ms = log.wbc_ms if log.estimate_ms is None else log.wbc_ms + log.estimate_ms
     return Metrics(
         survived_s=survived,
         fell=fell,
@@ -169,7 +164,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         com_rms_error_m=_rms(com_error),
         max_com_error_m=float(com_error.max()) if com_error.size else None,
         solver_failures=int(np.count_nonzero(log.wbc_status) + np.count_nonzero(log.mpc_status)),
-        deadline_misses=_late(tick_ms, log.control_period_s) + _late(log.mpc_ms, log.mpc_period_s),
+        deadline_misses=int(np.count_nonzero(_tick_ms(log) > 1e3 * log.control_period_s)),
         mpc_ms=timing(log.mpc_ms),
         wbc_ms=timing(log.wbc_ms),
         real_time_factor=(last - float(log.time[0])) / elapsed_s if elapsed_s else None,
@@ -177,6 +172,8 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         estimator=estimator_errors(log, end),
         min_base_height_fraction=float(base[:, 2].min() / base[0, 2]) if log.floating_base else 1.0,
         walking=walking_metrics(log, tilt[:fall_index]),
+        falls=max(len(falls(log, fallen)), int(fell)),
+        modes=mode_metrics(log, fallen),
     )
 
 
@@ -201,7 +198,7 @@ def tilt_deg(quaternion: Array, reference: Array) -> Array:
     vertical = np.array([0.0, 0.0, 1.0])
     upright = rotate(reference * [-1.0, -1.0, -1.0, 1.0], vertical)
     axis = rotate(quaternion, upright)
-    # atan2 of sine and cosine: arccos alone loses half the digits near zero.
+    # atan2 of sine and cosine: arccos loses half of the digits near zero.
     angle: Array = np.degrees(np.arctan2(np.linalg.norm(axis[:, :2], axis=1), axis[:, 2]))
     return angle
 
@@ -213,7 +210,7 @@ def rpy_deg(quaternion: Array) -> Array:
         quaternion: (n, 4) x y z w.
 
     Returns:
-        (n, 3) degrees; roll and yaw without jumps of whole turns, pitch in [-90, 90].
+        (n, 3) degrees; roll and yaw unwrapped, pitch in [-90, 90].
     """
     x, y, z, w = quaternion.T
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
@@ -224,37 +221,38 @@ def rpy_deg(quaternion: Array) -> Array:
 
 
 def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array]:
-    """Return how far the contact points went, horizontally.
+    """Return the horizontal displacements of the contact points.
 
     Args:
         time: (n,) s.
         points: (n, nc, 3) contact points, m.
-        normal_forces: (n, nc) measured normal forces, N. A stance is a stretch of closed contact; gaps shorter than
-            20 ms do not end it.
+        normal_forces: (n, nc) measured normal forces, N. A stance is an interval of closed contact; gaps shorter
+            than 20 ms do not end it.
 
     Returns:
-        (nc,) largest distance from where the stance began, over all stances, and (nc,) largest distance from where the
-        point was at the first tick, m.
+        (nc,) largest distance from the position at the start of a stance, over all stances, and (nc,) largest distance
+        from the position at the first tick, m.
     """
     horizontal = points[:, :, :2]
     from_start: Array = np.linalg.norm(horizontal - horizontal[0], axis=2).max(axis=0)
     worst = np.zeros(points.shape[1])
     for contact in range(points.shape[1]):
-        for a, b in _stances(time, normal_forces[:, contact] > CONTACT_FORCE_N):
+        for a, b in stances(time, normal_forces[:, contact] > CONTACT_FORCE_N):
             moved = np.linalg.norm(horizontal[a:b, contact] - horizontal[a, contact], axis=1)
             worst[contact] = max(worst[contact], float(moved.max()))
     return worst, from_start
 
 
-def _stances(time: Array, closed: BoolArray) -> list[tuple[int, int]]:
+def stances(time: Array, closed: BoolArray) -> list[tuple[int, int]]:
+    """Return first tick and end (exclusive) of each interval of (n,) closed contact; short gaps do not end it."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], closed.astype(np.int8), [0]))))
-    stances: list[tuple[int, int]] = []
+    found: list[tuple[int, int]] = []
     for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if stances and time[a] - time[stances[-1][1] - 1] < CONTACT_GAP_S:
-            stances[-1] = (stances[-1][0], b)
+        if found and time[a] - time[found[-1][1] - 1] < CONTACT_GAP_S:
+            found[-1] = (found[-1][0], b)
         else:
-            stances.append((a, b))
-    return stances
+            found.append((a, b))
+    return found
 
 
 def friction_margin(forces: Array, friction: float) -> float | None:
@@ -274,8 +272,12 @@ def timing(milliseconds: Array) -> Timing | None:
     return Timing(float(p50), float(p99), float(milliseconds.max()))
 
 
-def _late(milliseconds: Array, period_s: float) -> int:
-    return int(np.count_nonzero(milliseconds > 1e3 * period_s)) if period_s > 0.0 else 0
+def _tick_ms(log: RunLog) -> Array:
+    """Return (n,) the whole duration of each tick: estimation, planning and whole-body control, ms."""
+    total: Array = log.wbc_ms.copy() if log.estimate_ms is None else log.wbc_ms + log.estimate_ms
+    planning = np.isin(log.mpc_time, log.time)
+    total[np.searchsorted(log.time, log.mpc_time[planning])] += log.mpc_ms[planning]
+    return total
 
 
 def _rms(values: Array) -> float | None:

@@ -1,4 +1,4 @@
-"""The recorder: what the loop writes into, tick by tick, without allocating."""
+"""The recorder of a closed loop, without allocation at every tick."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["LogSettings", "Recorder"]
 
 
 class LogSettings(Settings):
-    """What is recorded of a run."""
+    """Settings of the saved log."""
 
     rate_hz: Positive = Field(default=500.0, description="Recorded ticks per second, Hz; divides wbc.rate_hz.")
 
@@ -27,8 +27,8 @@ class LogSettings(Settings):
 class Recorder:
     """Buffers for every channel of a run's log.
 
-    :meth:`record` costs a few microseconds: one row assignment per channel. The buffers double when a run is longer
-    than foreseen, and :meth:`log` may be called at any time, so an interrupted run keeps what it has.
+    :meth:`record` costs one row assignment per channel. The buffers double when a run is longer than expected;
+    :meth:`log` may be called at any time, also after an interruption.
 
     Args:
         nq: size of the configuration.
@@ -38,18 +38,18 @@ class Recorder:
         friction: friction coefficient of the plant's floor.
         contact_radius: radius of the spherical feet, m.
         control_period_s: time between two control ticks, s.
-        ticks: control ticks foreseen.
+        ticks: expected number of control ticks.
         mpc_nodes: N, the horizon's number of intervals (0 = no MPC).
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
-        mpc_updates: MPC updates foreseen.
+        mpc_updates: expected number of MPC updates.
         floating_base: whether ``q`` begins with a base pose.
-        joint_names: (nu,) names of the actuated joints; numbered if not given.
-        estimated: whether the controller receives an estimate, so that :meth:`record_estimate` will be called.
-        stepping: whether commands and steps are recorded, so that :meth:`record_steps` will be called.
+        joint_names: (nu,) names of the actuated joints; numbered unless given.
+        estimated: whether the controller receives an estimate, recorded by :meth:`record_estimate`.
+        stepping: whether commands and steps are recorded, by :meth:`record_steps`.
         mass: of the simulated robot, kg; NaN if unknown.
 
     Raises:
-        InputError: if a size, a period or the friction cannot be.
+        InputError: if a size, a period or the friction is not valid.
     """
 
     def __init__(
@@ -129,50 +129,50 @@ class Recorder:
         """Copy one MPC update.
 
         Args:
-            time: when it was made, s.
+            time: of the update, s.
             horizon_com: (N+1, 3) predicted centre of mass, m.
             forces: (nc, 3) contact forces of the first node, N.
             status: 0 = solved.
-            ms: how long it took, ms.
+            ms: its duration, ms.
         """
         self._mpc_rows.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
     def record_estimate(self, q: Array, v: Array, contacts: ArrayLike, ms: float) -> None:
-        """Copy the estimate that the controller received at a control tick, before that tick is recorded itself.
+        """Copy the estimate that the controller received at a control tick; call it before :meth:`record`.
 
         Args:
             q: (nq,) configuration.
             v: (nv,) velocity.
-            contacts: (nc,) which feet the estimator classifies as standing.
-            ms: how long the estimator took, ms.
+            contacts: (nc,) the estimated contacts.
+            ms: duration of the estimation, ms.
 
         Raises:
-            InputError: the recorder was not made for estimates.
+            InputError: the recorder has no channels for estimates.
         """
         if self._estimate_rows is None:
-            raise InputError("estimated", False, "True, for a recorder that takes estimates")
+            raise InputError("estimated", False, "True, for recording estimates")
         self._estimate_rows.append(dict(zip(ESTIMATE_CHANNELS, (q, v, contacts, ms), strict=True)))
 
     def record_steps(self, **channels: ArrayLike) -> None:
-        """Copy command and steps of a control tick, before that tick is recorded itself.
+        """Copy command and steps of a control tick; call it before :meth:`record`.
 
         Args:
             channels: a value for each of :data:`~lgmpc.runs.log.STEP_CHANNELS`, as in :meth:`record`.
 
         Raises:
-            InputError: a channel is missing or unknown, or the recorder was not made for steps.
+            InputError: a channel is missing or unknown, or the recorder has no channels for steps.
         """
         if self._step_rows is None:
-            raise InputError("stepping", False, "True, for a recorder that takes steps")
+            raise InputError("stepping", False, "True, for recording steps")
         self._step_rows.append_all(channels)
 
     def log_bytes(self, every: int = 1) -> int:
-        """Return the size of the foreseen log's arrays, with one tick kept out of ``every``."""
+        """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
         ticks = self._rows.bytes + sum(rows.bytes for rows in (self._estimate_rows, self._step_rows) if rows)
         return -(-ticks // every) + self._mpc_rows.bytes
 
     def log(self) -> RunLog:
-        """Return a copy of what has been recorded so far."""
+        """Return a copy of all that has been recorded."""
         estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
         steps = {} if self._step_rows is None else self._step_rows.copies(self.ticks)
         return RunLog(
@@ -204,7 +204,7 @@ class _Rows:
             self.buffers[name] = np.zeros((self.capacity, *tail), dtype=channel.dtype)
 
     def append_all(self, values: Mapping[str, ArrayLike]) -> None:
-        """Append a row, which has to have every channel."""
+        """Append a row, which must have every channel."""
         if values.keys() != self.buffers.keys():
             odd = sorted(values.keys() ^ self.buffers.keys())
             raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
@@ -216,7 +216,7 @@ class _Rows:
             self._grow()
         for name, buffer in self.buffers.items():
             buffer[i] = values[name]
-        # Counted last: a row that an interrupt cuts in half is not part of the log.
+        # Counted last: an interrupted row is not part of the log.
         self.count = i + 1
 
     @property

@@ -1,4 +1,4 @@
-"""``run.json``: the result of a run, and its host. There are two kinds, of closed loops and of solved problems."""
+"""``run.json``: the result and the host of a run, in two kinds: closed loops and solved problems."""
 
 from __future__ import annotations
 
@@ -10,16 +10,23 @@ from datetime import datetime, timezone
 from typing import Any, ClassVar, TypeVar
 
 from lgmpc.errors import RunFolderError
+from lgmpc.notebook import html_table
+from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.estimate import EstimatorErrors
+from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
+from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.verdict import Outcome, Verdict
 from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = ["RESULT_FILE", "SCHEMA", "RunResult", "SolveResult", "kind_of"]
 
+_SHOWN = ("survived_s", "max_tilt_deg", "max_displacement_m", "max_slip_m", "max_abs_torque_nm", "real_time_factor")
+"""Metrics of a closed loop that a notebook displays."""
+
 SCHEMA = 1
-"""Version of the folder's format; a reader refuses a newer one."""
+"""Version of the folder's format; newer ones are refused."""
 
 RESULT_FILE = "run.json"
 
@@ -30,20 +37,45 @@ def _now() -> str:
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
+@dataclass(frozen=True)
 class _Result:
-    """What both kinds have in their file."""
+    """The common entries of both kinds.
+
+    Attributes:
+        name: the run's name.
+        verdict: pass, fail or interrupted, with reasons.
+        created: time of creation, UTC, ISO 8601.
+        versions: versions of Python and packages.
+        host: the machine.
+    """
 
     kind: ClassVar[str]
+
     name: str
     verdict: Verdict
-    created: str
-    versions: Mapping[str, str]
-    host: HostInfo
+    created: str = field(default_factory=_now, kw_only=True)
+    versions: Mapping[str, str] = field(default_factory=versions, kw_only=True)
+    host: HostInfo = field(default_factory=host_info, kw_only=True)
 
     @property
     def when(self) -> str:
-        """When it was made, for people: ``2026-03-01 12:00:00 UTC``."""
+        """The time of creation as text: ``2026-03-01 12:00:00 UTC``."""
         return self.created.replace("T", " ").replace("+00:00", " UTC")
+
+    def _repr_html_(self) -> str:
+        """Return a table of the verdict and of some figures."""
+        return self.html()
+
+    def html(self, folder: object = None) -> str:
+        """Return that table, with the run's folder if it is given."""
+        rows: list[tuple[str, object]] = [("verdict", self.verdict.outcome.value.upper())]
+        rows += [("because", reason) for reason in self.verdict.reasons]
+        rows += [figure_cells(name, value) for name, value in self.shown().items()]
+        return html_table(self.name, [*rows, *([("folder", folder)] if folder is not None else [])])
+
+    def shown(self) -> dict[str, float]:
+        """Return the figures that the table has."""
+        raise NotImplementedError
 
     def to_json(self) -> str:
         """Return the text of ``run.json``."""
@@ -62,7 +94,7 @@ class _Result:
 
     @classmethod
     def from_json(cls: type[R], text: str, source: str = RESULT_FILE) -> R:
-        """Read the text of a ``run.json``; ``source`` names it in errors.
+        """Return the result of a ``run.json``; ``source`` names it in errors.
 
         Raises:
             RunFolderError: if it is not JSON, of a newer schema, of the other kind, or lacks an entry.
@@ -90,64 +122,58 @@ class _Result:
 
 @dataclass(frozen=True)
 class RunResult(_Result):
-    """What ``run.json`` holds of a closed loop.
+    """The ``run.json`` of a closed loop.
 
-    Attributes:
-        name: the run's name.
-        verdict: pass, fail or interrupted, with reasons.
-        metrics: what was measured; ``None`` if the run stopped before its first tick.
+    Attributes (besides the common ones):
+        metrics: of the run; ``None`` if it stopped before its first tick.
         seed: seed of the run's random numbers.
-        created: when it was made, UTC, ISO 8601.
-        versions: versions of Python and packages.
-        host: the machine.
+        certificate: checks of physics and hardware; ``None`` in older files.
     """
 
     kind: ClassVar[str] = "closed_loop"
 
-    name: str
-    verdict: Verdict
     metrics: Metrics | None
     seed: int = 0
-    created: str = field(default_factory=_now)
-    versions: Mapping[str, str] = field(default_factory=versions)
-    host: HostInfo = field(default_factory=host_info)
+    certificate: Certificate | None = None
+
+    def shown(self) -> dict[str, float]:
+        """Return a few metrics."""
+        values = {name: getattr(self.metrics, name, None) for name in _SHOWN}
+        return {name: value for name, value in values.items() if value is not None}
 
     def _own(self) -> dict[str, Any]:
         metrics = None if self.metrics is None else _without_nan(asdict(self.metrics))
-        return {"seed": self.seed, "metrics": metrics}
+        certificate = None if self.certificate is None else self.certificate.content()
+        return {"seed": self.seed, "metrics": metrics, "certificate": certificate}
 
     @classmethod
     def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> RunResult:
-        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]))
+        given = content.get("certificate")
+        certificate = None if given is None else Certificate.of(given)
+        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]), certificate=certificate)
 
 
 @dataclass(frozen=True)
 class SolveResult(_Result):
-    """What ``run.json`` holds of a solved problem.
+    """The ``run.json`` of a solved problem.
 
-    Attributes:
-        name: the run's name.
-        verdict: pass, fail or interrupted, with reasons.
+    Attributes (besides the common ones):
         method: the solver.
-        status: how it ended, as :class:`lgmpc.solvers.Status` calls it, in lower case.
+        status: the name of the :class:`lgmpc.solvers.Status`, in lower case.
         explanation: why it did not converge, in a few lines; empty if it did.
-        figures: by name, the unit at its end; NaN where one could not be measured.
-        created: when it was made, UTC, ISO 8601.
-        versions: versions of Python and packages.
-        host: the machine.
+        figures: by name, which ends in the unit; NaN where one could not be measured.
     """
 
     kind: ClassVar[str] = "solve"
 
-    name: str
-    verdict: Verdict
     method: str
     status: str
     explanation: str
     figures: Mapping[str, float]
-    created: str = field(default_factory=_now)
-    versions: Mapping[str, str] = field(default_factory=versions)
-    host: HostInfo = field(default_factory=host_info)
+
+    def shown(self) -> dict[str, float]:
+        """Return all figures."""
+        return dict(self.figures)
 
     def _own(self) -> dict[str, Any]:
         figures = _without_nan(dict(self.figures))
@@ -160,13 +186,19 @@ class SolveResult(_Result):
         return cls(**common, **texts, figures=figures)
 
 
+def figure_cells(name: str, value: float) -> tuple[str, str]:
+    """Return name and value of a figure as a table shows them."""
+    words, unit, scale = figure_words(name)
+    return (f"{words} / {unit}" if unit else words), figure_number(scale * value, unit)
+
+
 def kind_of(text: str, source: str = RESULT_FILE) -> str:
     """Return the kind of run (``closed_loop``, ``solve``) whose ``run.json`` has this text.
 
     Raises:
         RunFolderError: if it is not JSON, or of a newer schema.
     """
-    return str(_content(text, source).get("kind", RunResult.kind))  # the first lgmpc knew one kind only
+    return str(_content(text, source).get("kind", RunResult.kind))  # version 0.1 had one kind only
 
 
 def _content(text: str, source: str) -> dict[str, Any]:
@@ -186,7 +218,7 @@ def _words(kind: object) -> str:
 
 
 def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no NaN and no infinity: what could not be measured is null."""
+    """Replace NaN and infinity, which JSON lacks, by null."""
     return {
         name: _without_nan(value)
         if isinstance(value, dict)
@@ -200,7 +232,7 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
 def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
     if content is None:
         return None
-    optional = {f.name for f in fields(Metrics) if f.default is not MISSING}  # what the first lgmpc did not measure
+    optional = {f.name for f in fields(Metrics) if f.default is not MISSING}  # not in the files of version 0.1
     values = {f.name: content[f.name] for f in fields(Metrics) if f.name in content or f.name not in optional}
     for name, kind in (
         ("mpc_ms", Timing),
@@ -208,6 +240,7 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
         ("estimator_ms", Timing),
         ("estimator", EstimatorErrors),
         ("walking", WalkingMetrics),
+        ("modes", ModeMetrics),
     ):
         if values.get(name) is not None:
             values[name] = kind(**{key: _number(value) for key, value in values[name].items()})
@@ -223,6 +256,6 @@ def _number(value: Any) -> Any:
     """
     if isinstance(value, (int, float)):
         float(value)
-    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, WalkingMetrics))):
+    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, WalkingMetrics, ModeMetrics))):
         raise TypeError(f"a metric is {type(value).__name__}")
     return value

@@ -17,7 +17,7 @@ __all__ = ["TrajectoryLog"]
 
 
 def _array(*axes: str | int) -> Any:
-    """Declare an array; equal names of axes have equal lengths."""
+    """Declare an array; axes of the same name have equal lengths."""
     return field(metadata={"axes": axes})
 
 
@@ -30,30 +30,30 @@ class TrajectoryLog:
         xs: (N+1, nx) states [configuration; velocity].
         us: (N, nu) controls.
         com: (N+1, 3) centre of mass, m.
-        contact_points: (N+1, nc, 3) where the contact points are, m.
-        contact_flags: (N, nc) which are on the ground in each interval.
+        contact_points: (N+1, nc, 3) positions of the contact points, m.
+        contact_flags: (N, nc) contacts with the ground in each interval.
         contact_forces: (N, nc, 3) forces on the robot, N.
         contact_frames: (nc,) names of the contact frames.
-        control_names: (nu,) what each control is.
-        control_lower: (nu,) lowest value that the machine can have; minus infinity where unknown.
-        control_upper: (nu,) highest value; infinity where unknown.
-        waypoint_names: (w,) what should be there.
-        waypoint_times: (w,) when, s.
+        control_names: (nu,) names of the controls.
+        control_lower: (nu,) lower limits; minus infinity where unknown.
+        control_upper: (nu,) upper limits; infinity where unknown.
+        waypoint_names: (w,) frames or bodies with targets.
+        waypoint_times: (w,) times of the targets, s.
         waypoint_positions: (w, 3) m.
-        waypoint_rotations: (w, 3, 3) world from frame; NaN where only the place counts.
+        waypoint_rotations: (w, 3, 3) world from frame; NaN for a position only.
         iteration_cost: (i,) cost after each iteration.
-        iteration_criterion: (i,) what the solver compared with its tolerance; NaN where it does not report it.
+        iteration_criterion: (i,) the measure compared with the tolerance; NaN where it is not reported.
         iteration_gap: (i,) largest gap of the dynamics at the start of each.
-        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where the solver does not report it.
-        iteration_regularization: (i,) of the sweep.
+        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where it is not reported.
+        iteration_regularization: (i,) of the backward sweep.
         iteration_elapsed: (i,) s since the solver began.
         control_unit: of all controls.
         nq: size of the configuration.
         floating_base: whether the configuration begins with a base pose.
-        friction: coefficient that the forces must keep to; NaN where there is none.
+        friction: coefficient of the contact forces' cones; NaN for a problem without.
 
     Raises:
-        RunFolderError: arrays that do not fit together.
+        RunFolderError: arrays of inconsistent shapes.
     """
 
     times: Array = _array("nodes")
@@ -114,19 +114,19 @@ class TrajectoryLog:
 
     @property
     def finite(self) -> bool:
-        """Whether all states and controls are."""
+        """Whether all states and controls are finite."""
         return bool(np.isfinite(self.xs).all() and np.isfinite(self.us).all())
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return everything as named arrays, as ``trajectory.npz`` holds it."""
+        """Return all arrays by name, as stored in ``trajectory.npz``."""
         return {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> TrajectoryLog:
-        """Build it from the arrays of ``trajectory.npz``.
+        """Return the trajectory of the arrays of ``trajectory.npz``.
 
         Raises:
-            RunFolderError: if one is missing or does not fit.
+            RunFolderError: if one is missing or has the wrong shape or type.
         """
         names = [each.name for each in fields(cls)]
         missing = [name for name in names if name not in arrays]
@@ -139,5 +139,5 @@ class TrajectoryLog:
 
 
 def _kind(name: str) -> str:
-    """NumPy's letter for what an array holds: text, truth values or numbers."""
+    """Return NumPy's letter for an array's type: text, truth values or numbers."""
     return "U" if name.endswith(("_names", "_frames")) else "b" if name.endswith("_flags") else "f"

@@ -1,4 +1,4 @@
-"""Whether a run passed its gate, and if not, why."""
+"""The verdict on a run by its gate."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from enum import Enum
 from lgmpc.runs.figures import figure_of, short_number
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.metrics import Metrics, Timing
+from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = ["Outcome", "Verdict", "judge", "measured"]
 
 
 class Outcome(str, Enum):
-    """How a run ended, as ``run.json`` spells it."""
+    """The outcome of a run, as in ``run.json``."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -24,7 +25,7 @@ class Outcome(str, Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a run passed, and if not, why: one sentence with numbers for each limit that it broke."""
+    """The outcome of a run and its reasons: one sentence with numbers for each violated limit."""
 
     outcome: Outcome
     reasons: tuple[str, ...] = ()
@@ -36,13 +37,13 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """What the command line returns for it."""
+        """The command line's exit code."""
         return {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.INTERRUPTED: 130}[self.outcome]
 
 
 @dataclass(frozen=True)
 class _Words:
-    """How a metric is reported: a phrase that its value completes, the unit of the value, and its scale."""
+    """Wording of a metric: a phrase that its value completes, the unit of the value, and its scale."""
 
     phrase: str
     unit: str = ""
@@ -51,6 +52,7 @@ class _Words:
 
 # Gate field without its "max_"/"min_" -> words. Order = order of the reasons.
 _WORDS = {
+    "falls": _Words("falls:"),
     "tilt_deg": _Words("the base tilted by", "deg"),
     "displacement_m": _Words("the base moved by", "mm", 1e3),
     "base_height_m": _Words("the base sank to", "mm", 1e3),
@@ -63,30 +65,35 @@ _WORDS = {
     "abs_torque_nm": _Words("a joint's torque reached", "N.m"),
     "torque_saturation_fraction": _Words("a joint was at its torque limit during", "% of the ticks", 1e2),
     "friction_margin_n": _Words("the friction margin fell to", "N"),
-    "rms_joint_velocity_rad_s": _Words("the joints trembled at an RMS of", "rad/s"),
-    "com_rms_error_m": _Words("the centre of mass missed its target by an RMS of", "mm", 1e3),
-    "com_error_m": _Words("the centre of mass missed its target by up to", "mm", 1e3),
+    "rms_joint_velocity_rad_s": _Words("the joint speeds had an RMS of", "rad/s"),
+    "com_rms_error_m": _Words("the centre of mass was off its target by an RMS of", "mm", 1e3),
+    "com_error_m": _Words("the centre of mass was off its target by up to", "mm", 1e3),
     "solver_failures": _Words("solver failures:"),
     "deadline_misses": _Words("missed deadlines:"),
     "mpc_p50_ms": _Words("the median MPC update took", "ms"),
     "wbc_p50_ms": _Words("the median whole-body tick took", "ms"),
     "real_time_factor": _Words("the real-time factor was"),
-    "velocity_rmse_m_s": _Words("the velocity averaged over a stride missed the command by an RMS of", "m/s"),
-    "raw_velocity_rmse_m_s": _Words("the momentary velocity missed the command by an RMS of", "m/s"),
-    "velocity_bias_m_s": _Words("the mean velocity missed the command by", "m/s"),
-    "yaw_rate_rmse_rad_s": _Words("the yaw rate missed the command by an RMS of", "rad/s"),
-    "height_rmse_m": _Words("the base's height missed its target by an RMS of", "mm", 1e3),
-    "height_std_m": _Words("the base heaved with a standard deviation of", "mm", 1e3),
+    "velocity_rmse_m_s": _Words("the velocity averaged over a stride was off the command by an RMS of", "m/s"),
+    "raw_velocity_rmse_m_s": _Words("the instantaneous velocity was off the command by an RMS of", "m/s"),
+    "velocity_bias_m_s": _Words("the mean velocity was off the command by", "m/s"),
+    "yaw_rate_rmse_rad_s": _Words("the yaw rate was off the command by an RMS of", "rad/s"),
+    "height_rmse_m": _Words("the base's height was off its target by an RMS of", "mm", 1e3),
+    "height_std_m": _Words("the base's height varied with a standard deviation of", "mm", 1e3),
     "cost_of_transport": _Words("the cost of transport was"),
     "steps": _Words("steps taken:"),
-    "lost_contacts": _Words("contacts lost in the middle of a stance:"),
-    "walking_tilt_deg": _Words("walking, the base tilted by", "deg"),
+    "lost_contacts": _Words("contacts lost during a stance:"),
+    "walking_tilt_deg": _Words("the walking base tilted by", "deg"),
     "scuff_m": _Words("a swinging foot slid over the floor by", "mm", 1e3),
     "peak_impact_n": _Words("a foot touched down with", "N"),
-    "odometry_drift_percent": _Words("the estimated position drifted by", "% of the way"),
-    "recovery_time_s": _Words("back at the command after a push took", "s"),
-    "stop_strides": _Words("from the end of the command to standing it took", "gait cycles"),
-    "final_foot_error_m": _Words("a foot ended away from its place by", "mm", 1e3),
+    "odometry_drift_percent": _Words("the estimated position drifted by", "% of the distance"),
+    "recovery_time_s": _Words("the return to the command after a push took", "s"),
+    "stop_strides": _Words("the transition from the end of the command to standing took", "gait cycles"),
+    "final_foot_error_m": _Words("a foot ended away from its initial position by", "mm", 1e3),
+    "give_up_s": _Words("the joints of the fallen robot were not damped for", "s"),
+    "damped_rms_torque_nm": _Words("the damped joints' torque had an RMS of", "N.m"),
+    "rises": _Words("rises from the belly:"),
+    "descents": _Words("times that the robot lay down:"),
+    "torque_step_nm": _Words("lying or rising, a torque changed within a tick by", "N.m"),
 }
 
 
@@ -94,15 +101,13 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
     """Compare a run's metrics with its gate.
 
     Args:
-        metrics: what was measured.
+        metrics: of the run.
         gate: the limits.
         interrupted: whether the run was stopped before its end; then it neither passed nor failed.
     """
     if interrupted:
         return Verdict(Outcome.INTERRUPTED, (f"interrupted after {metrics.survived_s:.3g} s",))
     reasons = []
-    if metrics.fell:
-        reasons.append(f"the robot fell after {metrics.survived_s:.3g} s")
     limits = gate.limits
     for name, words in _WORDS.items():
         for kind in ("max", "min"):
@@ -112,23 +117,27 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
             limit, value = limits[field], measured(metrics, field)
             if value is None or math.isnan(value):
                 reasons.append(f"{field} was not measured, but the gate limits it to {limit:g}")
+            elif field == "max_falls" and limit == 0 and value > 0:
+                reasons.append(f"the robot fell after {metrics.survived_s:.3g} s")
             elif value > limit if kind == "max" else value < limit:
                 reasons.append(_sentence(words, value, limit, kind, field))
     return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 
 
 def measured(metrics: Metrics, limit: str) -> float | None:
-    """Return the metric that a limit of the gate is about; ``None`` if it was not measured.
+    """Return the metric of a limit of the gate; ``None`` if it was not measured.
 
-    It is called like the limit, or like it without "max_" or "min_", or it is a median duration; it is one of the
-    run's or one of its walking's.
+    Its name is that of the limit, with or without ``max_`` or ``min_``, or that of a median duration; it is a metric of
+    the run, of its walking or of its modes.
     """
     if limit in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
         timing: Timing | None = metrics.mpc_ms if limit == "max_mpc_p50_ms" else metrics.wbc_ms
         return None if timing is None else timing.p50
-    owner: Metrics | WalkingMetrics | None = metrics
+    owner: Metrics | WalkingMetrics | ModeMetrics | None = metrics
     if any(each.name in (limit, figure_of(limit)) for each in fields(WalkingMetrics)):
         owner = metrics.walking
+    elif any(each.name in (limit, figure_of(limit)) for each in fields(ModeMetrics)):
+        owner = metrics.modes
     if owner is None:
         return None
     value = getattr(owner, limit if hasattr(owner, limit) else figure_of(limit))

@@ -41,12 +41,12 @@ class WalkingMetrics:
 
     Attributes:
         velocity_rmse_m_s: RMS size of the error of the planar velocity averaged over a stride, on plateaus.
-        raw_velocity_rmse_m_s: the same of the momentary velocity.
+        raw_velocity_rmse_m_s: the same of the instantaneous velocity.
         velocity_bias_m_s: size of the mean velocity error on a plateau, the largest of all plateaus.
         yaw_rate_rmse_rad_s: RMS error of the yaw rate averaged over a stride, on plateaus.
         height_rmse_m: RMS error of the base's height, on plateaus.
         height_std_m: standard deviation of the base's height within a plateau, the largest of all plateaus.
-        cost_of_transport: sum of |torque x joint speed| over weight x way in the commanded direction, on plateaus
+        cost_of_transport: sum of ``|torque x joint speed|`` over weight x way in the commanded direction, on plateaus
             with a planar velocity.
         steps: swings begun, of all feet.
         lost_contacts: how often a foot lost its contact in the middle of a stance, of all feet.
@@ -84,13 +84,13 @@ class WalkingMetrics:
 
 
 def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
-    """Measure how a run followed its commands; ``None`` if it has none.
+    """Measure how a run followed its commands; ``None`` if none moved the robot and it never stepped.
 
     Args:
         log: the log.
         tilt: (k,) of the base at the first k ticks, deg; later ticks, such as those after a fall, do not count.
     """
-    if not log.commanded or len(tilt) < 2:
+    if not (log.commanded or log.stepped) or len(tilt) < 2:
         return None
     walk = _Walk(log, len(tilt))
     moving = walk.command.any(axis=1) | ~walk.stance.all(axis=1)
@@ -252,7 +252,8 @@ def _recovery_time(walk: _Walk) -> float | None:
 
 def _ending(walk: _Walk) -> dict[str, Any]:
     moving = np.flatnonzero(walk.command.any(axis=1))
-    rest = int(moving[-1]) + 1
+    # Of a run whose commands move the robot, it may have fallen before.
+    rest = int(moving[-1]) + 1 if len(moving) else walk.ticks if walk.log.commanded else 0
     if rest >= walk.ticks:
         return {"ends_standing": None, "stop_strides": None, "final_foot_error_m": None}
     slow = np.linalg.norm(walk.velocity[rest:, :2], axis=1) < STANDING_M_S
@@ -262,7 +263,7 @@ def _ending(walk: _Walk) -> dict[str, Any]:
         return {"ends_standing": False, "stop_strides": None, "final_foot_error_m": None}
     return {
         "ends_standing": True,
-        "stop_strides": float(walk.time[stands] - walk.time[rest]) / float(walk.period[rest]),
+        "stop_strides": float(walk.time[stands] - walk.time[rest]) / float(walk.period[rest]) if len(moving) else None,
         "final_foot_error_m": _foot_error(walk),
     }
 

@@ -1,4 +1,4 @@
-"""The base that every room's settings are made of."""
+"""The base of all settings."""
 
 from lgmpc.settings.base import (
     LARGEST,

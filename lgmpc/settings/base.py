@@ -1,12 +1,12 @@
-"""The base of every settings class: strict, frozen, with number types, and errors that name the key.
+"""The base of all settings classes: strict and frozen, with types of bounded numbers and errors that name the key.
 
-A room states its settings once, as subclasses of :class:`Settings`: units in the names; bounds, defaults and
-descriptions in the fields. Python code constructs them directly; a config document composes the same classes.
+Each room defines its settings as subclasses of :class:`Settings`: units in the names; bounds, defaults and descriptions
+in the fields. Python code constructs them directly; a config document composes the same classes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
@@ -15,6 +15,7 @@ from pydantic._internal._model_construction import ModelMetaclass
 from pydantic_core import PydanticCustomError
 from typing_extensions import Self
 
+from lgmpc.notebook import html_table
 from lgmpc.settings.dotted import write_at
 
 __all__ = [
@@ -41,11 +42,11 @@ __all__ = [
 ]
 
 PROBLEM = "lgmpc"
-"""The pydantic error type of everything that :func:`problems` makes."""
+"""The pydantic error type of all errors of :func:`problems`."""
 
 
 class _SettingsType(ModelMetaclass):
-    """Raises what pydantic reports of a construction as an InputError; a config collects all of it instead."""
+    """Raises pydantic's first error of a construction as an InputError; a config reports all of them."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         try:
@@ -68,8 +69,8 @@ class Settings(BaseModel, metaclass=_SettingsType):
     def replace(self, changes: Mapping[str, Any]) -> Self:
         """Return a checked copy with some values changed.
 
-        Values that were never given keep their defaults, so that a change of what selects a variant (``mpc.model``)
-        brings that variant's defaults.
+        Values that were not given keep their defaults: a change of the key that selects a variant (``mpc.model``)
+        selects that variant's defaults.
 
         Args:
             changes: dotted key to value, such as ``{"weights.com": (1e3, 1e3, 1e3)}``; list positions count from 0,
@@ -83,8 +84,25 @@ class Settings(BaseModel, metaclass=_SettingsType):
             write_at(data, key, value, whole)
         return type(self)(**data)
 
+    def _repr_html_(self) -> str:
+        """Return a table of the values that are not their defaults."""
+        rows = [(key, _short(value)) for key, value in self._changed()]
+        return html_table(type(self).__name__, rows or [("all values", "defaults")])
+
+    def _changed(self, section: str = "") -> Iterator[tuple[str, Any]]:
+        """Yield dotted key and value of what differs from its default, nested settings included."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            default = None if field.is_required() else field.get_default(call_default_factory=True, validated_data={})
+            if not field.is_required() and value == default:
+                continue
+            if isinstance(value, Settings) and (field.is_required() or type(value) is type(default)):
+                yield from value._changed(f"{section}{name}.")
+            else:
+                yield f"{section}{name}", value
+
     def _given(self) -> dict[str, Any]:
-        """Return what was given, here and in the settings within, and what selects the variants of unions."""
+        """Return the values that were given, nested settings included, and those that select the variants of unions."""
         data: dict[str, Any] = dict(self.model_extra or {})
         for name, field in type(self).model_fields.items():
             value = getattr(self, name)
@@ -96,18 +114,26 @@ class Settings(BaseModel, metaclass=_SettingsType):
         return data
 
 
+def _short(value: Any) -> str:
+    """Return a value as a cell of a table, lists of settings by their number."""
+    if isinstance(value, tuple) and any(isinstance(each, Settings) for each in value):
+        return f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
+    text = str(list(value)) if isinstance(value, tuple) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
 def _plain(value: Any) -> Any:
     return value._given() if isinstance(value, Settings) else value
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong with one key.
+    """One key that cannot be used.
 
     Attributes:
         key: dotted path below the validated section; empty for the validated value itself.
         got: the value of that key; not used where ``key`` is empty.
-        expected: what would have been accepted, in words.
+        expected: the values accepted, in words.
     """
 
     key: str
@@ -116,17 +142,20 @@ class Problem:
 
 
 def problems(found: Sequence[Problem]) -> PydanticCustomError:
-    """Make the error by which a validator reports all that it found."""
+    """Return the error by which a validator reports several problems."""
     return PydanticCustomError(PROBLEM, "cannot be used", {"problems": tuple(found)})
 
 
 def problem(expected: str, key: str = "", got: Any = None) -> PydanticCustomError:
-    """Make the error by which a validator reports one problem; arguments as in :class:`Problem`."""
+    """Return the error by which a validator reports one problem; arguments as in :class:`Problem`."""
     return problems([Problem(key, got, expected)])
 
 
+_LONGEST = 80
+"""Characters of a value that a notebook displays."""
+
 LARGEST = 1e9
-"""No number of a config is larger: beyond it there is no robot, only overflow."""
+"""Largest number of a config: larger ones overflow."""
 
 Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 """A finite number."""
@@ -135,9 +164,9 @@ Positive = Annotated[float, Field(strict=True, gt=0.0, le=LARGEST, allow_inf_nan
 NonNegative = Annotated[float, Field(strict=True, ge=0.0, le=LARGEST, allow_inf_nan=False)]
 """A finite number, zero or above."""
 Noise = Annotated[float, Field(strict=True, ge=0.0, le=10.0, allow_inf_nan=False)]
-"""A standard deviation or density of a sensor's noise, from 0 to 10: what errs by more is no sensor."""
+"""A standard deviation or density of a sensor's noise, from 0 to 10."""
 Friction = Annotated[float, Field(strict=True, gt=0.0, le=10.0, allow_inf_nan=False)]
-"""A coefficient of Coulomb friction, above 0, at most 10: rubber on dry rubber has 2."""
+"""A coefficient of Coulomb friction, above 0, at most 10."""
 Interval = Annotated[float, Field(strict=True, ge=1e-4, le=10.0, allow_inf_nan=False)]
 """Length of an interval of an optimal control problem, s: 0.1 ms, a tenth of a control tick, to 10 s."""
 Fraction = Annotated[float, Field(strict=True, ge=0.0, le=1.0, allow_inf_nan=False)]

@@ -1,4 +1,4 @@
-"""Write a value at a dotted key, such as ``pushes.0.impulse_ns``, of plain tables and lists."""
+"""Assignment to a dotted key, such as ``pushes.0.impulse_ns``, of plain tables and lists."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ __all__ = ["write_at"]
 
 
 def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -> list[str]:
-    """Put ``value`` at a dotted key; keys of lists are positions from 0, and the one after the last appends.
+    """Assign ``value`` to a dotted key; keys of lists are positions from 0, and the one after the last appends.
 
     Args:
-        data: changed in place; tables on the way that it lacks are made.
+        data: changed in place; missing tables along the key are created.
         key: dotted.
         value: any.
-        defaults: tables of which lists that ``data`` lacks are copied.
+        defaults: tables from which lists that ``data`` lacks are copied.
 
     Returns:
-        The dotted keys of the tables made on the way.
+        The dotted keys of the created tables.
 
     Raises:
         InputError: the key passes through a plain value, or a position that does not exist.

@@ -1,4 +1,4 @@
-"""From what pydantic reports to words: the key, what came, what was expected, and the valid choices."""
+"""Messages for pydantic's errors: the key, the value received, the values expected, and the valid choices."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ _EXPECTED = {
     "string_too_long": "at most {max_length} characters",
     "string_too_short": "some text",
     "string_type": "text",
+    "too_short": "at least {min_length} of them",
     "tuple_type": "a list",
 }
 
@@ -48,8 +49,8 @@ class Finding:
 
     Attributes:
         key: dotted path from the validated root.
-        got: what came, in words.
-        expected: what would have been accepted, in words.
+        got: the value received, in words.
+        expected: the values accepted, in words.
         choices: the valid keys or values, if they can be listed.
         word: what the choices are compared with to find the nearest; ``got`` if None.
     """
@@ -62,10 +63,10 @@ class Finding:
 
 
 def find_problems(error: ValidationError, root: type[Settings], data: Any) -> list[Finding]:
-    """Translate what pydantic reports.
+    """Translate pydantic's errors.
 
     Args:
-        error: what pydantic raised.
+        error: raised by pydantic.
         root: the class that was validated.
         data: the plain data that was validated.
     """
@@ -79,7 +80,7 @@ def first_input_error(error: ValidationError, root: type[Settings], data: Any) -
 
 
 def show_value(value: Any) -> str:
-    """Return ``value`` as a person would write it, shortened."""
+    """Return ``value`` in words, shortened."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):
@@ -140,7 +141,7 @@ def _words(kind: str, context: Mapping[str, Any], message: str) -> str:
 
 
 def _path_in_data(loc: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
-    """Drop from ``loc`` what pydantic adds for the branches of unions: it is no key of the data, as a missing one."""
+    """Remove from ``loc`` pydantic's names of union branches, which are no keys of the data."""
     path: list[str] = []
     here = data
     for depth, part in enumerate(loc):
@@ -159,7 +160,7 @@ def _path_in_data(loc: Sequence[int | str], data: Any, *, missing: bool) -> list
 
 
 def _unknown_key(path: list[str], got: Any, root: type[Settings], data: Any) -> Finding:
-    """Name the nearest key of the same section or, if none resembles it much, the same key of other sections."""
+    """Return the nearest key of the same section or, if none is similar, the same key of other sections."""
     *outer, word = path
     section = _section(root, outer, data)
     known = list(section.model_fields) if section else []
@@ -181,7 +182,7 @@ def _unknown_key(path: list[str], got: Any, root: type[Settings], data: Any) -> 
 
 
 def _tags_with(root: type[Settings], path: list[str], data: Any) -> tuple[str, list[str], str] | None:
-    """Where other branches of a union have a key: what chooses the branch, their tags, and the one that was chosen."""
+    """Return, if other branches of a union have a key, the key that selects branches, their tags, and the given tag."""
     for depth in range(1, len(path)):
         parent = _section(root, path[: depth - 1], data)
         if parent is None or path[depth - 1] not in parent.model_fields:
@@ -211,7 +212,7 @@ def _literals(root: type[Settings], path: list[str], data: Any) -> list[str]:
 
 
 def _literal_values(annotation: Any) -> Iterator[Any]:
-    """Find the values of an annotation such as ``Literal["a", "b"] | None`` or ``tuple[Literal["a"], ...]``."""
+    """Return the values of an annotation such as ``Literal["a", "b"] | None`` or ``tuple[Literal["a"], ...]``."""
     if get_origin(annotation) is Literal:
         yield from get_args(annotation)
     else:
@@ -253,7 +254,7 @@ def _section(root: type[Settings], path: Sequence[str], data: Any) -> type[Setti
 
 
 def _branch(sections: Sequence[type[Settings]], data: Any) -> type[Settings]:
-    """Choose among the sections of a union by the key that distinguishes them."""
+    """Return the section of a union that its distinguishing key selects."""
     if len(sections) > 1 and isinstance(data, Mapping):
         for section in sections:
             if data.get(_tag_key(section)) in _kinds(section):
@@ -262,18 +263,18 @@ def _branch(sections: Sequence[type[Settings]], data: Any) -> type[Settings]:
 
 
 def _tag_key(section: type[Settings]) -> str:
-    """Return the key whose value chooses this section in a union."""
+    """Return the key whose value selects this section in a union."""
     return next((key for key in ("kind", "model", "method") if key in section.model_fields), "kind")
 
 
 def _kinds(section: type[Settings]) -> tuple[str, ...]:
-    """Return the values of that key that choose this section."""
+    """Return the values of that key that select this section."""
     field = section.model_fields.get(_tag_key(section))
     return get_args(field.annotation) if field else ()
 
 
 def _sections_of(annotation: Any) -> Iterator[type[Settings]]:
-    """Find the sections in an annotation such as ``Settings | None`` or ``tuple[Settings, ...]``."""
+    """Return the sections in an annotation such as ``Settings | None`` or ``tuple[Settings, ...]``."""
     origin = get_origin(annotation)  # in Python 3.10 dict[str, float] counts as a type, which issubclass refuses
     if origin is None and isinstance(annotation, type) and issubclass(annotation, Settings):
         yield annotation

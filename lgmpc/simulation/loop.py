@@ -6,19 +6,23 @@ observer (a recorder, a progress bar) at every control tick.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.control.interface import Command, Controller, Estimator, RobotState
+from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.simulation.disturbances import PushSchedule
+from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, StateLink, TimingSettings
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 
-__all__ = ["Disturbance", "Rates", "Sensing", "Tick", "simulate", "true_state"]
+__all__ = ["Disturbance", "Hardware", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
+
+_SAME_TIME = 1e-9  # s
 
 
 @dataclass(frozen=True)
@@ -28,14 +32,31 @@ class Sensing:
     Attributes:
         sensors: of the simulated robot; read once a control tick.
         estimator: what makes a state of it.
+        link: what measurements pass through; none if they arrive at once.
     """
 
     sensors: Sensors
     estimator: Estimator
+    link: StateLink[Measurement] | None = None
 
-    def estimate(self, sample: PlantSample) -> RobotState:
+    def state(self, sample: PlantSample) -> RobotState:
         """Return the state as estimated at the plant's present one."""
-        return self.estimator.update(self.sensors.read(sample))
+        measurement = self.sensors.read(sample)
+        if self.link is not None:
+            measurement = self.link.pass_on(measurement, sample.time)
+        return self.estimator.update(measurement)
+
+
+@dataclass(frozen=True)
+class TrueState:
+    """The plant's own state as the controller receives it, over a link that delays and disturbs it."""
+
+    link: StateLink[RobotState]
+    nu: int
+
+    def state(self, sample: PlantSample) -> RobotState:
+        """Return the state that has arrived."""
+        return self.link.pass_on(self.link.disturb(true_state(sample), self.nu), sample.time)
 
 
 @dataclass(frozen=True)
@@ -94,7 +115,7 @@ class Tick:
         sample: true state at which the controller decided, with the torques and forces of the step before.
         state: input of the controller: the true state, or its estimate.
         command: what it decided.
-        torque: (nu,) torque asked of the joints at this state, before clipping, N.m.
+        torque: (nu,) torque that the drives request of the joints at this state, before clipping, N.m.
         disturbance: what pushed the robot during this tick.
     """
 
@@ -106,13 +127,29 @@ class Tick:
     disturbance: Disturbance
 
 
+@dataclass(frozen=True)
+class Hardware:
+    """What lies between controller and joints.
+
+    Attributes:
+        drives: where commands go.
+        computing: the time that an update takes in simulated time. Ticks until its end are missed.
+        measured: returns the time that the last update took here, s, and whether it planned.
+    """
+
+    drives: Drives
+    computing: Computing
+    measured: Callable[[], tuple[float, bool]]
+
+
 def simulate(
     plant: Plant,
     controller: Controller,
     pushes: PushSchedule,
     rates: Rates,
     on_tick: Callable[[Tick], bool],
-    sensing: Sensing | None = None,
+    sensing: Sensing | TrueState | None = None,
+    hardware: Hardware | None = None,
 ) -> int:
     """Run the closed loop from the plant's present state.
 
@@ -123,26 +160,41 @@ def simulate(
         rates: see :meth:`Rates.of`.
         on_tick: called after every decision, before the plant moves; returns whether to go on.
         sensing: where the controller receives the state from; the plant's own unless given.
+        hardware: what commands pass through; the joints follow at once unless given.
 
     Returns:
         Number of ticks that were simulated.
     """
     disturber = _Disturber(plant, pushes)
+    hardware = _ideal(plant) if hardware is None else hardware
+    drives, ready = hardware.drives, -math.inf
+    nu = 0
     for index in range(rates.ticks):
         sample = plant.sense()
-        state = true_state(sample) if sensing is None else sensing.estimate(sample)
-        command = controller.update(state)
+        state = true_state(sample) if sensing is None else sensing.state(sample)
         disturbance = disturber.apply(sample.time)
-        nu = command.tau.size
-        torque = command.torque(sample.q[-nu:], sample.v[-nu:])
-        if not on_tick(Tick(index, sample, state, command, torque, disturbance)):
-            return index + 1
+        if sample.time > ready - _SAME_TIME:  # else the computer is still at an earlier tick, and this one is missed
+            command = controller.update(state)
+            nu = command.tau.size
+            ready = sample.time + hardware.computing.spent(*hardware.measured())
+            drives.send(command, ready)
+            torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
+            if not on_tick(Tick(index, sample, state, command, torque, disturbance)):
+                return index + 1
+        else:
+            torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
         plant.step(torque)
         for _ in range(rates.substeps - 1):
             now = plant.sense()
             disturber.apply(now.time)
-            plant.step(command.torque(now.q[-nu:], now.v[-nu:]))
+            plant.step(drives.torque(now.time, now.q[-nu:], now.v[-nu:]))
     return rates.ticks
+
+
+def _ideal(plant: Plant) -> Hardware:
+    rng = np.random.default_rng(0)  # nothing is drawn
+    drives = Drives(LinkSettings(), ActuatorSettings(), plant.dt, rng)
+    return Hardware(drives, Computing(TimingSettings(), rng), lambda: (0.0, False))
 
 
 def true_state(sample: PlantSample) -> RobotState:

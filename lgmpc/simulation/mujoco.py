@@ -19,7 +19,7 @@ import pinocchio as pin
 from lgmpc.errors import ModelError
 from lgmpc.robot import Box, CollisionShape, Sphere
 from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
-from lgmpc.simulation.parameters import PlantSettings, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array, IntArray
 
@@ -32,6 +32,10 @@ _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
 _FLOOR, _ROBOT = 1, 2  # contact type bits: the robot meets the floor, never itself
 _POINT = 1e-6  # m; radius that stands for a point foot
+
+
+_SPHERE_ON_FLOOR = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""Axes of MuJoCo's contact frame of a foot: the normal from the floor to the robot, two tangents."""
 
 
 class MujocoPlant:
@@ -64,7 +68,7 @@ class MujocoPlant:
         self._dt = params.dt
         self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
-        self._effort = robot.effort_limit
+        self._effort = real_effort_limit(robot, params)
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
         # Contacts of other geometries than feet are collected in a last row that is cut off.
@@ -153,14 +157,13 @@ class MujocoPlant:
         if self.data.ncon:
             contact = self.data.contact
             geoms, excluded = contact.geom, contact.exclude
-            if excluded.any():  # at a distance of exactly 0 a contact is listed, but has no rows
+            if any(excluded.tolist()):  # at a distance of exactly 0 a contact is listed, but has no rows
                 geoms = geoms[excluded == 0]
             count = len(geoms)
-            # Contacts come last. Rows of an elliptic contact: normal, two tangents; its frame's rows are those axes,
-            # the normal from the floor to the robot, and all contacts are with the one floor. A sphere touches a plane
-            # once, so no foot occurs twice and assigning is summing.
+            # Contacts come last. Rows of an elliptic contact: normal, two tangents. All contacts are with the one
+            # floor, and a sphere touches a plane once, so no foot occurs twice and assigning is summing.
             local = self.data.efc_force[self.data.nefc - 3 * count :].reshape(count, 3)
-            forces[self._foot_of_geom[geoms[:, 1]]] = local @ contact.frame[0].reshape(3, 3)
+            forces[self._foot_of_geom[geoms[:, 1]]] = local @ _SPHERE_ON_FLOOR
         return forces[: self._nc]
 
 

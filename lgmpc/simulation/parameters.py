@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
-from lgmpc.settings import Friction, NonNegative, Positive, Settings, Vector3, problem
+from lgmpc.settings import Finite, Friction, NonNegative, Positive, Settings, Vector3, problem
+from lgmpc.simulation.drives import ActuatorSettings, LinkSettings
+from lgmpc.typing import Array
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["PlantSettings", "simulated_model"]
+__all__ = ["PlantSettings", "real_effort_limit", "simulated_model"]
+
+
+def _posture_kind(value: Any) -> str:
+    return "angles" if isinstance(value, Mapping) else "name"
+
+
+InitialPosture = Annotated[
+    Union[Annotated[Literal["reference", "lying"], Tag("name")], Annotated[dict[str, Finite], Tag("angles")]],  # noqa: UP007
+    Discriminator(_posture_kind),
+]
 
 
 class PlantSettings(Settings):
@@ -45,6 +58,20 @@ class PlantSettings(Settings):
         description="Shift of the base's centre of mass, payload included, that the controllers' model lacks, base "
         "axes, m.",
     )
+    initial_posture: InitialPosture = Field(
+        default="reference",
+        description="Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
+        "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the floor.",
+    )
+
+    initial_velocity_m_s: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Velocity of the whole robot at the start, base axes, m/s."
+    )
+    initial_rotation_rad_s: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Angular velocity of the whole robot at the start, base axes, rad/s."
+    )
+    link: LinkSettings = Field(default=LinkSettings(), description="Delays, losses and noise of the link to the robot.")
+    actuators: ActuatorSettings = Field(default=ActuatorSettings(), description="The drives of the joints.")
 
     @model_validator(mode="after")
     def _pinocchio_has_one_integrator(self) -> PlantSettings:
@@ -56,6 +83,12 @@ class PlantSettings(Settings):
     def dt(self) -> float:
         """Duration of one step, s."""
         return 1.0 / self.rate_hz
+
+
+def real_effort_limit(robot: Robot, params: PlantSettings) -> Array:
+    """Return the (nu,) torque limits of the simulated drives, N.m."""
+    limit = params.actuators.torque_limit_nm
+    return robot.effort_limit if limit is None else np.full(robot.nu, limit)
 
 
 def simulated_model(robot: Robot, params: PlantSettings) -> pin.Model:

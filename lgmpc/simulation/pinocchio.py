@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
-from lgmpc.simulation.parameters import PlantSettings, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -57,7 +57,7 @@ class PinocchioPlant:
         self._robot = robot
         self._dt = params.dt
         self._joints = robot.joint_v
-        self._effort = robot.effort_limit
+        self._effort = real_effort_limit(robot, params)
         self._damping = params.joint_damping_nms
         self._friction = params.joint_friction_nm
         self._wrenches = BodyWrenches(robot)

@@ -1,9 +1,9 @@
-"""Solvers of optimal control problems: FDDP, SQP on structured QPs, and ipopt; one loop, one solution."""
+"""Solvers of optimal control problems: FDDP, SQP on structured quadratic programmes, ipopt and fatrop."""
 
 from lgmpc.solvers.box_fddp import BoxFddp
 from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
-from lgmpc.solvers.loop import Callback, IterativeSolver, PrintProgress, Progress, SolverSettings
+from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings
 from lgmpc.solvers.methods import AnySolverSettings, Solver, make_solver
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.real_time_sqp import RealTimeResult, RealTimeSqp, RealTimeStatus, RealTimeTimings
@@ -15,6 +15,8 @@ __all__ = [
     "Callback",
     "Fddp",
     "FddpSettings",
+    "History",
+    "Iterate",
     "IterativeSolver",
     "LineSearchSqp",
     "LineSearchSqpSettings",

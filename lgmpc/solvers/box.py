@@ -1,4 +1,4 @@
-"""Bounds on controls: found in the actions' path constraints, and kept to in the backward sweep."""
+"""Bounds on controls: extraction from the actions' path constraints, and a backward sweep subject to them."""
 
 from __future__ import annotations
 
@@ -11,61 +11,62 @@ import numpy as np
 from lgmpc.actions import Action
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
+from lgmpc.ocp.shooting import runs_of
 from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.sweep import all_finite
+from lgmpc.solvers.sweep import all_finite, bilinear, products
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
 
-_ROUNDING = 1e-12  # by which a free control may pass its bound, relative to it
-_EXCHANGES = 10  # of held controls; a model that takes more is regularised
+_ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
+_EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 
 
 @dataclass(frozen=True)
 class ControlBounds:
-    """Which control each row of each action's path constraint bounds.
+    """The control that each row of each action's path constraint bounds.
 
     Attributes:
-        problem: whose constraints these are.
-        rows: for each interval (N) the indices (ng,) of its rows' controls.
-        limits: for each interval the function ``p -> (lower, upper)`` of its rows.
+        problem: the problem.
+        rows: for each run of intervals with one action the intervals, the indices (ng,) of the controls of their rows,
+            and the function ``p -> (lower, upper)`` of the rows.
     """
 
     problem: ShootingProblem
-    rows: tuple[IntArray, ...]
-    limits: tuple[ca.Function, ...]
+    rows: tuple[tuple[slice, IntArray, ca.Function], ...]
 
     def write(self, parameters: Array, lower: Array, upper: Array) -> None:
-        """Write the bounds of all controls (N, nu); infinite where there is none, the tighter of two."""
+        """Write the bounds of all controls (N, nu): infinite where there is none, the tightest of several."""
         lower[...], upper[...] = -np.inf, np.inf
-        for k, (rows, limits) in enumerate(zip(self.rows, self.limits, strict=True)):
+        for nodes, rows, limits in self.rows:
             if rows.size:
-                p = parameters[k, : self.problem.actions[k].parameters.size]
-                low, high = (value.full()[:, 0] for value in limits(p))
-                np.maximum.at(lower[k], rows, low)
-                np.minimum.at(upper[k], rows, high)
+                # One column an interval.
+                low, high = (value.full() for value in limits(parameters[nodes, : limits.size1_in(0)].T))
+                for i, row in enumerate(rows):
+                    np.maximum(lower[nodes, row], low[i], out=lower[nodes, row])
+                    np.minimum(upper[nodes, row], high[i], out=upper[nodes, row])
 
     def multipliers(self, of_controls: Array) -> Array:
-        """Give each row (N, ng) the multiplier of its control (N, nu); the first of several rows gets it."""
-        out = np.zeros((len(self.rows), max(rows.size for rows in self.rows)))
-        for k, rows in enumerate(self.rows):
+        """Return each row's (N, ng) multiplier, that of its control (N, nu); of several rows the first has it."""
+        out = np.zeros((len(of_controls), max(rows.size for _, rows, _ in self.rows)))
+        for nodes, rows, _ in self.rows:
             controls, first = np.unique(rows, return_index=True)
-            out[k, first] = of_controls[k, controls]
+            out[nodes, first] = of_controls[nodes, controls]
         return out
 
 
 def control_bounds(problem: ShootingProblem) -> ControlBounds:
-    """Read the bounds on controls off a problem's path constraints.
+    """Return the bounds on controls in a problem's path constraints.
 
     Raises:
-        InputError: a row is something else than one control between bounds.
+        InputError: a row that is not one control between bounds.
     """
     known: dict[int, tuple[IntArray, ca.Function]] = {}
     for k, action in enumerate(problem.actions):
         if id(action) not in known:
             known[id(action)] = _rows(action, k)
-    found = [known[id(action)] for action in problem.actions]
-    return ControlBounds(problem, tuple(rows for rows, _ in found), tuple(limits for _, limits in found))
+    runs = runs_of(problem.actions)
+    return ControlBounds(problem, tuple((slice(start, stop), *known[id(action)]) for action, start, stop in runs))
 
 
 def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
@@ -91,7 +92,7 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
 
 @dataclass(frozen=True)
 class _Held:
-    """An expansion in which some controls are known: their columns have moved into gaps and gradients."""
+    """An expansion in which some controls are fixed: their columns are part of gaps and gradients."""
 
     jacobian: Array
     hessian: Array
@@ -105,7 +106,7 @@ class _Held:
 
     @classmethod
     def of(cls, f: ShootingFunctions) -> _Held:
-        """One of the same size that writes the same gains."""
+        """Return an expansion of the same size with the same gains."""
         jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
         return cls(
             jacobian, hessian, gradient, gaps, f.last_hessian, f.last_gradient, f.feedback, f.feedforward, f.compiled
@@ -115,24 +116,24 @@ class _Held:
 class BoxSweep:
     """Minimises the linear-quadratic model over all controls between their bounds, on the whole horizon at once.
 
-    A control is free or held at a bound. With the held ones known, a backward sweep and a linear forward one give the
-    minimiser over the free ones, and the multipliers of the held ones. Then free controls beyond a bound are held, held
-    ones whose multiplier has the wrong sign are freed, until there are none (the primal-dual active set method:
-    Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002); the next run begins with what is held. That Newton's step in
-    the free controls is a sweep: Dunn and Bertsekas, J. Optim. Theory Appl. 63, 1989; Pantoja and Mayne, Int. J.
+    A control is free or fixed at a bound. Given the fixed ones, a backward sweep and a linear forward one compute the
+    minimiser over the free ones and the multipliers of the fixed ones. Then free controls beyond a bound are fixed, and
+    fixed ones whose multiplier has the wrong sign are freed, until there are none (the primal-dual active set method:
+    Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002); the next run starts from this active set. Newton's step in
+    the free controls is a sweep by Dunn and Bertsekas, J. Optim. Theory Appl. 63, 1989; Pantoja and Mayne, Int. J.
     Control 53, 1991.
 
-    Boxes on each node's own step (Tassa, Mansard, Todorov, ICRA 2014) would leave out what feedback adds to it: where
-    the states move far, the roll-out then clips controls that the sweep assumed, and the line search stalls.
+    Boxes on each node's feedforward step alone (Tassa, Mansard, Todorov, ICRA 2014) ignore its feedback: after large
+    changes of the states the roll-out then clips controls that the sweep assumed, and the line search stalls.
 
     Args:
-        functions: where expansion and bounds are read and the gains are written.
+        functions: expansion and bounds (read) and gains (written).
         progress: called with a description of what is being compiled.
 
     Attributes:
-        value_hessian: (N+1, ndx, ndx) of the cost-to-go, the held controls being held.
+        value_hessian: (N+1, ndx, ndx) of the cost-to-go for the fixed controls.
         value_gradient: (N+1, ndx).
-        held: (N, nu) -1 at the lower bound, 1 at the upper one, 0 free.
+        held: (N, nu) -1 fixed at the lower bound, 1 at the upper one, 0 free.
         dxs: (N+1, ndx) the minimiser.
         dus: (N, nu).
     """
@@ -146,9 +147,9 @@ class BoxSweep:
         self.dus: Array = np.zeros(functions.us.shape)
 
     def run(self, regularization: float, *, closed: bool) -> bool:
-        """Minimise, and write the gains; False if that takes more regularisation.
+        """Minimise, and write the gains; return False if more regularisation is required.
 
-        It does where a Hessian in the free controls is not positive definite, and where what is held does not settle.
+        It is where a Hessian in the free controls is not positive definite, or the active set does not converge.
 
         Args:
             regularization: added to the diagonals of the Hessians in controls and states.
@@ -172,40 +173,58 @@ class BoxSweep:
         return False
 
     def expected(self, *, closed: bool) -> tuple[float, float]:
-        """Slope and curvature of the model's decrease along its step."""
+        """Return slope and curvature of the model's decrease along its step."""
         f, dxs = self._functions, self.dxs
         step = np.hstack([dxs[:-1], self.dus])
         slope = np.vdot(f.gradient, step) + np.vdot(f.last_gradient, dxs[-1])
-        curvature = np.einsum("ki,kij,kj->", step, f.hessian, step) + dxs[-1] @ f.last_hessian @ dxs[-1]
+        curvature = bilinear(step, f.hessian, step) + dxs[-1] @ f.last_hessian @ dxs[-1]
         return -float(slope), -float(curvature)
 
     def _minimise(self, move: Array, regularization: float, closed: bool) -> bool:
-        """Minimise over the free controls, the held ones moving by ``move`` (N, nu)."""
-        f, m, held = self._functions, self._model, self.held != 0
-        ndx = self.dxs.shape[1]
-        free = np.hstack([np.ones((held.shape[0], ndx)), ~held])
-        np.multiply(f.jacobian, free[:, :, None], out=m.jacobian)
-        np.multiply(f.hessian, free[:, :, None] * free[:, None, :], out=m.hessian)
-        m.hessian[:, range(free.shape[1]), range(free.shape[1])] += 1.0 - free
-        np.multiply(f.gradient + np.einsum("kij,kj->ki", f.hessian[:, :, ndx:], move), free, out=m.gradient)
-        m.gaps[...] = 0.0 if closed else f.gaps
-        m.gaps[1:] += np.einsum("kij,ki->kj", f.jacobian[:, ndx:], move)
+        """Minimise over the free controls, the fixed ones changing by ``move`` (N, nu)."""
+        self._fix(move, closed)
         if not self._sweep.run(regularization, closed=closed and not move.any()):
             return False
-        f.feedforward[held] = -move[held]
-        self.dxs[0] = m.gaps[0]
-        for t, (dx, du) in enumerate(zip(self.dxs, self.dus, strict=False)):
-            np.subtract(-f.feedforward[t], f.feedback[t].dot(dx), out=du)
-            self.dxs[t + 1] = m.gaps[t + 1] + dx.dot(m.jacobian[t, :ndx]) + du.dot(m.jacobian[t, ndx:])
+        held = self.held != 0
+        self._functions.feedforward[held] = -move[held]
+        self._follow()
         return all_finite(self.dxs)
 
+    def _fix(self, move: Array, closed: bool) -> None:
+        """Write the model in which controls change by ``move``, and the fixed ones by nothing else."""
+        f, m, ndx = self._functions, self._model, self.dxs.shape[1]
+        nodes, controls = self.held.nonzero()
+        controls += ndx
+        m.jacobian[...], m.hessian[...] = f.jacobian, f.hessian
+        np.add(f.gradient, products(f.hessian[:, :, ndx:], move), out=m.gradient)
+        m.jacobian[nodes, controls] = 0.0
+        m.hessian[nodes, controls] = m.hessian[nodes, :, controls] = 0.0
+        m.hessian[nodes, controls, controls] = 1.0
+        m.gradient[nodes, controls] = 0.0
+        m.gaps[...] = 0.0 if closed else f.gaps
+        m.gaps[1:] += np.einsum("kij,ki->kj", f.jacobian[:, ndx:], move)
+
+    def _follow(self) -> None:
+        """Write the minimiser under the sweep's gains."""
+        f, m, ndx = self._functions, self._model, self.dxs.shape[1]
+        # dx+ = (A - B K) dx + gap - B k: one product a stage is left to the loop.
+        by_state, by_control = m.jacobian[:, :ndx], m.jacobian[:, ndx:]
+        closed_loop = by_state - f.feedback.transpose(0, 2, 1) @ by_control
+        offset = m.gaps[1:] - np.einsum("ki,kij->kj", f.feedforward, by_control)
+        self.dxs[0] = m.gaps[0]
+        for dx, matrix, constant, dx_next in zip(self.dxs, closed_loop, offset, self.dxs[1:], strict=False):
+            dx.dot(matrix, dx_next)
+            dx_next += constant
+        np.negative(f.feedforward, out=self.dus)
+        self.dus -= products(f.feedback, self.dxs[:-1])
+
     def _slopes(self, regularization: float) -> Array:
-        """The regularised model's slopes (N, nu) in the controls at the minimiser: zero in free ones."""
+        """Return the regularised model's gradient (N, nu) by the controls at the minimiser: zero for free ones."""
         f, ndx = self._functions, self.dxs.shape[1]
-        # The sweep's gradients are those where the gaps are closed.
+        # The sweep's gradients are those with closed gaps.
         moved = self.dxs - self._model.gaps
-        costates = self.value_gradient + np.einsum("kij,kj->ki", self.value_hessian, moved)
+        costates = self.value_gradient + products(self.value_hessian, moved)
         step = np.hstack([self.dxs[:-1], self.dus])
-        slopes: Array = f.gradient[:, ndx:] + np.einsum("kij,kj->ki", f.hessian[:, ndx:], step)
-        slopes += regularization * self.dus + np.einsum("kij,kj->ki", f.jacobian[:, ndx:], costates[1:])
+        slopes: Array = f.gradient[:, ndx:] + products(f.hessian[:, ndx:], step)
+        slopes += regularization * self.dus + products(f.jacobian[:, ndx:], costates[1:])
         return slopes

@@ -12,6 +12,7 @@ import numpy as np
 
 from lgmpc.ocp import Trajectory
 from lgmpc.solvers.box import BoxSweep, control_bounds
+from lgmpc.solvers.compiled_box import make_box_sweep
 from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.solution import Status
 from lgmpc.typing import Array
@@ -23,8 +24,8 @@ class BoxFddp(Fddp):
     """Feasibility-driven DDP whose controls stay within bounds: every constraint row bounds one control.
 
     The bounds are those of the actions' path constraints and may depend on parameters. The sweep minimises over the
-    boxes of all nodes together (:class:`~lgmpc.solvers.box.BoxSweep`), whether or not there are gaps, and the roll-out
-    keeps to them.
+    boxes of all nodes together (:class:`~lgmpc.solvers.box.BoxSweep`), with and without gaps, and the roll-out clips
+    to them.
 
     Raises:
         InputError: a path constraint that is not a bound on a control.
@@ -36,7 +37,7 @@ class BoxFddp(Fddp):
         self._bounds = control_bounds(self.problem)
 
     def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
-        self._box = BoxSweep(self.functions, progress)
+        self._box = make_box_sweep(self.functions, progress)
         return self._box
 
     def _begin(self, guess: Trajectory) -> Status | None:

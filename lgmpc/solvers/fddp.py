@@ -1,12 +1,13 @@
 """Feasibility-driven differential dynamic programming, for problems without path constraints.
 
-It starts from any trajectory, feasible or not, and opens or closes the dynamics' gaps together: a step of length alpha
-keeps ``1 - alpha`` of each gap, as multiple shooting does, and the states in between come from a roll-out under the
-sweep's feedback, as in differential dynamic programming. Mastalli et al., "Crocoddyl: an efficient and versatile
-framework for multi-contact optimal control", ICRA 2020.
+The guess may be infeasible. A step of length alpha keeps ``1 - alpha`` of each gap of the dynamics, as in multiple
+shooting, and the states are those of a roll-out under the sweep's feedback, as in differential dynamic programming.
+Mastalli et al., "Crocoddyl: an efficient and versatile framework for multi-contact optimal control", ICRA 2020.
 
-Acceptance and regularisation are those of Crocoddyl 3, so that its settings and iteration counts carry over; a solution
-has to be stationary as well (:class:`FddpSettings`), for which an iteration or two more may be needed.
+Acceptance and regularisation are those of Crocoddyl 3, with the same settings and iteration counts, but for two points.
+An increase of the cost, which closing gaps may require, is bounded by that of the model: the increase expected along a
+trial's own states grows with a trial that diverges. A solution must also be stationary
+(:class:`FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or two more.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajector
 from lgmpc.settings import NonNegative, Positive, problem
 from lgmpc.solvers.box import BoxSweep
 from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.solution import Solution, Status, Timings
-from lgmpc.solvers.sweep import BackwardSweep, all_finite
+from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.typing import Array
 
 __all__ = ["Fddp", "FddpSettings"]
 
 _StepLength = Annotated[float, Field(strict=True, gt=0.0, le=1.0, allow_inf_nan=False)]
-_PATIENCE = 5  # steps that only rounding makes and that do not halve the gradient
+_PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
 
 
 class FddpSettings(SolverSettings):
-    """Tolerances and schedules of :class:`Fddp` and ``BoxFddp``; the standard values are Crocoddyl's.
+    """Tolerances and schedules of :class:`Fddp` and ``BoxFddp``; the defaults are Crocoddyl's.
 
     A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
-    does not depend on how states and controls are scaled, but does not cover conditions on which the cost hardly
-    depends. The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review
-    47, 2005), since it is their differences.
+    is independent of the scaling of states and controls, but insensitive to directions in which the cost hardly varies.
+    The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review 47,
+    2005), since it is a difference of them.
     """
 
     method: Literal["fddp", "box_fddp"] = Field(
@@ -56,29 +57,42 @@ class FddpSettings(SolverSettings):
         default=tuple(2.0**-i for i in range(10)), description="Step lengths, tried in this order."
     )
     acceptance: NonNegative = Field(
-        default=0.1, description="Least fraction of the expected reduction of the cost that a step has to bring."
+        default=0.1, description="Least fraction of the expected reduction of the cost of an accepted step."
     )
     ascent_acceptance: NonNegative = Field(
         default=2.0,
-        description="Most multiples of an expected increase of the cost (the price of closing gaps) of a step.",
+        description="Largest multiple of an expected increase of the cost, by closing gaps, of an accepted step.",
     )
     least_slope: NonNegative = Field(
-        default=1e-12, description="Slope of the cost below which any step that does not raise it is accepted."
+        default=1e-12, description="Slope of the cost below which any step that does not increase it is accepted."
     )
-    rounding: NonNegative = Field(default=1e-12, description="Largest gap of a guess that counts as feasible.")
+    rounding: NonNegative = Field(default=1e-12, description="Largest gap of a feasible guess.")
     regularization: tuple[Positive, Positive] = Field(
-        default=(1e-9, 1e9), description="[least, most] regularisation; a solve starts from the least."
+        default=(1e-9, 1e9), description="[lowest, highest] regularisation."
+    )
+    initial_regularization: Positive | None = Field(
+        default=None, description="Regularisation that a solve starts from. null: the lowest."
     )
     regularization_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e9, allow_inf_nan=False)] = Field(
         default=10.0, description="Factor by which the regularisation changes."
     )
-    decrease_above: NonNegative = Field(default=0.5, description="Step length above which the regularisation falls.")
-    increase_below: NonNegative = Field(default=0.01, description="Step length up to which the regularisation rises.")
+    decrease_above: NonNegative = Field(
+        default=0.5, description="Step length above which the regularisation decreases."
+    )
+    increase_below: NonNegative = Field(
+        default=0.01, description="Step length up to which the regularisation increases."
+    )
 
     @model_validator(mode="after")
     def _regularization_is_ordered(self) -> FddpSettings:
         if self.regularization[0] > self.regularization[1]:
-            raise problem("[least, most] with least not above most", "regularization", list(self.regularization))
+            raise problem(
+                "[lowest, highest] with lowest not above highest", "regularization", list(self.regularization)
+            )
+        lowest, highest = self.regularization
+        start = self.initial_regularization
+        if start is not None and not lowest <= start <= highest:
+            raise problem(f"a number between {lowest:g} and {highest:g}", "initial_regularization", start)
         return self
 
 
@@ -114,6 +128,7 @@ class Fddp(IterativeSolver):
         self.sweep = self._make_sweep(progress)
         self._clock = [0.0, 0.0, 0.0]
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
+        self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
 
     def _check_constraints(self) -> None:
         for k, action in enumerate(self.problem.actions):
@@ -133,8 +148,9 @@ class Fddp(IterativeSolver):
         f.feedback[...] = 0.0
         f.feedforward[...] = 0.0
         self._clock = [0.0, 0.0, 0.0]
-        self._regularization = self.settings.regularization[0]
-        self._accepted, self._step_length = False, 1.0
+        start = self.settings.initial_regularization
+        self._regularization = self.settings.regularization[0] if start is None else start
+        self._accepted, self._step_length, self._was_closed = False, 1.0, False
         self._cost = self._criterion = self._gap = np.nan
         self._expand()
         self._closed = self._gap <= self.settings.rounding
@@ -145,28 +161,35 @@ class Fddp(IterativeSolver):
         f, s = self.functions, self.settings
         if not self._fresh:
             self._expand()
-        if not self._finite:
-            return Status.NOT_FINITE
-        # A closed trajectory is one that a roll-out made: what is left in its gaps is rounding.
+        if not self._finite and not self._take_back():
+            return Status.DIVERGED
+        # A closed trajectory is that of a roll-out: its gaps are rounding errors.
         was_closed, self._accepted = self._closed, False
         if not self._swept and not self._sweep():
             return Status.STALLED
         slope, curvature = self.sweep.expected(closed=self._closed)
+        # The model is convex along the step: it rises by at most a step length's share of what the full step does.
+        ascent = max(-(slope + 0.5 * curvature), 0.0)
         d0 = d1 = np.nan
+        diverged = True
         for alpha in s.step_lengths:
             self._step_length = alpha
             cost = self._try(alpha)
             if not np.isfinite(cost):
                 continue
+            diverged = False
             correction = 0.0 if self._closed else self._expected_from_gaps()
             d0, d1 = slope + correction, curvature - 2.0 * correction
             expected = alpha * (d0 + 0.5 * alpha * d1)
             gained = self._cost - cost
             if expected >= 0.0:
-                accept = abs(d0) < s.least_slope or gained > s.acceptance * expected
-            else:  # the price of closing gaps: without them the sweep's step lowers its model
-                accept = gained > s.ascent_acceptance * expected
+                rounding = s.least_slope * (1.0 + abs(self._cost))
+                flat = abs(d0) < s.least_slope and gained >= -rounding
+                accept = flat or gained > s.acceptance * expected
+            else:  # gaps are closed at this cost: without them the sweep's step decreases its model
+                accept = gained > s.ascent_acceptance * max(expected, -alpha * ascent)
             if accept:
+                self._last_xs[...], self._last_us[...], self._was_closed = f.xs, f.us, self._closed
                 f.accept()
                 self._cost = cost
                 self._closed = self._closed or alpha == 1.0
@@ -178,23 +201,29 @@ class Fddp(IterativeSolver):
         if self._step_length <= s.increase_below:
             self._increase()
             if self._regularization >= s.regularization[1]:
-                return Status.STALLED
+                return Status.DIVERGED if diverged else Status.STALLED
         self._criterion = abs(d0 + 0.5 * d1)
-        # The trajectory was feasible before the step, and had little left to gain.
+        # The trajectory was feasible before the step, with a small expected reduction.
         return self._judge() if was_closed and self._criterion < s.tolerance else None
 
     def _judge(self) -> Status | None:
-        """Whether the trajectory, around which everything is expanded anew, is stationary, or will never be."""
+        """Return the status if the trajectory, expanded anew, is stationary or cannot become so; None otherwise."""
         if not self._fresh:
             self._expand()
         if not self._finite:
-            return Status.NOT_FINITE
+            return None  # the next iteration takes the step back
+        lowest = self.settings.regularization[0]
+        regularized, self._regularization = self._regularization > lowest, lowest
         if not self._sweep():
             return Status.STALLED
+        if regularized:  # a large regularisation makes any step and its expected reduction small
+            slope, curvature = self.sweep.expected(closed=self._closed)
+            self._criterion = abs(slope + 0.5 * curvature)
         costates, multipliers, rest = self._stationarity()
         largest = max(float(np.abs(costates).max()), float(np.abs(multipliers).max(initial=0.0)))
         residual = float(np.abs(rest).max()) / (1.0 + largest)
-        if residual <= self.settings.stationarity and self._accepted:
+        minimum = self._regularization <= lowest and self._criterion < self.settings.tolerance
+        if residual <= self.settings.stationarity and self._accepted and minimum:
             return Status.CONVERGED
         self._patience = _PATIENCE if residual < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, residual)
@@ -204,15 +233,16 @@ class Fddp(IterativeSolver):
     def _progress(self, iteration: int, elapsed: float) -> Progress:
         return Progress(
             iteration, self._cost, self._criterion, self._gap, self._step_length, self._regularization,
-            self._accepted, elapsed,
+            self._accepted, elapsed, Iterate.of(self.functions.xs, self.functions.us, self.functions.feedback),
         )  # fmt: skip
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
         f = self.functions
         if not self._fresh:
             self._expand()
-        if not self._finite:
-            status = Status.NOT_FINITE
+        if not self._finite and status is not Status.NOT_FINITE:
+            status = Status.DIVERGED
+            self._take_back()
         possible = status not in (Status.NOT_FINITE, Status.INFEASIBLE)
         if not (self._swept or (possible and self._sweep())):
             self.sweep.value_gradient[...] = 0.0  # no multipliers are known
@@ -227,15 +257,15 @@ class Fddp(IterativeSolver):
         )  # fmt: skip
 
     def _stationarity(self) -> tuple[Array, Array, Array]:
-        """Costates (N, ndx), multipliers (N, ng), and the Lagrangian's gradient (N+1, ndx + nu) that they leave.
+        """Return costates (N, ndx), multipliers (N, ng), and their Lagrangian's gradient (N+1, ndx + nu).
 
-        The costates are the gradients of the sweep's cost-to-go, under feedback. Those of the adjoint equation would
-        leave nothing in the states, but grow along unstable dynamics as open loops do, and all rounding with them.
+        The costates are the gradients of the sweep's cost-to-go, under feedback. With those of the adjoint equation the
+        gradient by the states is zero, but they, and their rounding errors, grow along unstable dynamics.
         """
         f, ndx = self.functions, self.problem.state.ndx
         costates = self.sweep.value_gradient
         rest = np.zeros((len(costates), f.gradient.shape[1]))
-        rest[:-1] = f.gradient + np.einsum("kij,kj->ki", f.jacobian, costates[1:])
+        rest[:-1] = f.gradient + products(f.jacobian, costates[1:])
         rest[-1, :ndx] = f.last_gradient
         rest[:, :ndx] -= costates
         rest[0, :ndx] = 0.0  # the first state is given
@@ -243,7 +273,7 @@ class Fddp(IterativeSolver):
         return costates[1:], multipliers, rest
 
     def _split(self, gradient: Array) -> tuple[Array, Array]:
-        """Return multipliers (N, ng), and what they leave of the Lagrangian's gradient in the controls (N, nu)."""
+        """Return multipliers (N, ng), and the rest of the Lagrangian's gradient in the controls (N, nu)."""
         return np.zeros((self.problem.nodes, 0)), gradient
 
     def _expand(self) -> None:
@@ -257,7 +287,7 @@ class Fddp(IterativeSolver):
         self._clock[0] += time.perf_counter() - start
 
     def _sweep(self) -> bool:
-        """Sweep, with as much regularisation as it takes; False if even the most is not enough."""
+        """Sweep with as much regularisation as necessary; return False if the highest is not enough."""
         start = time.perf_counter()
         self._swept = self.sweep.run(self._regularization, closed=self._closed)
         while not self._swept and self._regularization < self.settings.regularization[1]:
@@ -267,7 +297,7 @@ class Fddp(IterativeSolver):
         return self._swept
 
     def _try(self, alpha: float) -> float:
-        """Roll out with a step length; its cost, NaN where it diverges."""
+        """Roll out with a step length and return the cost, NaN where it diverges."""
         start = time.perf_counter()
         f = self.functions
         f.step_length[0] = alpha
@@ -278,12 +308,23 @@ class Fddp(IterativeSolver):
         self._clock[2] += time.perf_counter() - start
         return cost
 
+    def _take_back(self) -> bool:
+        """Return to the trajectory before the last step; return False if the regularisation cannot increase.
+
+        The cost of the last step was finite, its derivatives are not.
+        """
+        f = self.functions
+        f.xs[...], f.us[...], self._closed = self._last_xs, self._last_us, self._was_closed
+        self._expand()
+        self._increase()
+        return self._regularization < self.settings.regularization[1]
+
     def _increase(self) -> None:
         s = self.settings
         self._regularization = min(self._regularization * s.regularization_factor, s.regularization[1])
 
     def _expected_from_gaps(self) -> float:
-        """What the gaps add along the last roll-out."""
+        """Return the gaps' part of the expected decrease along the last roll-out."""
         f = self.functions
         f.measure_move()
-        return -float(np.einsum("ki,kij,kj->", f.gaps, self.sweep.value_hessian, f.moved))
+        return -bilinear(f.gaps, self.sweep.value_hessian, f.moved)

@@ -1,4 +1,4 @@
-"""Sequential quadratic programming to convergence: hard path constraints, any action, any state, from poor guesses.
+"""Sequential quadratic programming with a line search: hard path constraints, globalised for poor guesses.
 
 Each iteration solves the linear-quadratic problem with its constraints and searches along its step for a decrease of
 the exact penalty function
@@ -6,12 +6,12 @@ the exact penalty function
     cost + penalty (sum |gaps| + sum of the constraints' violations),
 
 whose penalty stays above the largest multiplier (Nocedal and Wright, "Numerical optimization", 2nd ed., ch. 18). The
-decrease is measured from the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
-so that full steps along curved constraints are accepted. Once a few steps have not halved the residual of the
-optimality conditions, steps that raise the penalty function have to lower that residual: the Hessian is the
-Gauss-Newton one, whose steps are too long where the cost's residuals curve upwards, and only the search shortens them.
-Where the linearised constraints contradict each other, a step removes a part of the gaps and violations only (Powell,
-"A fast algorithm for nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
+decrease is relative to the worst of the last few points (Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23, 1986),
+so that full steps along curved constraints are accepted. After a few steps that have not halved the residual of the
+optimality conditions, steps that increase the penalty function must decrease that residual: Gauss-Newton steps are too
+long where the curvature of the cost's residuals is positive, and the search must shorten them. Where the linearised
+constraints are inconsistent, a step removes a part of the gaps and violations only (Powell, "A fast algorithm for
+nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pydantic import Field
 
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.settings import Count
-from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.qp import (
     QpSolver,
     QpStatus,
@@ -40,10 +40,10 @@ from lgmpc.typing import Array
 
 __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 
-_KEPT = (0.0, 0.5, 0.9, 0.99)  # shares of gaps and violations that an infeasible subproblem may keep, one after another
-_LEAST_TOLERANCE = 1e-13  # rounding hides what is less
+_KEPT = (0.0, 0.5, 0.9, 0.99)  # fractions of gaps and violations kept by relaxed subproblems, tried in this order
+_LEAST_TOLERANCE = 1e-13  # smallest decrease that exceeds rounding errors
 _ROUNDING = 1e-13  # of the penalty function
-_PATIENCE = 6  # steps that do not halve the residual
+_PATIENCE = 6  # most steps that do not halve the residual
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
     QpStatus.UNBOUNDED: Status.FAILED,
@@ -60,28 +60,28 @@ class LineSearchSqpSettings(SolverSettings):
         default=1e-6, description="Largest residual of the optimality conditions of a solution."
     )
     acceptance: Annotated[float, Field(strict=True, gt=0.0, lt=0.5)] = Field(
-        default=1e-4, description="Least fraction of the expected decrease that a step has to bring."
+        default=1e-4, description="Least fraction of the expected decrease of an accepted step."
     )
     memory: Count = Field(
-        default=4, description="Number of last points; the decrease is measured from the worst of them."
+        default=4, description="Number of last points; the decrease is relative to the worst of them."
     )
     least_step: Annotated[float, Field(strict=True, gt=0.0, lt=1.0)] = Field(
         default=1e-4, description="Step length below which the search ends without a step."
     )
     penalty_margin: Annotated[float, Field(strict=True, gt=1.0, le=1e9)] = Field(
-        default=1.5, description="Least multiple of the largest multiplier that the penalty is."
+        default=1.5, description="Least ratio of the penalty to the largest multiplier."
     )
 
 
 class LineSearchSqp(IterativeSolver):
     """SQP with a line search, for any :class:`~lgmpc.ocp.ShootingProblem` (see the module).
 
-    :class:`~lgmpc.solvers.RealTimeSqp` is the one for control loops: full steps, one at a time.
+    For control loops see :class:`~lgmpc.solvers.RealTimeSqp`: one full step a call.
 
     Args:
         problem: the problem; its data are read at every solve.
         settings: tolerances.
-        qp_solver: solver of the subproblems: a name, or a function that makes one. It has to be more accurate than the
+        qp_solver: solver of the subproblems: a name, or a function that returns one. It must be more accurate than the
             tolerance; lgmpc's own unless given.
         progress: called with a description of what is being compiled.
 
@@ -126,7 +126,21 @@ class LineSearchSqp(IterativeSolver):
         self._clock = [0.0, 0.0, 0.0]
         self._linearize(0)
         self._kkt = KktResidual.unknown()
-        return None if self._finite else Status.NOT_FINITE
+        if not self._finite:
+            return Status.NOT_FINITE
+        return self._take_multipliers(self._known) if self._known is not None else None
+
+    def _take_multipliers(self, known: Solution) -> Status | None:
+        """Start from the multipliers of a solution of a problem of the same size, which may be one of this problem."""
+        shapes = self._costates.shape, self._multipliers.shape
+        if (known.costates.shape, known.multipliers.shape) != shapes:
+            return None
+        if not all_finite(known.costates, known.multipliers):
+            return None
+        self._costates, self._multipliers = known.costates.copy(), known.multipliers.copy()
+        self.qp_solver.solution.write(0.0, 0.0, known.costates, known.multipliers)
+        self._kkt = self._residual()
+        return Status.CONVERGED if self._kkt.largest <= self.settings.tolerance else None
 
     def _iterate(self) -> Status | None:
         f, s = self.functions, self.settings
@@ -141,7 +155,7 @@ class LineSearchSqp(IterativeSolver):
         slope = self._slope(step.dxs, step.dus) - (1.0 - kept) * self._penalty * self._infeasibility
         merits = [cost + self._penalty * outside for cost, outside in self._last]
         worst = max(merits)
-        rounding = _ROUNDING * (abs(worst) + self._penalty)  # what it alone changes is no increase
+        rounding = _ROUNDING * (abs(worst) + self._penalty)  # a change of the penalty alone is no increase
         f.xs_base[...] = f.xs
         us, dxs, dus = f.us.copy(), step.dxs.copy(), step.dus.copy()
         alpha, self._accepted = 1.0, False
@@ -153,7 +167,7 @@ class LineSearchSqp(IterativeSolver):
             self._linearize(2)
             merit = self._cost + self._penalty * self._infeasibility
             least = s.acceptance * alpha * min(slope, 0.0) + rounding
-            # Multipliers move along with the step, so that a trial point is measured with its own.
+            # Multipliers change with the step, so that a trial point's residual is that of its own multipliers.
             self._costates = costates + alpha * (step.costates - costates)
             self._multipliers = multipliers + alpha * (step.multipliers - multipliers)
             if self._finite and merit <= worst + least:
@@ -183,8 +197,18 @@ class LineSearchSqp(IterativeSolver):
         return self.functions.qp
 
     def _progress(self, iteration: int, elapsed: float) -> Progress:
+        f, s = self.functions, self.qp.structure
+        iterate = Iterate.of(f.xs, f.us, np.zeros((0, s.nu, s.ndx)))
         return Progress(
-            iteration, self._cost, self._kkt.largest, self._gap, self._step_length, 0.0, self._accepted, elapsed
+            iteration,
+            self._cost,
+            self._kkt.largest,
+            self._gap,
+            self._step_length,
+            0.0,
+            self._accepted,
+            elapsed,
+            iterate,
         )
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
@@ -201,7 +225,7 @@ class LineSearchSqp(IterativeSolver):
         )  # fmt: skip
 
     def _subproblem(self) -> tuple[QpStatus, float]:
-        """Solve the subproblem; with a share of gaps and violations kept where they cannot all be removed at once."""
+        """Solve the subproblem, relaxed by a fraction of gaps and violations where it is infeasible."""
         start = time.perf_counter()
         qp = self.qp
         gaps, lower, upper = qp.vector("b"), qp.vector("lower"), qp.vector("upper")
@@ -218,7 +242,7 @@ class LineSearchSqp(IterativeSolver):
         return status, kept
 
     def _linearize(self, clock: int) -> None:
-        """Expand around the functions' point, and measure it."""
+        """Expand around the functions' point, and evaluate its gaps and violations."""
         start = time.perf_counter()
         self.functions.linearize()
         qp = self.qp
@@ -236,14 +260,14 @@ class LineSearchSqp(IterativeSolver):
         self._clock[clock] += time.perf_counter() - start
 
     def _slope(self, dxs: Array, dus: Array) -> float:
-        """Slope of the cost along a step."""
+        """Return the slope of the cost along a step."""
         qp = self.qp
         last = qp.terminal_values[qp.structure.terminal_blocks["q"].where]
         inner = np.vdot(qp.vector("q"), dxs[:-1]) + np.vdot(qp.vector("r"), dus)
         return float(inner + np.vdot(last, dxs[-1]))
 
     def _residual(self) -> KktResidual:
-        """Residual of the nonlinear problem's conditions at the point of expansion."""
+        """Return the residual of the nonlinear problem's conditions at the point of expansion."""
         qp, costates, multipliers = self.qp, self._costates, self._multipliers
         dense = {name: qp.dense(name) for name in "ABCD"}
 

@@ -1,11 +1,11 @@
-"""The one loop of all iterative solvers: they supply steps, it counts, checks the time limit, calls the callback."""
+"""The common loop of iterative solvers: iteration and time limits, callbacks, the result."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,42 +15,66 @@ from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.settings import Positive, Settings
 from lgmpc.solvers.solution import Solution, Status
+from lgmpc.typing import Array
 
-__all__ = ["Callback", "IterativeSolver", "PrintProgress", "Progress", "SolverSettings"]
+__all__ = ["Callback", "History", "Iterate", "IterativeSolver", "PrintProgress", "Progress", "SolverSettings"]
 
 
 class SolverSettings(Settings):
-    """When a solver stops. A config selects the solver by ``method``."""
+    """Termination of a solver. A config selects the solver by ``method``."""
 
     method: str
     max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
-        default=200, description="Most iterations."
+        default=200, description="Largest number of iterations."
     )
     tolerance: Positive
-    time_limit_s: Positive | None = Field(
-        default=None, description="Stop after this time, s (compiling does not count). null: never."
-    )
+    time_limit_s: Positive | None = Field(default=None, description="Time limit, s, compilation excluded. null: none.")
 
     @model_validator(mode="before")
     @classmethod
     def _null_is_the_default(cls, data: Any) -> Any:
-        """Configs that earlier versions wrote have ``tolerance: null`` for the method's own."""
+        """Configs written by version 0.1 have ``tolerance: null`` for the method's default."""
         return {key: value for key, value in data.items() if value is not None} if isinstance(data, dict) else data
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """The trajectory of a solver between two iterations: read-only views, valid until the callback returns.
+
+    Attributes:
+        xs: (N+1, nx) states.
+        us: (N, nu) controls.
+        feedback: (N, nu, ndx) K of the last sweep, around the trajectory before the step; of length 0 from solvers
+            without a sweep.
+    """
+
+    xs: Array
+    us: Array
+    feedback: Array
+
+    @classmethod
+    def of(cls, xs: Array, us: Array, feedback: Array) -> Iterate:
+        """Return read-only views of a solver's arrays."""
+        views = [array.view() for array in (xs, us, feedback)]
+        for view in views:
+            view.setflags(write=False)
+        return cls(*views)
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a solve stands after an iteration.
+    """Progress of a solve after an iteration.
 
     Attributes:
         iteration: number of iterations taken.
         cost: at the current trajectory.
-        criterion: what is compared with the tolerance.
+        criterion: the measure compared with the tolerance.
         gap: largest gap of the dynamics at the start of the iteration.
         step_length: of the step taken, or of the last one tried.
         regularization: of the last sweep.
         accepted: whether a step was taken.
         elapsed: s since the start.
+        iterate: the current trajectory; None from solvers that do not report it.
     """
 
     iteration: int
@@ -61,17 +85,49 @@ class Progress:
     regularization: float
     accepted: bool
     elapsed: float
+    iterate: Iterate | None = field(default=None, repr=False, compare=False)
 
 
 Callback = Callable[[Progress], object]
 """Called after every iteration; returns True to stop."""
 
 
+class History:
+    """A callback that keeps the progress of every iteration, without the iterates; several callbacks can share a solve.
+
+    Args:
+        others: further callbacks; each is called, and any stops the solve.
+
+    Attributes:
+        reports: one an iteration.
+    """
+
+    def __init__(self, *others: Callback) -> None:
+        self.reports: list[Progress] = []
+        self._others = others
+
+    def __call__(self, progress: Progress) -> bool:
+        """Keep the report; return whether another callback stops the solve."""
+        self.reports.append(replace(progress, iterate=None))
+        return any([other(progress) is True for other in self._others])
+
+    def column(self, name: str) -> Array:
+        """Return one quantity of all iterations (n,): ``cost``, ``criterion``, ``gap``, ``step_length``, ...
+
+        Raises:
+            InputError: no such quantity.
+        """
+        known = tuple(f.name for f in fields(Progress) if f.name != "iterate")
+        if name not in known:
+            raise InputError("name", name, "a quantity of Progress", known)
+        return np.array([getattr(report, name) for report in self.reports], dtype=np.float64)
+
+
 class PrintProgress:
     """A callback that prints a line an iteration, with a heading every 20.
 
     Args:
-        write: what prints a line.
+        write: prints a line.
     """
 
     def __init__(self, write: Callable[[str], object] = print) -> None:
@@ -100,10 +156,11 @@ class IterativeSolver(ABC):
     name: str
     problem: ShootingProblem
     settings: SolverSettings
+    _known: Solution | None = None  # the solution that the current solve starts from
 
     def solve(
         self,
-        guess: Trajectory | None = None,
+        guess: Trajectory | Solution | None = None,
         *,
         max_iterations: int | None = None,
         time_limit: float | None = None,
@@ -113,16 +170,16 @@ class IterativeSolver(ABC):
         """Iterate from a guess until the solver's conditions hold.
 
         Args:
-            guess: states and controls to start from (the first state is replaced by the problem's); the first state at
-                rest at all nodes unless given.
+            guess: initial states and controls (the first state is replaced by the problem's); the first state at all
+                nodes and zero controls unless given. Of a solution, the SQP also takes the multipliers.
             max_iterations: most iterations, at least 0; the settings' unless given.
             time_limit: s; checked before each iteration; the settings' unless given.
             callback: called with the progress after every iteration; stops the solve by returning True.
-            throw: raise where the solve ends without a solution.
+            throw: raise if the solve ends without a solution.
 
         Raises:
             InputError: a guess of the wrong shape, or negative limits.
-            SolverError: no solution, with ``throw``; the message has the remedy and the explanation.
+            SolverError: no solution, with ``throw``; the message contains the remedy and the explanation.
         """
         max_iterations = self.settings.max_iterations if max_iterations is None else max_iterations
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
@@ -130,8 +187,10 @@ class IterativeSolver(ABC):
             raise InputError("max_iterations", max_iterations, "at least 0")
         if time_limit is not None and not time_limit >= 0.0:
             raise InputError("time_limit", time_limit, "at least 0 s")
-        checked = self.problem.check(self.problem.hold() if guess is None else guess)
-        # The status and its explanation name what was not finite; numpy's warnings would only add where it was met.
+        self._known = guess if isinstance(guess, Solution) else None
+        start = guess.trajectory if isinstance(guess, Solution) else guess
+        checked = self.problem.check(self.problem.hold() if start is None else start)
+        # The status and its explanation name what was not finite, so that numpy need not warn.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             solution = self._run(checked, max_iterations, time_limit, callback)
         if throw and not solution.status.solved:
@@ -160,16 +219,16 @@ class IterativeSolver(ABC):
 
     @abstractmethod
     def _begin(self, guess: Trajectory) -> Status | None:
-        """Start from a guess of the right shape; a status if there is nothing to iterate on."""
+        """Start from a guess of the right shape; return a status if no iteration is possible."""
 
     @abstractmethod
     def _iterate(self) -> Status | None:
-        """Take one iteration; a status if it was the last."""
+        """Take one iteration; return a status if it was the last."""
 
     @abstractmethod
     def _progress(self, iteration: int, elapsed: float) -> Progress:
-        """Where the solve stands."""
+        """Return the progress of the solve."""
 
     @abstractmethod
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
-        """Put the result together; ``start`` is on the clock of ``time.perf_counter``."""
+        """Return the solution; ``start`` is on the clock of ``time.perf_counter``."""

@@ -1,7 +1,7 @@
-"""Every solver of whole trajectories: the method by which a config selects it, its settings, and its class.
+"""The table of trajectory solvers: the method by which a config selects each, its settings, and its class.
 
-A new solver is a module with its settings, a ``method: Literal[...]`` among them, and its class, and one line in the
-table here.
+A new solver is a module with its settings, which include ``method: Literal[...]``, its class, and one line in the
+table.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Solver(Protocol):
     def settings(self) -> SolverSettings:
         """Tolerances and limits."""
 
-    def solve(self, guess: Trajectory | None = None, *, callback: Callback | None = None) -> Solution:
+    def solve(self, guess: Trajectory | Solution | None = None, *, callback: Callback | None = None) -> Solution:
         """Solve from a guess; see :meth:`lgmpc.solvers.IterativeSolver.solve`."""
 
 
@@ -55,14 +55,14 @@ def make_solver(
         progress: called with a description of what is being compiled.
 
     Raises:
-        InputError: path constraints of the problem that this method cannot take.
+        InputError: the method does not support the problem's path constraints.
     """
     _, kind = _METHODS[settings.method]
     return kind(problem, settings, progress=progress)
 
 
 def _method(value: Any) -> Any:
-    """Return the method that a table of settings names; FDDP where it names none."""
+    """Return the method of a table of settings; FDDP if it names none."""
     if isinstance(value, Mapping):
         return value.get("method", "fddp")
     return getattr(value, "method", "fddp")
@@ -73,4 +73,4 @@ if TYPE_CHECKING:
 else:
     _tagged = tuple(Annotated[settings, Tag(method)] for method, (settings, _) in _METHODS.items())
     AnySolverSettings = Annotated[Union[_tagged], Discriminator(_method)]  # noqa: UP007
-    """The settings of one solver; the key ``method`` selects which."""
+    """The settings of one solver, selected by the key ``method``."""

@@ -1,7 +1,7 @@
-"""Interior point solution of the whole problem as one nonlinear programme, with exact derivatives: the reference.
+"""Interior-point solution of the whole problem as one nonlinear programme, with exact Hessians.
 
-Ipopt takes any problem; fatrop works stage by stage on the structure of optimal control (Vanroye, Sathya, De Schutter,
-Decre, "FATROP: a fast constrained optimal control problem solver", IROS 2023). Both come with CasADi.
+Ipopt is a general solver; fatrop exploits the structure of optimal control (Vanroye, Sathya, De Schutter, Decre,
+"FATROP: a fast constrained optimal control problem solver", IROS 2023). Both are part of CasADi.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ _STATUS = {
 
 
 class NlpSettings(SolverSettings):
-    """Tolerance and limits of :class:`NlpSolver`, and which of CasADi's solvers it is."""
+    """Method, tolerance and limits of :class:`NlpSolver`."""
 
     method: Literal["ipopt", "fatrop"] = Field(
-        default="ipopt", description="Interior point solvers with exact Hessians; any constraints."
+        default="ipopt", description="Interior-point solvers with exact Hessians; any constraints."
     )
     tolerance: Positive = Field(
         default=1e-8, description="Largest residual of the optimality conditions of a solution."
@@ -59,8 +59,7 @@ class NlpSolver:
     Args:
         problem: the problem; its data are read at every solve.
         settings: which solver, its tolerance and limits.
-        compiled: whether to evaluate machine code; it takes a while to build (once: it is cached) and is several times
-            faster.
+        compiled: whether to evaluate machine code, which is compiled once (then cached) and several times faster.
         progress: called with a description of what is being compiled.
     """
 
@@ -92,7 +91,7 @@ class NlpSolver:
 
     def solve(
         self,
-        guess: Trajectory | None = None,
+        guess: Trajectory | Solution | None = None,
         *,
         time_limit: float | None = None,
         callback: Callback | None = None,
@@ -101,14 +100,14 @@ class NlpSolver:
         """Solve from a guess.
 
         Args:
-            guess: states and controls to start from (the first state is replaced by the problem's); the first state at
-                rest at all nodes unless given.
+            guess: initial states and controls (the first state is replaced by the problem's); the first state at all
+                nodes and zero controls unless given.
             time_limit: s; checked after each iteration (of ipopt); the settings' unless given.
             callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
-            throw: raise where the solve ends without a solution.
+            throw: raise if the solve ends without a solution.
 
         Raises:
-            InputError: a guess of the wrong shape; a time limit or callback for fatrop, which has no means for them.
+            InputError: a guess of the wrong shape; a time limit or callback for fatrop, which does not support them.
             SolverError: no solution, with ``throw``.
         """
         if self.name != "ipopt" and (time_limit is not None or callback is not None):
@@ -116,17 +115,18 @@ class NlpSolver:
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
-        base = problem.check(problem.hold() if guess is None else guess)
+        given = guess.trajectory if isinstance(guess, Solution) else guess
+        base = problem.check(problem.hold() if given is None else given)
         p = shooting.pack_parameters(problem, base)
         lower, upper = shooting.bounds(p)
-        if not self._finite_at(p):  # ipopt would report it; fatrop would not return
+        if not self._finite_at(p):  # ipopt would report it; fatrop would not terminate
             return self._unsolved(base, Status.NOT_FINITE, start, throw)
         if (lower.full() > upper.full()).any():  # CasADi raises
             return self._unsolved(base, Status.INFEASIBLE, start, throw)
         self._watch.begin(start, time_limit, callback)
         try:
             found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
-        except RuntimeError:  # raised by fatrop, where an iterate holds NaN
+        except RuntimeError:  # raised by fatrop if an iterate contains NaN
             return self._unsolved(base, Status.FAILED, start, throw)
         if self._watch.error is not None:
             raise self._watch.error
@@ -143,13 +143,13 @@ class NlpSolver:
         return solution
 
     def _finite_at(self, p: Any) -> bool:
-        """Whether data, cost and constraints are finite where a solve begins (bounds may be infinite)."""
+        """Return whether data, cost and constraints are finite at the guess (bounds may be infinite)."""
         values = [np.asarray(value.full()) for value in self._values(np.zeros(self._shooting.size), p)]
         states_and_controls = p.size - self.problem.parameters.size
         return not np.isnan(p).any() and all(np.isfinite(v).all() for v in (p[:states_and_controls], *values))
 
     def _unsolved(self, base: Trajectory, status: Status, start: float, throw: bool) -> Solution:
-        """The guess itself, where the solver cannot begin or broke down."""
+        """Return the guess as the result, where the solver cannot start or failed."""
         problem, ng = self.problem, max(self._shooting.ng)
         n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
         p = self._shooting.pack_parameters(problem, base)
@@ -183,7 +183,7 @@ class NlpSolver:
 
 
 class _Watch(ca.Callback):
-    """Passes ipopt's iterations on to a callback, and checks the time limit."""
+    """Reports ipopt's iterations to a callback, and checks the time limit."""
 
     def __init__(self, shooting: MultipleShooting) -> None:
         ca.Callback.__init__(self)
@@ -236,7 +236,7 @@ def _ipopt(shooting: MultipleShooting, settings: NlpSettings) -> dict[str, Any]:
             "print_level": 0,
             "sb": "yes",
             "tol": settings.tolerance,
-            "compl_inf_tol": settings.tolerance,  # of the unscaled problem, as the next: tol itself is relative
+            "compl_inf_tol": settings.tolerance,  # of the unscaled problem, as is the next: tol itself is relative
             "dual_inf_tol": 1e2 * settings.tolerance,
             "max_iter": settings.max_iterations,
             "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value

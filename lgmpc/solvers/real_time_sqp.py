@@ -117,20 +117,23 @@ class RealTimeSqp:
         self.problem = problem
         functions = HorizonFunctions(problem.action, problem.nodes, progress)
         self._functions = functions
-        linearize = functions.linearize
-        self.xs: Array = linearize.input("xs").T
-        self.us: Array = linearize.input("us").T
-        self._parameters: Array = linearize.input("parameters").T
-        self.qp = OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+        self.xs: Array = functions.xs
+        self.us: Array = functions.us
+        self.qp = functions.qp
         self.qp_solver = (
             make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
         )
+        # On the same memory: the problem's numbers are not copied from one function to the next.
+        self._measure = functions.kkt.bind(values=self.qp.values, terminal_values=self.qp.terminal_values)
+        self._move = functions.advance.bind(xs=self.xs)
+        self._retract = functions.retract.bind(xs=self.xs)
+        self._subtract = functions.difference.bind(x0=self.xs[0])
         self._preparation = 0.0
 
     @property
     def compiled(self) -> bool:
         """Whether the horizon's functions are machine code."""
-        return self._functions.linearize.compiled
+        return self._functions.compiled
 
     def set_guess(self, trajectory: Trajectory) -> None:
         """Start from a trajectory; multipliers start from zero.
@@ -151,9 +154,8 @@ class RealTimeSqp:
         States are moved along the line from each node to the next; controls and multipliers likewise; the end stays.
         """
         advance = self._functions.advance
-        advance.inputs[0][...] = self.xs.T
         advance.inputs[1][...] = fraction
-        advance.run()
+        self._move()
         self.xs[:] = advance.outputs[0].T
         point = self.qp_solver.solution
         for array in (self.us, point.costates, point.multipliers):
@@ -162,8 +164,8 @@ class RealTimeSqp:
     def prepare(self) -> None:
         """Expand the problem around the current trajectory and pass the matrices to the QP solver."""
         start = time.perf_counter()
-        self._parameters[:] = self.problem.parameters
-        self._functions.linearize.run()
+        self._functions.parameters[:] = self.problem.parameters
+        self._functions.linearize()
         self.qp_solver.prepare()
         self._preparation = time.perf_counter() - start
 
@@ -203,31 +205,27 @@ class RealTimeSqp:
             taken += 1
 
     def _step(self, x0: Array) -> QpStatus:
-        difference, retract = self._functions.difference, self._functions.retract
-        difference.inputs[0][...] = self.xs[0]
+        difference = self._functions.difference
         difference.inputs[1][...] = x0
-        difference.run()
+        self._subtract()
         status = self.qp_solver.solve(difference.outputs[0])
         if _AFTER_STEP[status].usable:
-            step = self.qp_solver.solution
-            retract.inputs[0][...] = self.xs.T
+            step, retract = self.qp_solver.solution, self._functions.retract
             retract.inputs[1][...] = step.dxs.T
-            retract.run()
+            self._retract()
             self.xs[:] = retract.outputs[0].T
             self.us += step.dus
         return status
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Residual of the subproblem at its solution, or of the nonlinear problem at the point of expansion."""
-        values, terminal, dxs, dus, costates, multipliers = self._functions.kkt.inputs
+        _, _, dxs, dus, costates, multipliers = self._functions.kkt.inputs
         point = self.qp_solver.solution
-        values[...] = self.qp.values.T
-        terminal[...] = self.qp.terminal_values
         dxs[...] = point.dxs.T if at_step else 0.0
         dus[...] = point.dus.T if at_step else 0.0
         costates[...] = point.costates.T
         multipliers[...] = point.multipliers.T
-        self._functions.kkt.run()
+        self._measure()
         return KktResidual.of(self._functions.kkt.outputs[0])
 
     def _result(

@@ -1,4 +1,4 @@
-"""Addresses of SciPy's BLAS and LAPACK routines, for C code of lgmpc's own to call."""
+"""Addresses of SciPy's BLAS and LAPACK routines, for lgmpc's C code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["routine_addresses"]
 
 
 def routine_addresses(*names: str) -> list[int]:
-    """Addresses of routines (``dgemm``, ``dpotrf``, ...), in the order given; they take pointers, as in Fortran.
+    """Return the addresses of routines (``dgemm``, ``dpotrf``, ...), in order; arguments are pointers, as in Fortran.
 
     Args:
         names: in lower case, with the letter of the precision.

@@ -1,36 +1,42 @@
-"""What every solver of a shooting problem returns: a trajectory with methods that measure and explain it."""
+"""The result of every solver of a shooting problem: a trajectory, its residuals and an explanation."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, Cost
+from lgmpc.errors import InputError
+from lgmpc.notebook import html_table
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.typing import Array
 
 __all__ = ["Solution", "Status", "Timings"]
 
+_SCHEMA = "lgmpc solution 1"
+_ARRAYS = ("xs", "us", "feedback", "feedforward", "costates", "multipliers", "gaps")
+
 
 class Status(Enum):
-    """How a solve ended; the value is the remedy."""
+    """The outcome of a solve; the value is the remedy."""
 
     CONVERGED = "nothing to do"
-    ACCEPTABLE = "nothing to do if the accuracy is enough; else bring the weights closer together"
+    ACCEPTABLE = "nothing to do if the accuracy is enough; else reduce the spread of the weights"
     ITERATION_LIMIT = "raise max_iterations, or start closer to the solution"
     TIME_LIMIT = "raise time_limit, or start closer to the solution"
-    PRECISION_LIMIT = "rounding hides what is left to gain: loosen the tolerance, or bring the weights closer together"
+    PRECISION_LIMIT = "rounding errors exceed the decrease: loosen the tolerance, or reduce the spread of the weights"
     STOPPED = "nothing to do: the callback requested the stop"
-    STALLED = (
-        "no step lowers the cost: start elsewhere, make the intervals shorter, or bring the weights closer together"
-    )
-    INFEASIBLE = "no point satisfies the constraints: check bounds and first state, or start elsewhere"
+    STALLED = "no step lowers the cost: change the guess, shorten the intervals, or reduce the spread of the weights"
+    DIVERGED = "steps of any length diverge: change the guess, shorten the intervals, or start from more regularisation"
+    INFEASIBLE = "no point satisfies the constraints: check bounds and first state, or change the guess"
     NOT_FINITE = "check guess, first state, parameters and the action's expressions for NaN, infinity and division by 0"
-    FAILED = "the underlying solver broke down: bring the weights closer together, or start elsewhere"
+    FAILED = "the underlying solver failed: reduce the spread of the weights, or change the guess"
 
     @property
     def remedy(self) -> str:
@@ -45,13 +51,13 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Timings:
-    """Where the time went, s.
+    """Computation times, s.
 
     Attributes:
         total: from call to return.
-        expansion: derivatives.
-        backward: Riccati sweeps, or subproblems.
-        forward: roll-outs, or trial points.
+        expansion: of derivatives.
+        backward: of Riccati sweeps or subproblems.
+        forward: of roll-outs or trial points.
     """
 
     total: float
@@ -62,24 +68,24 @@ class Timings:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The last trajectory of a solve, with the data that its measures need. Its arrays are read-only and its own.
+    """The last trajectory of a solve, with the problem's data. Its arrays are read-only copies.
 
     Attributes:
         problem: the problem with the data of this solve (a copy).
         xs: (N+1, nx) states.
         us: (N, nu) controls.
-        feedback: (N, nu, ndx) K of ``u = us - K (x (-) xs)``; none (length 0) from solvers without a sweep.
-        feedforward: (N, nu) k of the last sweep: what it would still have moved; (0, nu) from solvers without.
+        feedback: (N, nu, ndx) K of ``u = us - K (x (-) xs)``; of length 0 from solvers without a sweep.
+        feedforward: (N, nu) k of the last sweep, the remaining full step; (0, nu) from solvers without.
         costates: (N, ndx) multipliers lambda_1 .. lambda_N of the dynamics.
         multipliers: (N, ng) of the path constraint, positive at the upper bound, negative at the lower one; ng is the
             largest of all actions.
         status: how it ended.
         iterations: taken.
         cost: at the trajectory.
-        gaps: (N+1, ndx) of the dynamics, as the solver measured them; row 0 is the first state's.
-        kkt: residual of the optimality conditions, as the solver measured it.
-        timings: where the time went.
-        criterion: what the solver compared with its tolerance.
+        gaps: (N+1, ndx) of the dynamics, as computed by the solver; row 0 is the first state's.
+        kkt: residual of the optimality conditions, as computed by the solver.
+        timings: computation times.
+        criterion: the measure that the solver compared with its tolerance.
     """
 
     problem: ShootingProblem = field(repr=False)
@@ -103,6 +109,20 @@ class Solution:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
 
+    def _repr_html_(self) -> str:
+        """Return a table of the outcome."""
+        ended = self.status.name.lower().replace("_", " ")
+        rows = [
+            ("status", ended if self.status.solved else f"{ended}: {self.status.remedy}"),
+            ("iterations", self.iterations),
+            ("cost", f"{self.cost:.6g}"),
+            ("largest gap", f"{np.abs(self.gaps).max(initial=0.0):.1e}"),
+            ("stationarity", f"{self.kkt.stationarity:.1e}"),
+            ("constraint violation", f"{self.kkt.constraint:.1e}"),
+            ("time", f"{1e3 * self.timings.total:.3g} ms"),
+        ]
+        return html_table(type(self).__name__, rows)
+
     @property
     def trajectory(self) -> Trajectory:
         """States and controls."""
@@ -110,12 +130,55 @@ class Solution:
 
     @property
     def scale(self) -> float:
-        """1 + the largest multiplier or costate: the scale of a solution's stationarity (as in SNOPT)."""
+        """The scale of the stationarity residual: 1 + the largest multiplier or costate (as in SNOPT)."""
         largest = (float(np.abs(array).max(initial=0.0)) for array in (self.costates, self.multipliers))
         return 1.0 + max(largest)
 
+    def save(self, path: str | Path) -> Path:
+        """Write the solution and the problem's data to a file (npz, without pickle) and return its path.
+
+        The actions are code: :meth:`load` requires the problem.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        numbers = {"cost": self.cost, "criterion": self.criterion, "iterations": self.iterations}
+        kkt, timings = ([getattr(part, f.name) for f in fields(part)] for part in (self.kkt, self.timings))
+        data = {"x0": self.problem.x0, "parameters": self.problem.parameters}
+        named = {"status": self.status.name, "actions": _action_names(self.problem)}
+        return write_arrays(path, _SCHEMA, {**arrays, **numbers, "kkt": kkt, "timings": timings, **data, **named})
+
+    @classmethod
+    def load(cls, path: str | Path, problem: ShootingProblem) -> Solution:
+        """Return the solution of a file of :meth:`save`.
+
+        Args:
+            path: of the file.
+            problem: with the same actions; its data are not read, those of the file are the solution's.
+
+        Raises:
+            InputError: the file cannot be read, contains something else, or is of another problem.
+        """
+        more = ("cost", "criterion", "iterations", "kkt", "timings", "x0", "parameters", "status", "actions")
+        found = read_arrays(path, _SCHEMA, (*_ARRAYS, *more))
+        mine = problem.copy()
+        names = _action_names(mine)
+        if found["actions"].tolist() != names or found["parameters"].shape != mine.parameters.shape:
+            got = f"'{path}' of a problem with actions {sorted(set(found['actions'].tolist()))}"
+            raise InputError("problem", got, f"one with actions {sorted(set(names))}, as the given problem")
+        if str(found["status"]) not in Status.__members__:
+            raise InputError("path", f"'{path}' with status {found['status']}", "a status of this version of lgmpc")
+        mine.x0[...], mine.parameters[...] = found["x0"], found["parameters"]
+        arrays = {name: found[name] for name in _ARRAYS}
+        return cls(
+            problem=mine, status=Status[str(found["status"])], iterations=int(found["iterations"]),
+            cost=float(found["cost"]), kkt=KktResidual(*found["kkt"].tolist()),
+            timings=Timings(*found["timings"].tolist()), criterion=float(found["criterion"]), **arrays,
+        )  # fmt: skip
+
     def control(self, node: int, x: Array) -> Array:
-        """The control (nu,) at a node for a state x (nx,) near its own: with feedback, where the solver gives it."""
+        """Return the control (nu,) at a node for a state x (nx,) near the node's: with feedback, if there is any."""
         u: Array = self.us[node]
         return u - self.feedback[node] @ self.problem.state.diff(self.xs[node], x) if len(self.feedback) else u.copy()
 
@@ -128,13 +191,13 @@ class Solution:
         return np.array(gaps)
 
     def constraint_violation(self) -> Array:
-        """Recompute by how much (N,) the worst row of each node's path constraint leaves its bounds."""
+        """Recompute the largest violation (N,) of each node's path constraint."""
         return np.array([self.problem.evaluate(k, x, u).violation for k, (x, u) in enumerate(self._nodes())])
 
     def stationarity(self) -> Array:
         """Recompute the Lagrangian's gradient (N+1, ndx + nu) with respect to each node's state and control.
 
-        The first state is given and the last node has no control: these parts are zero.
+        The first state is fixed and the last node has no control: these parts are zero.
         """
         problem, ndx = self.problem, self.problem.state.ndx
         out = np.zeros((problem.nodes + 1, ndx + problem.nu))
@@ -154,7 +217,7 @@ class Solution:
         return out
 
     def complementarity(self) -> Array:
-        """Recompute, for each node (N,), the largest of its rows' smaller of multiplier and distance to its bound."""
+        """Recompute each node's (N,) largest complementarity residual; see :class:`~lgmpc.ocp.KktResidual`."""
         worst = np.zeros(self.problem.nodes)
         for k, (x, u) in enumerate(self._nodes()):
             point = self.problem.evaluate(k, x, u)
@@ -170,11 +233,11 @@ class Solution:
         return KktResidual(*(float(np.abs(part).max()) for part in parts))
 
     def measured(self) -> Solution:
-        """The same with gaps and residual as recomputed."""
+        """Return a copy with gaps and residual recomputed."""
         return replace(self, gaps=self.defects(), kkt=self.residual())
 
     def explain(self) -> str:
-        """Say in a few lines how it ended, what to do, and which node violates which condition most."""
+        """Return a few lines: outcome, remedy, and for each condition the node that violates it most."""
         with np.errstate(invalid="ignore", over="ignore"):  # the text reports NaN
             return self._explanation()
 
@@ -183,7 +246,7 @@ class Solution:
         ended = self.status.name.lower().replace("_", " ")
         lines = [f"{ended} after {iterations}: {self.status.remedy}."]
         if not np.isfinite(self.problem.x0).all():
-            return "\n".join([*lines, "The first state holds NaN or infinity."])
+            return "\n".join([*lines, "The first state contains NaN or infinity."])
         bad = np.flatnonzero(~np.isfinite(np.hstack([self.xs[:-1], self.us])).all(axis=1))
         if bad.size:
             return "\n".join([*lines, f"NaN or infinity first at node {bad[0]} of the trajectory."])
@@ -233,7 +296,7 @@ class Solution:
         return np.array([*(problem.evaluate(k, x, u).cost for k, (x, u) in enumerate(self._nodes())), float(last)])
 
     def _largest_term(self, node: int) -> str:
-        """Name the cost item that a node pays most for, where the action names its items."""
+        """Return the cost item with the largest value at a node, if the action names its items."""
         action, p = self.problem.action_at(node), self.problem.parameters[node]
         names = [item.name for item in getattr(action, "costs", ())]
         symbols = [
@@ -243,7 +306,7 @@ class Solution:
         last = node == self.problem.nodes
         cost = action.terminal_cost(symbols[0], symbols[2]) if last else action.cost(*symbols)
         if not names or len(cost.terms) != len(names):
-            return ""  # a last node leaves out the items that need a control: which ones, the action decides
+            return ""  # the last node omits the items that need a control, as determined by the action
         terms = ca.Function("terms", symbols, [ca.vertcat(*(Cost((term,)).value for term in cost.terms))])
         u = np.zeros(action.nu) if last else self.us[node, : action.nu]
         values = terms(self.xs[node], u, p[: action.parameters.size]).full()[:, 0]
@@ -251,7 +314,7 @@ class Solution:
         return f", of which '{names[worst]}' {values[worst]:.6g}"
 
     def _first_not_finite(self) -> str | None:
-        """Name the first node whose own values are not finite at a trajectory that is."""
+        """Return a message on the first node whose values are not finite although the trajectory is."""
         problem, failed = self.problem, self.status is Status.NOT_FINITE
         for k in range(problem.nodes + 1):
             layout = problem.action_at(k).parameters
@@ -259,20 +322,24 @@ class Solution:
                 values = problem.parameters[k, where]
                 bound = name.endswith(("lower", "upper"))  # may be infinite
                 if np.isnan(values).any() or (failed and not bound and np.isinf(values).any()):
-                    return f"Parameter '{name}' of node {k} ('{problem.action_at(k).name}') holds NaN or infinity."
+                    return f"Parameter '{name}' of node {k} ('{problem.action_at(k).name}') contains NaN or infinity."
         for k, (x, u) in enumerate(self._nodes()):
             point = problem.evaluate(k, x, u)
             parts = {"next state": point.x_next, "cost": np.array(point.cost), "constraint": point.constraint}
             for name, value in parts.items():
                 if not np.isfinite(value).all():
-                    return f"The {name} of node {k} ('{problem.actions[k].name}') holds NaN or infinity."
+                    return f"The {name} of node {k} ('{problem.actions[k].name}') contains NaN or infinity."
         if not np.isfinite(self._costs()[-1]):
-            return f"The cost of the last node ('{problem.terminal.name}') holds NaN or infinity."
+            return f"The cost of the last node ('{problem.terminal.name}') contains NaN or infinity."
         return None
 
 
+def _action_names(problem: ShootingProblem) -> list[str]:
+    return [action.name for action in (*problem.actions, problem.terminal)]
+
+
 def _row_name(action: Action, row: int, rows: int) -> str:
-    """What a row of the path constraint belongs to, where the action names its items (they are the last rows)."""
+    """Return the item of a row of the path constraint, if the action names its items (they are the last rows)."""
     items = tuple(getattr(action, "constraints", ()))
     start = rows - sum(item.residual.nr for item in items)
     for item in items:

@@ -2,7 +2,7 @@
 
 ``integrate(x, dx) = x (+) dx`` and ``diff(x0, x1) = x1 (-) x0`` with ``diff(x, integrate(x, dx)) = dx`` inside the
 injectivity radius (rotations below half a turn); ``Jintegrate -> (d/dx, d/ddx)``, ``Jdiff -> (d/dx0, d/dx1)``, all
-between tangent spaces in body axes. Each has a CasADi twin.
+between tangent spaces in body axes. ``integrate_symbolic`` and ``diff_symbolic`` act on CasADi expressions.
 """
 
 from lgmpc.state.base import State

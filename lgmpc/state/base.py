@@ -19,14 +19,14 @@ class State(ABC):
     """A manifold with ``x (+) dx`` and ``x1 (-) x0``: the space of the points of a trajectory.
 
     Points, tangents and Jacobians may carry leading batch axes, the same for all arguments of a call. ``integrate``,
-    ``diff`` and their Jacobians are called in inner loops: they check shapes and nothing else. Validate what comes from
-    outside once, with :meth:`check` and :meth:`check_tangent`.
+    ``diff`` and their Jacobians are called in inner loops: they check shapes and nothing else. :meth:`check` and
+    :meth:`check_tangent` validate user input.
 
     Args:
         nx: number of coordinates of a point.
         ndx: dimension of the manifold.
         lower: (ndx,) limits of ``diff(neutral(), x)``; minus infinity where there is none.
-        upper: (ndx,) the same from above.
+        upper: (ndx,) upper limits of the same; infinity where there is none.
 
     Attributes:
         nx: number of coordinates of a point.
@@ -89,17 +89,17 @@ class State(ABC):
         """Return a random point ``x`` (nx,) with ``lower <= diff(neutral(), x) <= upper``.
 
         Args:
-            rng: where the randomness comes from.
+            rng: random number generator.
             bounds: lower and upper (ndx,) in the tangent space at ``neutral()``; the state's own limits if omitted.
 
         Raises:
-            InputError: bounds of the wrong shape, crossed, or infinite where the space is.
+            InputError: bounds of the wrong shape, crossed, or infinite where the space is unbounded.
         """
         lower, upper = (self.lower, self.upper) if bounds is None else _frozen_bounds(self.ndx, *bounds)
         return self.integrate(self.neutral(), self._sample(rng, lower, upper))
 
     def check(self, x: object, argument: str = "x") -> Array:
-        """Return ``x`` as a float64 array after full validation; the place to stop bad input.
+        """Return ``x`` as a float64 array after full validation.
 
         Raises:
             InputError: wrong shape, not numeric, non-finite, or (for spaces that have them) not of unit norm.
@@ -141,7 +141,7 @@ def _real(name: str, value: object, size: int) -> Array:
 
 
 def _numeric(value: object) -> Array | None:
-    """Convert to float64, or return None for text, complex numbers, ragged lists and the like."""
+    """Convert to float64; return None for text, complex numbers and ragged lists."""
     try:
         raw = np.asarray(value)
     except ValueError:

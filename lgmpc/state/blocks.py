@@ -1,7 +1,7 @@
 """The numpy operations of each kind of configuration block, single or batched over leading axes.
 
-Jacobians are the lie room's at every angle. Pinocchio 4.1's are not used: measured against the exponential of ``ad``,
-its ``dIntegrate`` and ``dDifference`` of the free-flyer are wrong by 3e-5 at an angle of 2e-4 rad, by 1e-7 at 1e-3.
+Jacobians are those of :mod:`lgmpc.lie`. Pinocchio 4.1's are not used: its ``dIntegrate`` and ``dDifference`` of the
+free-flyer differ from the exponential of ``ad`` by 3e-5 at an angle of 2e-4 rad, by 1e-7 at 1e-3.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The configuration space of a ``pin.Model`` as a product of groups: blocks, and their CasADi integrate and difference.
 
 One block a joint for the free-flyer, spherical and continuous (unbounded revolute) joints; neighbouring revolute and
-prismatic joints, whose coordinates simply add, share one block. Vectors of tangents are Pinocchio's: body frame, linear
+prismatic joints, whose coordinates add, share one block. Tangent vectors are Pinocchio's: body frame, linear
 first. Values agree with ``pin.integrate`` and ``pin.difference``, the sign of the resulting quaternions included.
 """
 
@@ -28,7 +28,7 @@ __all__ = [
 
 
 class BlockKind(Enum):
-    """What a stretch of the configuration is, as a group."""
+    """The Lie group of a block."""
 
     VECTOR = "vector"
     """R^n: revolute with limits, prismatic."""
@@ -42,7 +42,7 @@ class BlockKind(Enum):
 
 @dataclass(frozen=True)
 class Block:
-    """A stretch of the configuration.
+    """A slice of the configuration that is one Lie group.
 
     Attributes:
         kind: the group.

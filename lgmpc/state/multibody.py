@@ -23,18 +23,18 @@ from lgmpc.state.configuration import (
 __all__ = ["StateMultibody"]
 
 _UNIT_NORM = {BlockKind.CIRCLE: 0, BlockKind.ROTATION: 0, BlockKind.PLACEMENT: 3}
-"""Where the part of unit norm begins in the blocks that have one."""
+"""First entry of the part of unit norm in the blocks that have one."""
 
 
 class StateMultibody(State):
     """``x = (q, v)`` of a ``pin.Model``, with tangent ``(dq, dv)``: ``nx = nq + nv``, ``ndx = 2 nv``.
 
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
-    frame, linear first. ``dq`` is expressed in the body frame at the point that it is attached to.
+    frame, linear first. ``dq`` is expressed in the body frame at its base point.
 
     Batches and Jacobians are computed by :mod:`lgmpc.state.blocks`; single states by Pinocchio's ``integrate`` and
-    ``difference``, which are faster, except where these are less accurate (positions of free-flyers: 1e-12 is lost at
-    angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, and steps that small can be lost) or depend on the
+    ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of 1e-12 at
+    angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on the
     sign of a quaternion (at half a turn).
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
@@ -47,7 +47,7 @@ class StateMultibody(State):
         model: the model.
         nq: size of a configuration.
         nv: size of a velocity.
-        blocks: how the configuration splits into groups.
+        blocks: the groups whose product is the configuration space.
 
     Raises:
         ModelError: joints of other types, all listed.
@@ -113,7 +113,7 @@ class StateMultibody(State):
         return result
 
     def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the derivatives of ``integrate``: identities but for the blocks of rotations and placements."""
+        """Return the derivatives of ``integrate``: identities except for the blocks of rotations and placements."""
         self._check_shapes(x, dx, self.ndx, ("x", "dx"))
         jx, jdx = self._identity(x), self._identity(x)
         for block in self._curved:
@@ -157,12 +157,12 @@ class StateMultibody(State):
     def random(self, rng: np.random.Generator, bounds: tuple[Array, Array] | None = None) -> Array:
         """Return a random state ``x`` (nx,) with ``lower <= diff(neutral(), x) <= upper``.
 
-        Rotation vectors are drawn from their box where it overlaps the ball of radius pi (so they are not uniform over
-        SO(3)), angles of continuous joints from theirs within pi; infinite bounds mean all of it. Everything else needs
-        finite bounds.
+        Rotation vectors are drawn from the intersection of their box with the ball of radius pi (not uniformly over
+        SO(3)), angles of continuous joints from their interval within pi; infinite bounds mean the whole ball or
+        circle. All other entries require finite bounds.
 
         Args:
-            rng: where the randomness comes from.
+            rng: random number generator.
             bounds: lower and upper (2 nv,) in the tangent space at ``neutral()``; the model's limits if omitted.
 
         Raises:
@@ -193,7 +193,7 @@ class StateMultibody(State):
 
 
 def _pull_into_ball(rng: np.random.Generator, phi: Array, inside: Array) -> None:
-    """Move ``phi``, where longer than pi, towards ``inside`` (both in a box) to a random point within the ball."""
+    """Return ``phi``, or where it is longer than pi a random point within the ball on the line to ``inside``."""
     if np.linalg.norm(phi) < np.pi:
         return
     step = phi - inside
@@ -212,5 +212,5 @@ def _position_limits(model: pin.Model, blocks_: tuple[Block, ...]) -> tuple[Arra
 
 
 def _open_ended(limits: Array) -> Array:
-    """Replace the largest float, by which Pinocchio means no limit, by infinity."""
+    """Replace the largest float, Pinocchio's value for no limit, by infinity."""
     return np.where(np.abs(limits) < np.finfo(np.float64).max, limits, np.copysign(np.inf, limits))

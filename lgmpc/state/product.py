@@ -14,10 +14,10 @@ __all__ = ["ProductState"]
 
 
 class ProductState(State):
-    """Several states side by side: points and tangents are concatenated in order, Jacobians block-diagonal.
+    """Product of states: points and tangents are concatenated in order, Jacobians are block-diagonal.
 
     Args:
-        states: the factors, at least one; products among them are fine.
+        states: the factors, at least one; products are allowed.
 
     Attributes:
         states: the factors.

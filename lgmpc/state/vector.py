@@ -1,4 +1,4 @@
-"""Flat state spaces."""
+"""Euclidean state spaces."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class StateVector(State):
 
     Args:
         n: dimension.
-        lower: (n,) limits; none if omitted.
-        upper: (n,) the same from above.
+        lower: (n,) lower limits; none if omitted.
+        upper: (n,) upper limits; none if omitted.
 
     Raises:
         InputError: ``n`` below 1, or limits of the wrong shape, NaN, or crossed.

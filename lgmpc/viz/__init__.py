@@ -1,24 +1,33 @@
 """Replays and figures of runs, of solved trajectories and of demonstrations.
 
-A replay is a page, one self-contained text, that :func:`write_page` saves and :func:`serve_page` shows; figures are
-files. The viewer and matplotlib are loaded when one is made.
+A replay is one self-contained HTML page, saved by :func:`write_page` or served by :func:`serve_page`; figures are
+files. The viewer and matplotlib are imported when they are used.
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
+from lgmpc.viz.embedded import embed_page
+from lgmpc.viz.explanation_plots import write_explanation
 from lgmpc.viz.page import has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
+from lgmpc.viz.report import report_page
+from lgmpc.viz.run_report import run_report, solve_report
 from lgmpc.viz.trajectory_plots import plot_trajectory
 from lgmpc.viz.trajectory_replay import trajectory_page
 
 __all__ = [
     "demo_page",
     "draw_demo",
+    "embed_page",
     "has_desktop",
     "plot_run",
     "plot_trajectory",
     "replay_page",
+    "report_page",
+    "run_report",
     "serve_page",
+    "solve_report",
     "trajectory_page",
+    "write_explanation",
     "write_page",
 ]

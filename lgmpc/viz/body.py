@@ -1,4 +1,4 @@
-"""The robot as it is drawn: its visual meshes, or a stick figure where it has none, moved by its joints."""
+"""The drawn robot: its visual meshes, or a stick figure if it has none, moved by its joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Body", "Part", "load_body"]
 
 _LOG = logging.getLogger(__name__)
 
-# From the trunk outwards; a model without colours of its own is painted in these.
+# From the trunk outwards: the colours of a model without its own.
 _PALETTE = (0x34414F, 0xC9D1D9, 0x8794A3, 0x5D6B7A)
 
 
@@ -44,7 +44,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Body:
-    """A robot as it is drawn.
+    """A drawn robot.
 
     Attributes:
         robot: the robot.
@@ -55,14 +55,14 @@ class Body:
     parts: tuple[Part, ...]
 
     def add_to(self, scene: Scene) -> None:
-        """Put every part into the scene, below ``/robot/<joint>``."""
+        """Add every part to the scene, below ``/robot/<joint>``."""
         for part in self.parts:
             path = f"{self._path(part.joint)}/{part.name}"
             scene.add_mesh(path, part.mesh, part.material)
             scene.place(path, part.placement.translation, pin.Quaternion(part.placement.rotation).coeffs())
 
     def animate(self, scene: Scene, times: Array, q: Array) -> None:
-        """Move the parts through the (n, nq) configurations ``q``, reached at ``times`` (n,)."""
+        """Animate the parts through the (n, nq) configurations ``q`` at ``times`` (n,), s."""
         model, data = self.robot.model, self.robot.create_data()
         joints = sorted({part.joint for part in self.parts})
         poses = np.empty((len(q), len(joints), 7))
@@ -70,7 +70,7 @@ class Body:
             pin.forwardKinematics(model, data, configuration)
             for column, joint in enumerate(joints):
                 row[column] = pin.SE3ToXYZQUAT(data.oMi[joint])
-        # q and -q are the same rotation, but interpolating from one to the other is not.
+        # q and -q are the same rotation, but the interpolation between them is not constant.
         flips = np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=2) < 0.0
         signs = np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)
         poses[1:, :, 3:] *= signs[:, :, None]
@@ -90,7 +90,7 @@ class Body:
         return cloud.min(axis=0), cloud.max(axis=0)
 
     def trunk_half_sides(self) -> Array:
-        """Return half the extents (3,) of what moves with the first joint, in its axes; zero if nothing does."""
+        """Return half the extents (3,) of the parts on the first joint, in its axes, m; zero if there are none."""
         points = [
             p.mesh.positions @ p.placement.rotation.T + p.placement.translation for p in self.parts if p.joint == 1
         ]
@@ -102,7 +102,7 @@ class Body:
 
 
 def load_body(robot: Robot) -> Body:
-    """Read the visual meshes that the robot's URDF names; a robot without any gets a stick figure."""
+    """Return the robot with the visual meshes of its URDF, or as a stick figure if there are none."""
     parts = _visual_parts(robot)
     return Body(robot, tuple(parts) if parts else tuple(_stick_figure(robot)))
 
@@ -116,7 +116,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
             pin.GeometryType.VISUAL,
             package_dirs=[str(folder) for folder in source.package_dirs],
         )
-    except (ValueError, RuntimeError) as error:  # a mesh that is not there: the run is worth seeing without it
+    except (ValueError, RuntimeError) as error:  # a missing mesh: show the run without it
         _LOG.warning("%s is drawn as a stick figure: %s", robot.name, " ".join(str(error).split()))
         return []
     depth = _depths(robot.model)
@@ -151,7 +151,7 @@ def _rgb(color: Sequence[float]) -> int:
 
 
 def _stick_figure(robot: Robot) -> list[Part]:
-    """Balls at the joints, bars to their children and to the contact frames."""
+    """Return balls at the joints and bars to their children and to the contact frames."""
     model = robot.model
     ends = [(model.parents[j], model.names[j], model.jointPlacements[j].translation) for j in range(2, model.njoints)]
     for frame_id in robot.contact_ids:

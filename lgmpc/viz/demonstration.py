@@ -14,7 +14,7 @@ from lgmpc.lie import quaternion
 from lgmpc.runs import atomic_write
 from lgmpc.typing import Array
 from lgmpc.viz.mesh import Mesh, box, cone, cylinder, ellipsoid
-from lgmpc.viz.page import page_of, time_line, write_page
+from lgmpc.viz.page import page_of, time_line
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
 from lgmpc.viz.style import INK, PALETTE, SOFT, figure_maker
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["FORMATS", "demo_page", "draw_demo", "write_demo_page"]
+__all__ = ["FORMATS", "demo_page", "draw_demo"]
 
 FORMATS = ("png", "svg")
-"""Kinds of file that a figure can be."""
+"""File formats of figures."""
 
 _LONG_LEGEND = 4
-"""More entries than this stand beside the axes, not in them."""
+"""Largest number of legend entries inside the axes; longer legends are beside them."""
 
 _FEW_DECADES = 1.5
-"""Logarithmic axes shorter than this carry more numbers than the powers of ten."""
+"""Logarithmic axes of fewer decades have labels between the powers of ten."""
 
 _CLEARANCE = 0.12
-"""How far above the floor a scene without one hangs, as a share of its size."""
+"""Height above the floor of a scene without one, as a fraction of its size."""
 
 
 def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
@@ -69,7 +69,7 @@ def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
-    # Predictions have the ink's colour, so that measurements are seen below them.
+    # Predictions are drawn dark over the measurements' colours.
     colors = iter(PALETTE * (len(panel.curves) // len(PALETTE) + 1))
     for curve in sorted(panel.curves, key=lambda each: each.dashed):
         look: dict[str, Any] = {"color": INK if curve.dashed else next(colors), "label": curve.label or None}
@@ -92,7 +92,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
 
 
 def _label_decades(axis: Axis) -> None:
-    """Number a logarithmic axis: powers of ten, and what lies between them where there are few."""
+    """Label a logarithmic axis at powers of ten, and between them if there are few."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     low, high = axis.get_view_interval()
@@ -100,17 +100,6 @@ def _label_decades(axis: Axis) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def write_demo_page(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
-    """Write the scene of a demonstration as one self-contained page; see :func:`demo_page`.
-
-    Raises:
-        InputError: there is no scene.
-        RunFolderError: the file cannot be written.
-        MissingDependencyError: meshcat is not installed.
-    """
-    return write_page(demo_page(demo, outcome), file)
 
 
 def demo_page(demo: Demo, outcome: Outcome) -> str:
@@ -151,7 +140,7 @@ def demo_page(demo: Demo, outcome: Outcome) -> str:
 
 
 def _facts(rows: tuple[Row, ...]) -> list[tuple[str, str]]:
-    """Return what fits a card: how many predictions were met, and how closely; the table is on the terminal."""
+    """Return the card's facts: the number of predictions met, and the largest deviation."""
     shares = [abs(row.measured - row.predicted) / row.tolerance for row in rows if row.tolerance > 0]
     facts = [("predictions met", f"{sum(row.agrees for row in rows)} of {len(rows)}")]
     if shares and np.isfinite(shares).all():
@@ -160,7 +149,7 @@ def _facts(rows: tuple[Row, ...]) -> list[tuple[str, str]]:
 
 
 def _legend(outcome: Outcome) -> list[dict[str, object]]:
-    """Return an entry for each body or group of bodies, in the first one's colour, and for each path."""
+    """Return a legend entry for each body or group of bodies, in the first one's colour, and for each path."""
     colors: dict[str, int] = {}
     for body in outcome.bodies:
         colors.setdefault(body.name.split("/")[0], body.shapes[0].color)
@@ -180,7 +169,7 @@ def _add_body(scene: Scene, body: Body, times: Array, lift: Array) -> None:
         turn = quaternion.identity() if shape.rotation is None else quaternion.from_matrix(shape.rotation)
         scene.place(part, shape.position, turn)
     turns = quaternion.from_matrix(body.rotations)
-    # q and -q are the same rotation, but interpolating from one to the other is not.
+    # q and -q are the same rotation, but the interpolation between them is not constant.
     flips = np.sum(turns[1:] * turns[:-1], axis=1) < 0.0
     turns[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
     scene.animate(path, times - times[0], position=body.positions + lift, quaternion=turns)
@@ -198,7 +187,7 @@ def _mesh(shape: Shape) -> Mesh:
 
 
 def _extent(outcome: Outcome) -> tuple[Array, Array]:
-    """Return the lowest and highest corner (3,) of all that is ever seen."""
+    """Return the lowest and highest corner (3,) of the whole scene over time, m."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for body in outcome.bodies:
         for shape in body.shapes:
@@ -207,7 +196,7 @@ def _extent(outcome: Outcome) -> tuple[Array, Array]:
             if shape.kind in ("cylinder", "cone"):
                 own = own * [1.0, 1.0, 0.5]
             turns = body.rotations if shape.rotation is None else body.rotations @ shape.rotation
-            # Half extents of the box around the shape, turned.
+            # Half extents of the box around the rotated shape.
             reach = np.abs(turns) @ own
             low, high = np.minimum(low, (middle - reach).min(axis=0)), np.maximum(high, (middle + reach).max(axis=0))
     for path in outcome.paths:

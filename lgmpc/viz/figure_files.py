@@ -1,7 +1,9 @@
-"""What figures of all kinds of runs share: their files, titles, legends and limits."""
+"""Common parts of all figures: files, titles, legends and limits."""
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,22 +11,25 @@ from typing import TYPE_CHECKING
 from lgmpc.errors import RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
-from lgmpc.viz.style import LIMIT, SOFT, figure_maker
+from lgmpc.viz.style import LIMIT, SOFT, THEMED, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_limits", "figure_title", "joint_kinds", "legend_above", "write_figures"]
+__all__ = ["Drawing", "draw_limits", "figure_title", "joint_kinds", "legend_above", "svg_figures", "write_figures"]
+
+Drawing = Callable[["Figure"], bool]
+"""Draws on an empty figure and returns whether there was data."""
 
 
-def write_figures(drawings: Mapping[str, Callable[[Figure], bool]], title: str, folder: Path) -> tuple[Path, ...]:
+def write_figures(drawings: Mapping[str, Drawing], title: str, folder: Path) -> tuple[Path, ...]:
     """Draw figures into PNG files.
 
     Args:
-        drawings: file name without ``.png`` -> drawing, which returns whether there was data.
-        title: above each.
-        folder: where the files go; made if it does not exist.
+        drawings: file name without ``.png`` -> drawing.
+        title: of every figure.
+        folder: of the files; created if it does not exist.
 
     Returns:
         Paths of the files.
@@ -36,7 +41,7 @@ def write_figures(drawings: Mapping[str, Callable[[Figure], bool]], title: str, 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RunFolderError(f"cannot make {folder}: {reason_of(error)}") from error
+        raise RunFolderError(f"cannot create {folder}: {reason_of(error)}") from error
     written = []
     with figure_maker("lgmpc plot") as make:
         for name, draw in drawings.items():
@@ -51,13 +56,50 @@ def write_figures(drawings: Mapping[str, Callable[[Figure], bool]], title: str, 
     return tuple(written)
 
 
+def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
+    """Draw figures as SVG elements for a page, with the page's colours and fonts.
+
+    Args:
+        drawings: name -> drawing.
+
+    Returns:
+        Name -> text of the element. Ink, lines and grid have the CSS variables ``--ink``, ``--soft``, ``--line`` and
+        ``--grid`` as colours, so that they suit light and dark pages.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    drawn = {}
+    with figure_maker("lgmpc report", vector=True) as make:
+        for name, draw in drawings.items():
+            figure = make()
+            if draw(figure):
+                stream = io.StringIO()
+                figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+                drawn[name] = _for_page(stream.getvalue())
+    return drawn
+
+
+def _for_page(svg: str) -> str:
+    """Return the element of an SVG file: in the page's colours, without a size, and without ids that nothing uses."""
+    element = svg[svg.index("<svg") :]
+    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
+    element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
+    element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
+    element = re.sub(r'<g id="[^"]*"', "<g", element)
+    element = re.sub(r"font-family: [^;\"]*;? ?", "", element)
+    for color, variable in THEMED.items():
+        element = element.replace(color, f"var(--{variable})")
+    return element
+
+
 def figure_title(result: RunResult | SolveResult) -> str:
     """Return name, verdict and time of a run."""
     return f"{result.name} · {result.verdict.outcome.value} · {result.when}"
 
 
 def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the joints of each kind that the legs share (``FL_HFE``: kind ``HFE``); none if none are."""
+    """Return the joints of each kind that all legs have (``FL_HFE``: kind ``HFE``), if there are any."""
     kinds: dict[str, list[int]] = {}
     for joint, name in enumerate(names):
         kinds.setdefault(name.partition("_")[2], []).append(joint)
@@ -66,13 +108,13 @@ def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def legend_above(*all_axes: Axes) -> None:
-    """Put the legend of each axes above its right end."""
+    """Place the legend of each axes above its right end."""
     for axes in all_axes:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)
 
 
 def draw_limits(axes: Axes, low: float, high: float, text: str) -> None:
-    """Draw lines at two limits, and write below the upper one what they are."""
+    """Draw lines at two limits, with a label below the upper one."""
     for value in (low, high):
         axes.axhline(value, color=LIMIT, ls="--", lw=1.1)
     axes.annotate(

@@ -1,4 +1,4 @@
-"""What the figures of closed-loop runs share: the time axis, and the pushes on it."""
+"""Common parts of the figures of closed-loop runs: the time axis, and the pushes on it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lgmpc.runs import RunLog, push_intervals
-from lgmpc.viz.style import PUSH
+from lgmpc.runs.log import MODES
+from lgmpc.viz.style import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["finish", "label_pushes"]
+__all__ = ["finish", "label_modes", "label_pushes"]
+
+_MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
+"""Colours of the modes; standing has none."""
+
+_NARROWEST = 0.035
+"""Share of the time axis that a mode takes for its name to be written."""
 
 _LABEL_BAND = 0.16
-"""Share of an axes' height that the pushes' labels have to themselves."""
+"""Fraction of an axes' height reserved for the pushes' labels."""
 
 
 def finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
-    """Shade the pushes, fit the time axis, and show at least ``span`` of the vertical one: no magnified rounding."""
+    """Shade the pushes, fit the time axis, and extend the vertical one to ``span`` at least."""
     for axes in all_axes:
         for push in push_intervals(log):
             axes.axvspan(push.start, push.end, color=PUSH, alpha=0.15, lw=0.0, zorder=0)
@@ -30,7 +37,7 @@ def finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
 
 
 def label_pushes(log: RunLog, *all_axes: Axes) -> None:
-    """Write each push's impulse in a band above the curves and limits, unless they are too many to read."""
+    """Label each push with its impulse in a band above the curves and limits, unless there are too many."""
     pushes = push_intervals(log)
     for axes in all_axes if 0 < len(pushes) <= 8 else ():
         low, high = axes.get_ylim()
@@ -41,3 +48,18 @@ def label_pushes(log: RunLog, *all_axes: Axes) -> None:
             axes.annotate(
                 text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
             )
+
+
+def label_modes(log: RunLog, axes: Axes) -> None:
+    """Draw a band along the lower edge that says in which mode the robot was, unless it only stood."""
+    if log.mode is None or log.ticks < 2 or bool((log.mode == MODES.index("stand")).all()):
+        return
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(log.mode)) + 1, [log.ticks])).tolist()
+    times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
+    for a, b in zip(edges, edges[1:], strict=False):
+        name = dict(enumerate(MODES)).get(int(log.mode[a]), "")
+        if name in _MODE_COLORS:
+            axes.axvspan(times[a], times[b], 0.0, 0.09, color=_MODE_COLORS[name], alpha=0.35, lw=0.0, zorder=0)
+        if times[b] - times[a] > _NARROWEST * (times[-1] - times[0]):
+            where = (0.5 * (times[a] + times[b]), 0.045)
+            axes.annotate(name, where, xycoords=("data", "axes fraction"), ha="center", va="center", fontsize=7)

@@ -1,4 +1,4 @@
-"""What replays draw beside the robot: arrows, friction cones, the centre of mass, places, paths."""
+"""Marks of replays: arrows, friction cones, the centre of mass, targets, paths."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["COLORS", "Arrow", "Scale", "add_ball", "add_cone", "add_path", "add_place", "add_plumb_line"]
 
-# Okabe and Ito's palette: distinct to colour-blind eyes too.
+# Okabe and Ito's palette, distinguishable by colour-blind readers.
 COLORS = {
     "forces": 0x009E73,
     "planned": 0x56B4E9,
@@ -35,10 +35,10 @@ COLORS = {
 
 @dataclass(frozen=True)
 class Scale:
-    """Sizes of the drawn things, from the robot's own.
+    """Sizes of the marks, proportional to the robot's.
 
     Attributes:
-        length: a round length of about half the robot's height, m; things are proportioned by it.
+        length: a round number of about half the robot's height, m; unit of the marks' sizes.
         newtons: force drawn as ``length``: 1, 2 or 5 times a power of ten, about one foot's share of the weight.
     """
 
@@ -47,7 +47,7 @@ class Scale:
 
     @classmethod
     def of(cls, height: float, weight: float, contacts: int) -> Scale:
-        """Choose sizes for a robot ``height`` m tall that rests ``weight`` N on ``contacts`` contacts."""
+        """Return the scale for a robot of ``height`` m with ``weight`` N on ``contacts`` contacts."""
         share = max(weight / max(contacts, 1), 1e-6)
         power = 10.0 ** math.floor(math.log10(share))
         newtons = min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / share))) * power
@@ -55,14 +55,14 @@ class Scale:
 
     @property
     def metres_per_newton(self) -> float:
-        """Length of an arrow for each newton."""
+        """Length of an arrow per newton, m/N."""
         return self.length / self.newtons
 
 
 def add_cone(
     scene: Scene, path: str, friction: float, scale: Scale, times: Array, point: Array, shown: BoolArray, *, warn: bool
 ) -> None:
-    """Put a friction cone at ``path``, its apex at ``point`` (k, 3) at ``times`` (k,), in the warning colour or not."""
+    """Add a friction cone at ``path``, its apex at ``point`` (k, 3) at ``times`` (k,), in the warning colour or not."""
     surface = _cone_surface(friction, 0.55 * scale.length)
     color, opacity = (COLORS["slipping"], 0.5) if warn else (COLORS["cones"], 0.22)
     scene.add_mesh(path, surface, Material(color, opacity, double_sided=True, shininess=0.0))
@@ -71,17 +71,17 @@ def add_cone(
 
 @lru_cache(maxsize=8)
 def _cone_surface(friction: float, height: float) -> Mesh:
-    """One object for all cones of a scene, which stores it once."""
+    """Return the mesh of all cones; cached, so that a scene stores it once."""
     return lathe([(0.0, 0.0), (friction * height, height)], segments=48)
 
 
 def add_ball(
     scene: Scene, path: str, scale: Scale, times: Array, where: Array, shown: BoolArray | None, *, target: bool
 ) -> None:
-    """Put a ball with its shadow on the floor at ``path``: the centre of mass, or the larger, paler target of it."""
+    """Add a ball with its shadow on the floor at ``path``: the centre of mass, or its target, larger and paler."""
     size = 0.085 * scale.length
     color = COLORS["target" if target else "com"]
-    # The larger, translucent target first: the centre of mass lies over it.
+    # The larger, translucent target first: the centre of mass is drawn over it.
     scene.add_mesh(
         f"{path}/ball", sphere(1.45 * size if target else size), Material(color, 0.5 if target else 1.0, True)
     )
@@ -94,14 +94,14 @@ def add_ball(
 
 
 def add_plumb_line(scene: Scene, path: str, scale: Scale, times: Array, where: Array) -> None:
-    """Put a thin line at ``path`` from ``where`` (k, 3) down to the floor."""
+    """Add a thin line at ``path`` from ``where`` (k, 3) down to the floor."""
     scene.add_mesh(path, cylinder(0.0068 * scale.length, 0.0, 1.0), Material(COLORS["com"], 0.6, flat=True))
     stretch = np.column_stack((np.ones((len(where), 2)), np.maximum(where[:, 2], 1e-3)))
     scene.animate(path, times, position=where * [1.0, 1.0, 0.0], scale=stretch)
 
 
 def add_place(scene: Scene, path: str, size: float, position: Array, rotation: Array | None) -> None:
-    """Put a place to reach at ``path``: a translucent ball, and the axes of a frame (x red, y green, z blue) if any."""
+    """Add a target at ``path``: a translucent ball, and the axes of a frame (x red, y green, z blue) if given."""
     scene.add_mesh(f"{path}/ball", sphere(0.14 * size), Material(COLORS["target"], 0.55, on_top=True))
     scene.place(path, position, (0.0, 0.0, 0.0, 1.0) if rotation is None else pin.Quaternion(rotation).coeffs())
     if rotation is None:
@@ -119,7 +119,7 @@ def add_place(scene: Scene, path: str, size: float, position: Array, rotation: A
 
 
 def add_path(scene: Scene, path: str, points: Array, radius: float, color: int) -> None:
-    """Put the line through ``points`` (n, 3) at ``path``, if it has any length."""
+    """Add the line through ``points`` (n, 3) at ``path``, if its length is not zero."""
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     far = np.concatenate(([True], step > 1e-9))
     if np.count_nonzero(far) > 1:
@@ -128,10 +128,10 @@ def add_path(scene: Scene, path: str, points: Array, radius: float, color: int) 
 
 @dataclass(frozen=True)
 class Arrow:
-    """A force: a shaft that stretches and a head that does not.
+    """An arrow of a force: a shaft of variable length and a head of fixed size.
 
     Attributes:
-        path: where it is in the scene.
+        path: in the scene.
         color: 0xRRGGBB.
         width: relative to that of a contact force.
         scale: sizes.
@@ -147,16 +147,16 @@ class Arrow:
         return 0.2 * self.scale.length * math.sqrt(self.width)
 
     def add(self, scene: Scene) -> None:
-        """Put it into the scene."""
+        """Add it to the scene."""
         radius = 0.028 * self.scale.length * self.width
         material = Material(self.color, shininess=10.0)
         scene.add_mesh(f"{self.path}/shaft", cylinder(radius, 0.0, 1.0), material)
         scene.add_mesh(f"{self.path}/head", cone(2.3 * radius, -self._head, 0.0), material)
 
     def animate(self, scene: Scene, times: Array, tail: Array, force: Array) -> None:
-        """Show it from ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where it is none."""
+        """Show it from ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where the force is zero."""
         shown: BoolArray = self.scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * self.scale.length
-        # Visibility changes at a picture, the rest glides from one to the next: what vanishes must not move meanwhile.
+        # Visibility is a step function of time, the rest is interpolated: an arrow must not move until it is hidden.
         last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))
         tail, force = tail[last], force[last]
         size = np.linalg.norm(force, axis=1)

@@ -1,4 +1,4 @@
-"""Triangle meshes: made from profiles, taken from collision-library geometries, shaded with sharp creases."""
+"""Triangle meshes from profiles and from coal geometries, shaded with sharp creases."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lgmpc.typing import Array, IntArray
 __all__ = ["Mesh", "box", "cone", "cylinder", "disc", "ellipsoid", "lathe", "mesh_of", "shade", "sphere", "tube"]
 
 CREASE_DEG = 35.0
-"""Faces that meet at a larger angle share an edge that is drawn sharp."""
+"""The edge between faces at a larger angle, rad, is drawn sharp."""
 
 _SEGMENTS = 24
 
@@ -37,10 +37,10 @@ class Mesh:
 
 
 def shade(vertices: Array, triangles: IntArray) -> Mesh:
-    """Give every corner the mean normal of the faces around it that meet its own without a crease.
+    """Return the mesh with, at every corner, the mean normal of the adjacent faces without a crease in between.
 
-    Each face counts by its angle at the corner (Thürmer and Wüthrich 1998), so the normals do not depend on how a flat
-    part is cut into triangles.
+    Each face is weighted by its angle at the corner (Thürmer and Wüthrich 1998), so that normals do not depend on the
+    triangulation of flat parts.
 
     Args:
         vertices: (n, 3) m.
@@ -68,10 +68,10 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     smooth = np.einsum("ij,ij->i", unit[face[i]], unit[face[j]]) > np.cos(np.radians(CREASE_DEG))
     normals = np.add.reduceat((smooth * angle[j])[:, None] * unit[face[j]], first, axis=0)
     size = np.linalg.norm(normals, axis=1)
-    # The corner of a sliver may have no angle left in floating point: then its face's own normal.
+    # At the corner of a sliver, whose angle may be zero in floating point, use the face's normal.
     normals = np.where((size > 1e-9)[:, None], normals / np.maximum(size, 1e-9)[:, None], unit[face])
 
-    # Corners with the same vertex and the same normal become one again.
+    # Merge corners with the same vertex and the same normal.
     key = np.column_stack((vertex, np.round(normals * 256.0).astype(np.int64)))
     _, kept, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return Mesh(
@@ -82,9 +82,9 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
 
 
 def lathe(profile: Sequence[tuple[float, float]], segments: int = _SEGMENTS) -> Mesh:
-    """Turn a profile of (radius, height) points, listed from the bottom up, about the z axis.
+    """Return the surface of revolution about z of a profile of (radius, height) points, from the bottom up.
 
-    Points on the axis close the body; without them it is an open surface.
+    The surface is closed if the profile begins and ends on the axis.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     circle = np.column_stack((np.cos(angles), np.sin(angles)))
@@ -120,7 +120,7 @@ def cone(radius: float, bottom: float, top: float) -> Mesh:
 
 
 def disc(radius: float, height: float = 0.0) -> Mesh:
-    """Return a disc about z that is seen from above."""
+    """Return a disc about z, visible from above."""
     return lathe([(radius, height), (0.0, height)], segments=48)
 
 
@@ -152,13 +152,13 @@ def box(half: Array) -> Mesh:
 def tube(points: Array, radius: float, segments: int = 8) -> Mesh:
     """Return an open tube along a line through points (n, 3), consecutive ones apart.
 
-    Its rings are carried along without twisting (double reflection: Wang, Juettler, Zheng and Liu, ACM TOG 27, 2008).
+    Its rings are transported without torsion (double reflection: Wang, Juettler, Zheng and Liu, ACM TOG 27, 2008).
     """
     ahead = np.diff(points, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1)[:, None]
     tangents = np.vstack([ahead[:1], ahead[1:] + ahead[:-1], ahead[-1:]])
     size = np.linalg.norm(tangents, axis=1)[:, None]
-    # Where the line turns back on itself the directions cancel: the one before is as good as any.
+    # Where the line reverses its direction the mean direction is zero: use the previous one.
     tangents = np.where(size > 1e-6, tangents / np.maximum(size, 1e-6), np.vstack([ahead[:1], ahead]))
     side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
     angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)

@@ -1,4 +1,4 @@
-"""What a replay shows beside the robot: forces, friction cones, centre of mass and target, prediction, pushes."""
+"""Overlays of a replay: forces, friction cones, centre of mass and target, prediction, pushes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from lgmpc.viz.scene import Material, Scene
 __all__ = ["Frames", "add_overlay"]
 
 _NEAR_SLIP = 0.1
-"""A cone is drawn in the warning colour when less than this fraction of ``mu f_n`` is left."""
+"""A cone has the warning colour if the friction margin is less than this fraction of ``mu f_n``."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The pictures of a replay: which ticks of the log they show.
+    """The pictures of a replay, as ticks of the log.
 
     Attributes:
         times: (k,) s from the replay's start.
@@ -33,7 +33,7 @@ class Frames:
 
     @classmethod
     def of(cls, log: RunLog, rate_hz: float = 50.0, limit: int = 3000) -> Frames:
-        """Choose pictures at ``rate_hz``, at most ``limit``, up to the first state that is not finite."""
+        """Return pictures at ``rate_hz``, at most ``limit``, up to the first state that is not finite."""
         finite = np.isfinite(log.q).all(axis=1)
         end = log.ticks if finite.all() else int(np.argmin(finite))
         elapsed = log.time[:end] - log.time[0]
@@ -45,14 +45,14 @@ class Frames:
         return cls(elapsed[ticks], ticks)
 
     def mean(self, values: Array) -> Array:
-        """Return the mean of a channel from each picture to the next: what flickers between them is not lost."""
+        """Return the mean of a channel from each picture to the next."""
         return np.add.reduceat(values[: self.ticks[-1] + 1], self.ticks, axis=0) / np.diff(
             self.ticks, append=self.ticks[-1] + 1
         ).reshape(-1, *[1] * (values.ndim - 1))
 
 
 def add_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_half_sides: Array) -> None:
-    """Add everything below ``/overlay``, one folder for each thing that the page can show or hide."""
+    """Add the overlays below ``/overlay``, one folder for each that the page can show or hide."""
     _add_contacts(scene, log, frames, scale)
     _add_com(scene, log, frames, scale)
     if len(log.mpc_time):
@@ -91,7 +91,7 @@ def _add_com(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
 
 
 def _add_horizon(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
-    """Beads along the prediction that was valid at each picture, tapering towards its end."""
+    """Add beads along the current prediction at each picture, of decreasing size."""
     update = np.searchsorted(log.mpc_time, log.time[frames.ticks], side="right") - 1
     finite: BoolArray = np.asarray(np.isfinite(log.mpc_horizon_com).all(axis=(1, 2)))
     age = log.time[frames.ticks] - log.mpc_time[np.maximum(update, 0)]
@@ -107,7 +107,7 @@ def _add_horizon(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> Non
 
 
 def _add_push(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_half_sides: Array) -> None:
-    """An arrow that ends where the push's line of action leaves the trunk."""
+    """Add an arrow that ends where the push's line of action intersects the trunk's surface."""
     force, point = log.push[frames.ticks, :3], log.push_point[frames.ticks]
     size = np.linalg.norm(force, axis=1)
     if not size.any():

@@ -1,6 +1,6 @@
-"""The page around a scene: one self-contained file with viewer, scene, animation and time line, or a server of it.
+"""Pages: one self-contained HTML text with viewer, scene, animation and time line, and a server of it.
 
-It works from ``file://`` and needs no network. See :mod:`lgmpc.viz.scene` for how the numbers travel.
+A page works from ``file://`` without a network. :mod:`lgmpc.viz.scene` defines the encoding of its arrays.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -30,7 +30,7 @@ from lgmpc.viz.scene import Scene
 __all__ = ["PageServer", "Readout", "has_desktop", "page_of", "serve_page", "time_line", "write_page"]
 
 _READOUT_COLORS = ("#0072b2", "#8a5a9e")
-"""Of the first and the second curve on the time line."""
+"""Colours of the first and the second curve on the time line."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Readout:
     """A quantity on the time line.
 
     Attributes:
-        label: what it is called there, in a word or two.
-        unit: as it follows the number, with a space in front where one belongs.
-        values: (n,) one for each picture, from 0 up.
+        label: a word or two.
+        unit: text after the number, with a leading space if required.
+        values: (n,) one for each picture, not negative.
         digits: after the decimal point.
     """
 
@@ -50,8 +50,14 @@ class Readout:
     digits: int = 2
 
 
-def time_line(times: Array, readouts: tuple[Readout, ...]) -> dict[str, object]:
-    """Return what the page's time line draws: at most two quantities over the pictures' times (n,), s."""
+def time_line(times: Array, readouts: tuple[Readout, ...], states: Sequence[str] = ()) -> dict[str, object]:
+    """Return the data of the page's time line: at most two quantities over the pictures' times (n,), s.
+
+    Args:
+        times: (n,) of the pictures, s.
+        readouts: the quantities.
+        states: (n,) word for what the robot does, written beside them; none for nothing.
+    """
     curves = [
         {
             "label": readout.label,
@@ -62,7 +68,7 @@ def time_line(times: Array, readouts: tuple[Readout, ...]) -> dict[str, object]:
         }
         for readout, color in zip(readouts, _READOUT_COLORS, strict=False)
     ]
-    return {"time": np.round(times, 4).tolist(), "curves": curves}
+    return {"time": np.round(times, 4).tolist(), "curves": curves, "states": list(states)}
 
 
 def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
@@ -70,8 +76,8 @@ def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
 
     Args:
         title: of the window.
-        scene: what is seen.
-        content: what the panels say: name, created, verdict, reasons, facts, legend, pushes, start, series (see
+        scene: the scene.
+        content: of the panels: name, created, verdict, reasons, facts, legend, pushes, start, series (see
             :func:`time_line`), fog, camera.
 
     Raises:
@@ -83,7 +89,7 @@ def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
         "title": html.escape(title),
         "licences": _licences(viewer),
         "style": (assets / "replay.css").read_text(encoding="utf-8"),
-        # Inside a script element only this sequence could end it.
+        # This sequence would end the script element.
         "viewer": (viewer / "dist" / "main.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script"),
         "payload": base64.b64encode(scene.pack(content)).decode("ascii"),
         "script": (assets / "replay.js").read_text(encoding="utf-8"),
@@ -95,7 +101,7 @@ def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
 
 
 def write_page(page: str, file: Path | str) -> Path:
-    """Write a page to a file, complete or not at all, and return the file's path.
+    """Write a page to a file, atomically, and return the file's path.
 
     Raises:
         RunFolderError: if the file cannot be written.
@@ -107,7 +113,7 @@ def write_page(page: str, file: Path | str) -> Path:
 
 
 def has_desktop() -> bool:
-    """Return whether a browser window can be expected to open here."""
+    """Return whether a browser window can be opened."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
@@ -118,10 +124,10 @@ def serve_page(
 
     Args:
         page: the page.
-        what: it shows, for the message.
+        what: name of the run in the message.
         port: TCP port; 0 = any free one.
         open_browser: open the page in the default browser.
-        notify: called with a line that says the address.
+        notify: called with a line that contains the address.
 
     Raises:
         InputError: if the port is taken.
@@ -135,14 +141,14 @@ def serve_page(
 
 
 class PageServer:
-    """Serves one page to this machine, from entering the context to leaving it.
+    """Context manager that serves one page to this machine.
 
     Args:
         page: the page.
         port: TCP port; 0 = any free one.
 
     Raises:
-        InputError: if the port cannot be had.
+        InputError: if the port is taken.
     """
 
     def __init__(self, page: str, port: int = 0) -> None:
@@ -160,7 +166,7 @@ class PageServer:
                     self.wfile.write(body)
 
             def log_message(self, format: str, *args: object) -> None:
-                """Keep the terminal quiet."""
+                """Print nothing."""
 
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
@@ -185,7 +191,7 @@ class PageServer:
 
 
 def _viewer_folder() -> Path:
-    # Found, not imported: meshcat's Python side brings sockets and notebooks that a page does not need.
+    # Located, not imported: meshcat's Python package imports sockets and notebooks that a page does not need.
     spec = importlib.util.find_spec("meshcat")
     if spec is None or not spec.submodule_search_locations:
         raise MissingDependencyError("meshcat", "the replay", "pip install meshcat")

@@ -12,8 +12,8 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
-from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
-from lgmpc.viz.log_axes import finish, label_pushes
+from lgmpc.viz.figure_files import Drawing, draw_limits, figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.log_axes import finish, label_modes, label_pushes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
 from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "plot_run"]
+__all__ = ["FIGURES", "plot_run", "run_drawings"]
 
 
 def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
@@ -29,24 +29,34 @@ def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
 
     Args:
         run: the run folder, read.
-        out_dir: where the PNG files go; the run folder's ``figures/`` if not given.
+        out_dir: folder of the PNG files; the run folder's ``figures/`` unless given.
 
     Returns:
-        Paths of the files, one for each figure that the run has data for.
+        Paths of the files, one for each figure with data.
 
     Raises:
         InputError: if the log has no tick.
         RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
+    return write_figures(
+        run_drawings(run), figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures"
+    )
+
+
+def run_drawings(run: Run) -> dict[str, Drawing]:
+    """Return the drawings of a run by their names; each returns whether there was data.
+
+    Raises:
+        InputError: if the log has no tick.
+    """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run with something to draw")
 
-    def drawing(draw: Callable[[Figure, RunLog], bool]) -> Callable[[Figure], bool]:
+    def drawing(draw: Callable[[Figure, RunLog], bool]) -> Drawing:
         return lambda figure: draw(figure, run.log)
 
-    drawings = {name: drawing(draw) for name, draw in FIGURES.items()}
-    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
+    return {name: drawing(draw) for name, draw in FIGURES.items()}
 
 
 def _base(figure: Figure, log: RunLog) -> bool:
@@ -55,7 +65,8 @@ def _base(figure: Figure, log: RunLog) -> bool:
     base = log.base_pose
     for axis, color, name in ((0, X, "x (forward)"), (1, Y, "y (left)")):
         position.plot(log.time, 1e3 * (base[:, axis] - base[0, axis]), color=color, label=name)
-    height.plot(log.time, 1e3 * base[:, 2], color=Z)
+    height.plot(log.time, 1e3 * log.base_reference[:, 2], color=INK, lw=1.0, ls="--", label="target")
+    height.plot(log.time, 1e3 * base[:, 2], color=Z, label="base")
     tilt.plot(log.time, tilt_deg(base[:, 3:], log.base_reference[0, 3:]), color=X)
     position.set(title="Base displacement", ylabel="mm")
     height.set(title="Base height", ylabel="mm")
@@ -63,7 +74,8 @@ def _base(figure: Figure, log: RunLog) -> bool:
     finish(log, position, height, span=2.0)
     finish(log, tilt)
     label_pushes(log, position)
-    legend_above(position)
+    label_modes(log, height)
+    legend_above(position, height)
     return True
 
 
@@ -110,7 +122,7 @@ def _com(figure: Figure, log: RunLog) -> bool:
 
 
 def _forces(figure: Figure, log: RunLog) -> bool:
-    """Each contact's tangential force, as a share of what friction holds, and its normal force."""
+    """Draw each contact's tangential force over its friction limit, and its normal force."""
     contacts = len(log.contact_frames)
     if contacts == 0:
         return False
@@ -136,7 +148,7 @@ def _forces(figure: Figure, log: RunLog) -> bool:
 
 
 def _joints(figure: Figure, log: RunLog) -> bool:
-    """Positions and velocities: a row for each kind of joint that the legs share, else one for all."""
+    """Draw positions and velocities: a row for each kind of joint that all legs have, else one for all."""
     names: list[str] = log.joint_names.tolist()
     if not names:
         return False
@@ -164,7 +176,7 @@ def _joints(figure: Figure, log: RunLog) -> bool:
 
 
 def _torques(figure: Figure, log: RunLog) -> bool:
-    """Torques against their limits: a row for each kind of joint that the legs share, else shares of the limit."""
+    """Draw torques and their limits: a row for each kind of joint that all legs have, else ratios to the limits."""
     names: list[str] = log.joint_names.tolist()
     if not names:
         return False
@@ -180,7 +192,7 @@ def _torques(figure: Figure, log: RunLog) -> bool:
             axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
         for limit in sorted({float(limit) for limit in (log.effort_limit / scale)[joints]}):
             draw_limits(axes, -limit, limit, f"limit {limit:g} N.m" if alike else "limit")
-        axes.set_ylabel("N.m" if alike else "share of the limit")
+        axes.set_ylabel("N.m" if alike else "fraction of the limit")
         axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
         finish(log, axes)
     all_axes[-1].set_xlabel("time, s")
@@ -260,9 +272,9 @@ FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "timing": _timing,
     "estimate": _estimate,
 }
-"""What :func:`plot_run` draws: file name without ``.png`` -> drawing, which returns whether there was data."""
+"""Figures of :func:`plot_run`: file name without ``.png`` -> drawing, which returns whether there was data."""
 
 
 def _joint_label(name: str, kinds: Mapping[str, Sequence[int]]) -> str:
-    """Return the leg of a joint, where rows are kinds of joints, else its name."""
+    """Return the leg of a joint if rows are kinds of joints, else its name."""
     return name.partition("_")[0] if kinds else name

@@ -1,4 +1,4 @@
-"""The replay of a closed-loop run: its scene, and what the panels of its page say."""
+"""The replay of a closed-loop run: its scene, and the contents of the page's panels."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import Metrics, Run, WalkingMetrics, push_intervals
+from lgmpc.runs.log import MODES
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.walking import body_velocity
 from lgmpc.viz.body import Body, load_body
@@ -24,7 +25,7 @@ def replay_page(robot: Robot, run: Run) -> str:
     """Return the page's HTML.
 
     Raises:
-        InputError: if the log has nothing to show or belongs to another robot.
+        InputError: if the log has no finite tick or is of another robot.
         MissingDependencyError: if meshcat is not installed.
     """
     log = run.log
@@ -53,7 +54,7 @@ def replay_page(robot: Robot, run: Run) -> str:
 
 
 def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str, object]:
-    """Return what the page's panels say."""
+    """Return the contents of the page's panels."""
     log, result = run.log, run.result
     base = log.base_pose[frames.ticks]
     origin = float(log.time[0])
@@ -62,6 +63,8 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
     else:
         first = Readout("moved", " mm", 1e3 * np.linalg.norm(base[:, :3] - base[0, :3], axis=1), 1)
     tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
+    names = dict(enumerate(MODES))
+    modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
     pushes = []
     for push in push_intervals(log):
         size, lasts = float(np.linalg.norm(push.impulse)), push.end - push.start
@@ -77,7 +80,7 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
         "legend": _legend(run, scale),
         "pushes": pushes,
         "start": origin,
-        "series": time_line(frames.times, (first, Readout("tilt", "°", tilt, 2))),
+        "series": time_line(frames.times, (first, Readout("tilt", "°", tilt, 2)), modes),
     }
 
 

@@ -1,8 +1,8 @@
-"""A scene for the meshcat viewer: its commands, with every number of bulk in one compact block of bytes.
+"""Scenes of the meshcat viewer: its commands as JSON, with all arrays in one block of bytes.
 
-The viewer takes objects as three.js JSON, by path, and animations as key-frame tracks. Arrays stand in the JSON as
-``{"$array": [type, offset, count]}`` and the page puts typed arrays on the block of bytes in their place, so that a
-replay costs a tenth of what the same numbers cost as text, and geometry that several links share is stored once.
+The viewer accepts objects as three.js JSON, by path, and animations as key-frame tracks. Arrays are written in the JSON
+as ``{"$array": [type, offset, count]}``; the page substitutes typed arrays on the block of bytes. A replay is a tenth
+as large as with numbers as text, and geometry that several links share is stored once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lgmpc.viz.mesh import Mesh
 __all__ = ["Material", "Scene"]
 
 _POSITION_STEP = 2e-5
-"""Resolution of animated positions and scales, m: far below a pixel. Keys that repeat on it are left out."""
+"""Resolution of animated positions and scales, m: far below a pixel. Keys equal to it are omitted."""
 
 _ROTATION_STEP = 2e-5
 """Resolution of animated quaternions."""
@@ -35,11 +35,11 @@ class Material:
     Attributes:
         color: 0xRRGGBB.
         opacity: 1 = solid.
-        on_top: drawn over everything else, so that it shows through the robot.
-        double_sided: seen from inside too.
+        on_top: drawn over all other objects, so that the robot does not hide it.
+        double_sided: visible from inside too.
         shininess: sharpness of the highlight; 0 = matt.
         flat: not shaded by lights.
-        shadow_only: shows nothing but the shadows that fall on it, in its colour and opacity.
+        shadow_only: only shadows on it are visible, in its colour and opacity.
     """
 
     color: int
@@ -55,13 +55,13 @@ class Material:
         return "ShadowMaterial" if self.shadow_only else "MeshBasicMaterial" if self.flat else "MeshPhongMaterial"
 
     def to_json(self, uuid: str) -> dict[str, Any]:
-        """Return the three.js JSON of it."""
+        """Return its three.js JSON."""
         content: dict[str, Any] = {
             "uuid": uuid,
             "type": self._kind,
             "color": self.color,
             "opacity": self.opacity,
-            # Transparent things are drawn last: what shows through has to be among them.
+            # Transparent objects are drawn last: those drawn on top must be among them.
             "transparent": self.opacity < 1.0 or self.on_top,
             "depthTest": not self.on_top,
             "depthWrite": self.opacity == 1.0 and not self.on_top,
@@ -73,7 +73,7 @@ class Material:
 
 
 class Scene:
-    """Objects, properties and one animation, collected in the order in which the viewer gets them."""
+    """Objects, properties and one animation, in the order in which the viewer receives them."""
 
     def __init__(self) -> None:
         self._commands: list[dict[str, Any]] = []
@@ -84,7 +84,7 @@ class Scene:
         self.duration = 0.0
 
     def add_mesh(self, path: str, mesh: Mesh, material: Material) -> None:
-        """Put a mesh at ``path``; the same :class:`Mesh` object is stored once however often it is used."""
+        """Add a mesh at ``path``; a :class:`Mesh` object that is used several times is stored once."""
         known = self._geometries.get(id(mesh))
         if known is None:
             normals = np.round(mesh.normals * 32767.0).astype(np.int16)
@@ -103,7 +103,7 @@ class Scene:
         self._add(path, "Mesh", known[1], material.to_json(self._uuid()))
 
     def add_segments(self, path: str, points: Array, color: int, opacity: float = 1.0) -> None:
-        """Put line segments at ``path`` that join the (2 n, 3) ``points`` in pairs."""
+        """Add line segments at ``path`` that join the (2 n, 3) ``points`` in pairs."""
         material = {
             "uuid": self._uuid(),
             "type": "LineBasicMaterial",
@@ -115,11 +115,11 @@ class Scene:
         self._add(path, "LineSegments", data, material)
 
     def set(self, path: str, name: str, value: object) -> None:
-        """Set a property (visible, position, scale, ...) of what is at ``path``."""
+        """Set a property (visible, position, scale, ...) of the object at ``path``."""
         self._commands.append({"type": "set_property", "path": path, "property": name, "value": value})
 
     def place(self, path: str, position: ArrayLike, quaternion: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> None:
-        """Set where ``path`` is in its parent: position (3,), quaternion x y z w."""
+        """Set the placement of ``path`` in its parent: position (3,), m, quaternion x y z w."""
         self.set(path, "position", np.asarray(position, dtype=np.float64).tolist())
         self.set(path, "quaternion", np.asarray(quaternion, dtype=np.float64).tolist())
 
@@ -133,7 +133,7 @@ class Scene:
         scale: Array | None = None,
         visible: BoolArray | None = None,
     ) -> None:
-        """Move what is at ``path``.
+        """Animate the object at ``path``.
 
         Args:
             path: the object.
@@ -210,7 +210,7 @@ _TYPES = {"float32": "Float32Array", "int16": "Int16Array", "uint16": "Uint16Arr
 
 
 def _changing(rows: Array) -> NDArray[np.intp]:
-    """Return which rows are needed to interpolate the others exactly: all but the inner ones of a constant stretch."""
+    """Return the rows that interpolate the others exactly: all but the inner ones of constant intervals."""
     if len(rows) < 2:
         return np.array([], dtype=np.intp)
     moved = np.any(rows[1:] != rows[:-1], axis=1)

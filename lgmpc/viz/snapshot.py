@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["headless_chromium", "snapshots"]
 
-# WebGL in software: a machine without a display and without a graphics card draws the same picture.
+# WebGL in software: the same picture on any machine, also without display and graphics card.
 _ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 @contextmanager
 def headless_chromium() -> Iterator[Browser]:
-    """Start a headless Chromium that can draw WebGL, and end it with the block.
+    """Start a headless Chromium with WebGL, and end it with the block.
 
     Raises:
         MissingDependencyError: if playwright or a Chromium is not installed.
@@ -34,7 +34,7 @@ def headless_chromium() -> Iterator[Browser]:
     executable = find_chromium()
     if executable is None:
         raise MissingDependencyError("chromium", "a picture of a replay", "apt-get install chromium")
-    # Chromium's sandbox refuses to run as root; the page that it opens is our own.
+    # Chromium's sandbox does not run as root; the page is our own.
     sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=[*_ARGUMENTS, *sandbox])
@@ -56,7 +56,7 @@ def snapshots(
 
     Args:
         browser: from :func:`headless_chromium`.
-        page: a page that :func:`lgmpc.viz.write_page` wrote.
+        page: a file of :func:`lgmpc.viz.write_page`.
         times: s since the start of the log.
         size: width and height, pixels.
         panels: with title, legend and time line, or the scene alone.
@@ -79,7 +79,7 @@ def snapshots(
         pictures = []
         for time in times:
             tab.evaluate("time => lgmpc.seek(time)", time)
-            # The second frame begins when the first one, with the new time, has been drawn.
+            # The second frame starts after the first one, with the new time, has been drawn.
             tab.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
             pictures.append(tab.screenshot())
         return pictures

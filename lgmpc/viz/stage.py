@@ -1,4 +1,4 @@
-"""Floor, lights, background, and a camera that shows the robot large."""
+"""Floor, lights, background and camera."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lgmpc.viz.scene import Material, Scene
 __all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
 
 FLOOR_COLOR = 0xE8ECF1
-"""Colour of the floor and of the haze that it fades into."""
+"""Colour of the floor and of the fog."""
 
 _FIELD_OF_VIEW_DEG = 32.0
-_ASPECT = 1.6  # of a usual window: width over height
+_ASPECT = 1.6  # width over height of a usual window
 _ELEVATION_DEG = 19.0
 _AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
 
@@ -42,7 +42,7 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
     for name in ("Grid", "Axes"):
         scene.set(f"/{name}", "visible", False)
 
-    # Unlit, so that it is evenly bright to the horizon; what falls on it is drawn by a disc that shows shadows only.
+    # Unlit, so that it is evenly bright to the horizon; a disc that shows shadows only is drawn over it.
     scene.add_mesh("/floor/ground", disc(4.0 * reach), Material(FLOOR_COLOR, flat=True))
     scene.place("/floor/ground", [middle[0], middle[1], -0.0015 * size])
     scene.add_mesh("/floor/shadow", disc(reach), Material(0x1D2733, 0.2, shadow_only=True))
@@ -68,10 +68,10 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
 
 
 def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) -> dict[str, object]:
-    """Look at the robot from above one of its corners; follow it if it leaves the picture.
+    """Return a camera that looks at the robot from above one of its corners, and follows it if it leaves the picture.
 
-    The corner is the one that the pushes come from, so that the trunk does not hide their arrows; the front left one
-    where there are none.
+    The corner is on the side from which the pushes act, so that the trunk does not hide their arrows; the front left
+    one without pushes.
 
     Args:
         lowest: (3,) lowest corner of the robot at the start, m.
@@ -80,23 +80,23 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
         impulses: (p, 3) of the pushes, N.s.
 
     Returns:
-        What the page needs, in the viewer's axes (y up): field of view, near and far planes, position, target, the
-        smallest ratio of width to height that this fits into, and for each picture by how much to move both.
+        The camera in the viewer's axes (y up): field of view, near and far planes, position, target, the smallest ratio
+        of width to height of the picture, and for each picture the displacement of position and target.
     """
     size = float(np.linalg.norm(highest - lowest))
     azimuths, elevation = np.radians(_AZIMUTHS_DEG), math.radians(_ELEVATION_DEG)
     width, height = float(np.linalg.norm((highest - lowest)[:2])), float((highest - lowest)[2])
     tangent = math.tan(math.radians(0.5 * _FIELD_OF_VIEW_DEG))
     seen_height = height * math.cos(elevation) + width * math.sin(elevation)
-    # Its height may take three quarters of the picture, its width eight tenths; its near side looks larger.
+    # Its height is at most three quarters of the picture, its width eight tenths; its near side appears larger.
     middle = max(0.5 * seen_height / (0.75 * tangent), 0.5 * width / (0.8 * _ASPECT * tangent))
     away = middle + 0.35 * width
     corners = np.column_stack((np.cos(azimuths), np.sin(azimuths)))
     corner = corners[np.argmin(corners @ impulses[:, :2].sum(axis=0))]
     offset = away * np.array([*(math.cos(elevation) * corner), math.sin(elevation)])
-    # The time line covers the lower edge: the robot stands a little above the middle.
+    # The time line covers the lower edge: the robot is a little above the middle.
     target = 0.5 * (lowest + highest) - [0.0, 0.0, 0.16 * away * tangent]
-    # Sideways as soon as it leaves the middle; upwards only if it flies: what a gait does is to be seen.
+    # Horizontally as soon as it leaves the middle; vertically only in flight, so that the motion of a gait is visible.
     span = np.ptp(travel, axis=0)
     followed = np.array([max(span[:2]) > 0.5 * size] * 2 + [span[2] > size])
     moves = (travel - travel[0]) * followed if followed.any() else np.zeros((0, 3))
@@ -117,7 +117,7 @@ def _y_up(points: Array) -> Array:
 
 
 def _grid(spacing: float, reach: float) -> Array:
-    # Short pieces: some software renderers drop a line that passes behind the camera.
+    # Short segments: some software renderers drop a line that extends behind the camera.
     count = math.ceil(reach / spacing / 4.0) * 4
     ticks = spacing * np.arange(-count, count + 1)
     knots = spacing * np.arange(-count, count + 1, 4)

@@ -1,4 +1,4 @@
-"""How figures look: colours, and the settings that all share."""
+"""The style of figures: colours and common settings."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-__all__ = ["EXTRA", "INK", "LIMIT", "PALETTE", "PUSH", "SOFT", "X", "Y", "Z", "figure_maker"]
+__all__ = ["EXTRA", "INK", "LIMIT", "PALETTE", "PUSH", "SOFT", "THEMED", "X", "Y", "Z", "figure_maker"]
 
-X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito: distinct to colour-blind eyes too
+X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's palette, distinguishable by colour-blind readers
 LIMIT, PUSH, EXTRA = "#D55E00", "#D55E00", "#CC79A7"
 INK, SOFT = "#1d2733", "#5b6877"
 PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")
-"""For curves that are no axis, limit or push, in order."""
+"""Colours of further curves, in order."""
+
+THEMED = {INK: "ink", SOFT: "soft", "#b9c2cc": "line", "#e6eaee": "grid"}
+"""Colours that a page replaces by its own, and the names of its CSS variables."""
+
+_VECTOR: dict[Any, Any] = {"svg.fonttype": "none", "path.simplify_threshold": 0.4, "figure.dpi": 72}
 
 _STYLE: dict[Any, Any] = {
     "figure.dpi": 130,
@@ -34,7 +39,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "axes.axisbelow": True,  # stairs are patches, which the grid would be drawn over
+    "axes.axisbelow": True,  # stairs are patches, over which the grid would be drawn
     "grid.color": "#e6eaee",
     "xtick.color": SOFT,
     "ytick.color": SOFT,
@@ -45,11 +50,12 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def figure_maker(purpose: str) -> Iterator[Callable[[], Figure]]:
-    """Lend a function that makes empty figures, without a display and in the common style.
+def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Figure]]:
+    """Yield a function that creates empty figures, without a display and in the common style.
 
     Args:
-        purpose: what they are for, for the error.
+        purpose: of the figures, for the error.
+        vector: whether they are saved as vectors, with text as text.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
@@ -66,5 +72,5 @@ def figure_maker(purpose: str) -> Iterator[Callable[[], Figure]]:
         FigureCanvasAgg(figure)
         return figure
 
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(_STYLE | _VECTOR if vector else _STYLE):
         yield make

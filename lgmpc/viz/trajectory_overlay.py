@@ -1,4 +1,4 @@
-"""What the replay of a solved trajectory shows beside the robot: contacts, thrusts, places to reach, paths."""
+"""Overlays of the replay of a solved trajectory: contacts, thrusts, targets, paths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Pictures", "add_trajectory_overlay", "path_names", "thrusters"]
 
 _RATE_HZ, _MOST = 100.0, 3000
 _ROUNDING = 1e-9
-"""s by which a picture's time may miss the node that it is meant to be at."""
+"""Largest difference between the times of a picture and of its node, s."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Pictures:
 
     Attributes:
         times: (k,) s from the start.
-        intervals: (k,) the interval that each lies in.
-        q: (k, nq) configurations, along the shortest way between the nodes'.
+        intervals: (k,) the interval of each.
+        q: (k, nq) configurations, interpolated between the nodes'.
     """
 
     times: Array
@@ -36,10 +36,10 @@ class Pictures:
 
     @classmethod
     def of(cls, robot: Robot, log: TrajectoryLog, rate_hz: float = _RATE_HZ, limit: int = _MOST) -> Pictures:
-        """Choose pictures at ``rate_hz``, at most ``limit``, and interpolate the configurations on their manifold."""
+        """Return pictures at ``rate_hz``, at most ``limit``, with configurations interpolated on their manifold."""
         count = max(2, min(int(np.ceil((log.times[-1] - log.times[0]) * rate_hz)) + 1, limit))
         times = np.linspace(log.times[0], log.times[-1], count)
-        # Behind an impact, whose two nodes have the same time, begins the next interval.
+        # After an impact, whose two nodes have the same time, the next interval begins.
         intervals = np.clip(np.searchsorted(log.times, times + _ROUNDING, side="right") - 1, 0, log.nodes - 1)
         start, length = log.times[intervals], np.diff(log.times)[intervals]
         share = np.clip((times - start) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
@@ -51,7 +51,7 @@ class Pictures:
 def add_trajectory_overlay(
     scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale, size: float, lift: Array
 ) -> None:
-    """Add everything below ``/overlay``, one folder for each thing that the page can show or hide.
+    """Add the overlays below ``/overlay``, one folder for each that the page can show or hide.
 
     Args:
         scene: the scene.
@@ -59,8 +59,8 @@ def add_trajectory_overlay(
         log: the trajectory.
         pictures: of the replay.
         scale: of forces.
-        size: length of a place's axes, m.
-        lift: (3,) how far the robot is raised above the floor, m.
+        size: length of a target's axes, m.
+        lift: (3,) displacement of the robot above the floor, m.
     """
     _add_contacts(scene, log, pictures, scale)
     _add_com(scene, robot, log, pictures, scale, lift)
@@ -77,12 +77,12 @@ def thrusters(robot: Robot, log: TrajectoryLog) -> list[str]:
 
 
 def path_names(robot: Robot, log: TrajectoryLog) -> list[str]:
-    """Return the frames that have places to reach; none if it is not frames that should be there."""
+    """Return the frames with targets; none if the targets are not of frames."""
     return [name for name in dict.fromkeys(log.waypoint_names.tolist()) if robot.model.existFrame(name)]
 
 
 def _add_contacts(scene: Scene, log: TrajectoryLog, pictures: Pictures, scale: Scale) -> None:
-    """Forces, held over each interval, and their cones while there is contact."""
+    """Add forces, constant over each interval, and their cones during contact."""
     share = _shares(log, pictures)
     for k, name in enumerate(log.contact_frames.tolist()):
         points = log.contact_points[pictures.intervals, k]
@@ -103,7 +103,7 @@ def _add_contacts(scene: Scene, log: TrajectoryLog, pictures: Pictures, scale: S
 
 
 def _add_com(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale, lift: Array) -> None:
-    """Centre of mass with a plumb line to the floor, for robots that could fall over."""
+    """Add the centre of mass with a plumb line to the floor, for robots with contacts."""
     if not (log.floating_base and log.contact_flags.any()):
         return
     data = robot.create_data()
@@ -129,7 +129,7 @@ def _add_thrusts(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictu
 
 
 def _add_paths(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, radius: float) -> None:
-    """Lines along which the frames go that have places to reach or, if none has, the centre of mass."""
+    """Add the paths of the frames with targets or, without targets, of the centre of mass."""
     names, data = path_names(robot, log), robot.create_data()
     lines = np.empty((max(len(names), 1), len(pictures.q), 3))
     for k, q in enumerate(pictures.q):
@@ -141,7 +141,7 @@ def _add_paths(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Picture
 
 
 def _shares(log: TrajectoryLog, pictures: Pictures) -> Array:
-    """How far each picture is into its interval, 0 to 1."""
+    """Return the position of each picture in its interval, 0 to 1."""
     length = np.diff(log.times)[pictures.intervals]
     into = pictures.times + log.times[0] - log.times[pictures.intervals]
     share: Array = np.clip(into / np.where(length > 0.0, length, 1.0), 0.0, 1.0)

@@ -13,19 +13,19 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import draw_limits, figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.figure_files import Drawing, draw_limits, figure_title, joint_kinds, legend_above, write_figures
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_trajectory"]
+__all__ = ["plot_trajectory", "trajectory_drawings"]
 
 _AXES = ((X, "x"), (Y, "y"), (Z, "z"))
 _COLORS = tuple(color for color in PALETTE if color != LIMIT)
 _NEAR = 0.3
-"""Velocities that all stay below this share of their limits are shown without them."""
+"""Velocities below this fraction of their limits are drawn without the limits."""
 
 
 def plot_trajectory(robot: Robot, run: SolvedRun, out_dir: Path | str | None = None) -> tuple[Path, ...]:
@@ -34,27 +34,36 @@ def plot_trajectory(robot: Robot, run: SolvedRun, out_dir: Path | str | None = N
     Args:
         robot: the robot of the run.
         run: the run folder, read.
-        out_dir: where the PNG files go; the run folder's ``figures/`` if not given.
+        out_dir: folder of the PNG files; the run folder's ``figures/`` unless given.
 
     Returns:
-        Paths of the files, one for each figure that there are data for.
+        Paths of the files, one for each figure with data.
 
     Raises:
-        InputError: if the trajectory holds NaN or infinity.
+        InputError: if the trajectory contains NaN or infinity.
         RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
+    drawings = trajectory_drawings(robot, run)
+    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
+
+
+def trajectory_drawings(robot: Robot, run: SolvedRun) -> dict[str, Drawing]:
+    """Return the drawings of a solved trajectory by their names; each returns whether there was data.
+
+    Raises:
+        InputError: if the trajectory contains NaN or infinity.
+    """
     log = run.trajectory
     if not log.finite:
-        raise InputError("run", f"{run.path}, whose trajectory holds NaN or infinity", "a trajectory to draw")
-    drawings = {
+        raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to draw")
+    return {
         "base": partial(_base, log=log),
         "joints": partial(_joints, log=log, robot=robot),
         "controls": partial(_controls, log=log),
         "forces": partial(_forces, log=log),
         "convergence": partial(_convergence, log=log),
     }
-    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
 
 
 def _base(figure: Figure, log: TrajectoryLog) -> bool:
@@ -78,7 +87,7 @@ def _base(figure: Figure, log: TrajectoryLog) -> bool:
 
 
 def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
-    """Positions of the joints within their limits, and their velocities."""
+    """Draw positions of the joints within their limits, and their velocities."""
     if robot.nu == 0:
         return False
     figure.set_size_inches(8.0, 6.4)
@@ -97,8 +106,8 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
     draw_limits(position, -1.0, 1.0, "limit")
     if np.abs(v / robot.velocity_limit).max() > _NEAR:
         draw_limits(velocity, -1.0, 1.0, "limit")
-    position.set(title="Joint positions in their ranges", ylabel="share of the limit")
-    velocity.set(title="Joint velocities", ylabel="share of the limit", xlabel="time, s")
+    position.set(title="Joint positions in their ranges", ylabel="fraction of the limit")
+    velocity.set(title="Joint velocities", ylabel="fraction of the limit", xlabel="time, s")
     _finish(log, position, velocity)
     if robot.nu <= 18:
         figure.legend(loc="outside right center", fontsize=8)
@@ -106,7 +115,7 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
 
 
 def _controls(figure: Figure, log: TrajectoryLog) -> bool:
-    """Controls and their limits: a row for each kind of joint that the legs share, else shares of the limit."""
+    """Draw controls and their limits: a row for each kind of joint that all legs have, else ratios to the limits."""
     names: list[str] = log.control_names.tolist()
     if not names:
         return False
@@ -133,7 +142,7 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
             axes.stairs(log.us[:, i] / scale[i], log.times, baseline=None, color=color, ls=dashes, label=name, lw=1.2)
         if known:
             draw_limits(axes, float((log.control_lower / scale).min()), 1.0, "limit")
-        axes.set(title="Controls", ylabel="share of the limit" if known else log.control_unit)
+        axes.set(title="Controls", ylabel="fraction of the limit" if known else log.control_unit)
         if len(names) <= 18:
             figure.legend(loc="outside right center", fontsize=8)
     all_axes[-1].set_xlabel("time, s")
@@ -142,7 +151,7 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
 
 
 def _forces(figure: Figure, log: TrajectoryLog) -> bool:
-    """Each contact's normal force, and its tangential one as a share of what friction holds."""
+    """Draw each contact's normal force, and its tangential one over the friction limit."""
     if not log.contact_flags.any():
         return False
     contacts = len(log.contact_frames)
@@ -166,7 +175,7 @@ def _forces(figure: Figure, log: TrajectoryLog) -> bool:
 
 
 def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
-    """Cost, gaps, what the solver compared with its tolerance, and steps, over the iterations."""
+    """Draw cost, gaps, the measure compared with the tolerance, and steps, over the iterations."""
     count = len(log.iteration_cost)
     if count == 0:
         return False
@@ -189,7 +198,7 @@ def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
         step.stem(iterations, log.iteration_step, linefmt=SOFT, markerfmt=".", basefmt=" ")
     cost.set(title="Cost", ylabel="")
     residual.set_title("Residuals")
-    step.set(title="Step length (0: refused)", xlabel="iteration", ylim=(0.0, 1.08))
+    step.set(title="Step length (0: rejected)", xlabel="iteration", ylim=(0.0, 1.08))
     cost.set_xlim(0.5, count + 0.5)
     if residual.lines:
         legend_above(residual)
@@ -197,19 +206,19 @@ def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
 
 
 def _steps(axes: Axes, log: TrajectoryLog, values: Array, color: str, label: str, *, fill: bool = False) -> None:
-    """Draw what is constant over each interval."""
+    """Draw a quantity that is constant over each interval."""
     axes.stairs(values, log.times, baseline=None, color=color, label=label, lw=1.2)
     if fill:
         axes.stairs(values, log.times, fill=True, color=color, alpha=0.18, lw=0.0)
 
 
 def _line(i: int) -> tuple[str, str]:
-    """Colour and dashes of the i-th of many lines."""
+    """Return colour and dashes of the i-th of many lines."""
     return _COLORS[i % len(_COLORS)], ("-", "--", ":")[i // len(_COLORS) % 3]
 
 
 def _finish(log: TrajectoryLog, *all_axes: Axes) -> None:
-    """Fit the time axis, and mark when something is to be reached."""
+    """Fit the time axis, and mark the times of targets."""
     for axes in all_axes:
         axes.set_xlim(float(log.times[0]), float(log.times[-1]))
         for time in np.unique(log.waypoint_times):

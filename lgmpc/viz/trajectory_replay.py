@@ -1,4 +1,4 @@
-"""The replay of a solved trajectory: robot, contact forces and cones, places to reach, paths; as a page."""
+"""The replay of a solved trajectory: robot, contact forces and cones, targets, paths; as a page."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from lgmpc.viz.trajectory_overlay import Pictures, add_trajectory_overlay, path_
 __all__ = ["trajectory_page"]
 
 _FACTS = 11
-"""Figures that fit the card; all are in run.json."""
+"""Number of figures on the card; all are in run.json."""
 _WIDE = 2.5
-"""Motions of more than this many lengths of the robot are followed by the camera, smaller ones seen as a whole."""
+"""The camera follows motions of more than this many lengths of the robot; smaller ones fit into the picture."""
 
 _TALL = 2.5
-"""So are flights this many times as high as they are wide, and as the robot is large."""
+"""It also follows flights this many times as high as they are wide, and as the robot is large."""
 _CLEARANCE = 0.25
-"""How far above the floor what never touches it is shown, in lengths of the robot or of its way."""
+"""Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
 
 
 def trajectory_page(robot: Robot, run: SolvedRun) -> str:
     """Return the page's HTML.
 
     Raises:
-        InputError: if the trajectory is not finite or belongs to another robot.
+        InputError: if the trajectory is not finite or is of another robot.
         MissingDependencyError: if meshcat is not installed.
     """
     log = run.trajectory
     if not log.finite:
-        raise InputError("run", f"{run.path}, whose trajectory holds NaN or infinity", "a trajectory to show")
+        raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to show")
     if log.nq != robot.nq:
         raise InputError("run", f"{run.path} with nq = {log.nq}", f"a run of {robot.name} (nq = {robot.nq})")
     pictures = Pictures.of(robot, log)
@@ -64,13 +64,13 @@ def trajectory_page(robot: Robot, run: SolvedRun) -> str:
 
 @dataclass(frozen=True)
 class _Framing:
-    """What the camera looks at.
+    """The camera's framing of the motion.
 
     Attributes:
-        lowest: (3,) lowest corner of what should be seen at the start.
+        lowest: (3,) lowest corner of the visible volume at the start.
         highest: (3,) highest corner.
-        travel: (k, 3) what the camera follows; all the same where it stays.
-        lift: (3,) by which everything is raised above the floor.
+        travel: (k, 3) positions that the camera follows; constant if it does not move.
+        lift: (3,) displacement of the scene above the floor.
         size: diagonal of the robot.
         height: of the robot at the start.
     """
@@ -84,12 +84,12 @@ class _Framing:
 
     @property
     def seen(self) -> float:
-        """Diagonal of what is seen at the start."""
+        """Diagonal of the visible volume at the start."""
         return float(np.linalg.norm(self.highest - self.lowest))
 
     @classmethod
     def of(cls, body: Body, log: TrajectoryLog, pictures: Pictures) -> _Framing:
-        """See the whole motion or, if it leads far, the robot on its way."""
+        """Return the framing of the whole motion or, if it is long, of the moving robot."""
         chosen = np.unique(np.linspace(0, len(pictures.q) - 1, 24).astype(int))
         corners = np.array([body.bounds(q) for q in pictures.q[chosen]])
         low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
@@ -101,7 +101,7 @@ class _Framing:
         grounded = bool(log.contact_flags.any()) or not log.floating_base
         extent = float((high - low).max())
         lift = np.zeros(3)
-        if not grounded and not _CLEARANCE * size <= low[2] <= extent:  # below the floor, or out of its sight
+        if not grounded and not _CLEARANCE * size <= low[2] <= extent:  # below the floor, or far above it
             lift[2] = max(_CLEARANCE * size, _CLEARANCE * extent) - low[2]
         height = float(start_high[2] - start_low[2])
         width, tall = float(np.linalg.norm((high - low)[:2])), float((high - low)[2])
@@ -109,13 +109,13 @@ class _Framing:
         if far:
             return cls(start_low, start_high, pictures.q[:, :3], lift, size, height)
         if not grounded:
-            low = np.array([low[0], low[1], -lift[2]])  # down to the floor, on which the shadows fall
+            low = np.array([low[0], low[1], -lift[2]])  # down to the floor, which shows the shadows
         still = np.tile(0.5 * (low + high), (len(pictures.times), 1))
         return cls(low, high, still, lift, size, height)
 
 
 def _description(run: SolvedRun, robot: Robot, pictures: Pictures, scale: Scale) -> dict[str, object]:
-    """Return what the page's panels say."""
+    """Return the contents of the page's panels."""
     log, result = run.trajectory, run.result
     return {
         "name": result.name,
@@ -133,7 +133,7 @@ def _description(run: SolvedRun, robot: Robot, pictures: Pictures, scale: Scale)
 
 
 def _readouts(log: TrajectoryLog, pictures: Pictures) -> tuple[Readout, ...]:
-    """How hard the machine works, and how far it leans or how fast its joints are."""
+    """Return the readouts: load of the actuators, and tilt or the fastest joint."""
     found = []
     limit = np.where(log.us > 0.0, log.control_upper, log.control_lower)
     if log.us.size and np.isfinite(limit).all():
@@ -148,7 +148,7 @@ def _readouts(log: TrajectoryLog, pictures: Pictures) -> tuple[Readout, ...]:
 
 
 def _phases(log: TrajectoryLog) -> list[dict[str, object]]:
-    """When each foot is on the ground, if any ever leaves it."""
+    """Return the phases of ground contact of each foot, if any foot swings."""
     if log.contact_flags.all() or not log.contact_flags.any():
         return []
     phases: list[dict[str, object]] = []

@@ -1,4 +1,4 @@
-"""What the replay of a walking run shows beside the robot: footholds, swing paths, and the commanded velocity."""
+"""Overlays of the replay of a walking run: footholds, swing paths, and the commanded velocity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lgmpc.viz.scene import Material, Scene
 __all__ = ["SPEED_SHOWN_M_S", "add_walking_overlay", "steps"]
 
 SPEED_SHOWN_M_S = 0.5
-"""Velocity that is drawn as long as the scale's length, m/s."""
+"""Velocity whose arrow has the scale's length, m/s."""
 
 _BEADS = 9
 
@@ -35,7 +35,7 @@ def add_walking_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale,
         log: the run.
         frames: the pictures.
         scale: sizes.
-        height: of the robot, m: the command's arrow is above it.
+        height: of the robot, m; the command's arrow is above it.
     """
     for foot, name in enumerate(log.contact_frames.tolist()):
         if log.stance is not None and not log.stance[:, foot].all():
@@ -46,7 +46,7 @@ def add_walking_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale,
 
 
 def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int, name: str) -> None:
-    """A disc where the foot is to touch down, while it swings."""
+    """Add a disc at the foothold of a foot while it swings."""
     assert log.footholds is not None and log.stance is not None
     path = f"/overlay/footholds/{name}"
     scene.add_mesh(path, disc(0.16 * scale.length, 0.003), Material(COLORS["footholds"], 0.8, flat=True))
@@ -55,7 +55,7 @@ def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot:
 
 
 def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int, name: str) -> None:
-    """Beads along the targets of the swing that the foot is in, from lift-off to touchdown."""
+    """Add beads along the reference of the current swing, from lift-off to touchdown."""
     assert log.swing_targets is not None
     beads = np.zeros((len(frames.ticks), _BEADS, 3))
     shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
@@ -64,7 +64,7 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
         along: IntArray = np.round(np.linspace(begin, end - 1, _BEADS)).astype(np.int64)
         beads[pictures] = log.swing_targets[along, foot]
         shown |= pictures
-    # Visibility changes at a picture, the rest glides from one to the next: what vanishes must not move meanwhile.
+    # Visibility is a step function of time, the rest is interpolated: a bead must not move until it is hidden.
     beads = beads[np.maximum.accumulate(np.where(shown, np.arange(len(shown)), 0))]
     for bead in range(_BEADS):
         path = f"/overlay/swings/{name}/{bead}"
@@ -73,7 +73,7 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
 
 
 def _swings(log: RunLog, foot: int) -> Iterator[tuple[int, int]]:
-    """The stretches of ticks in which a foot does not carry."""
+    """Return the intervals of ticks in which a foot is not in stance."""
     assert log.stance is not None
     lifted = (log.stance[:, foot] == 0).astype(np.int8)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], lifted, [0])))).tolist()
@@ -81,7 +81,7 @@ def _swings(log: RunLog, foot: int) -> Iterator[tuple[int, int]]:
 
 
 def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height: float) -> None:
-    """An arrow above the base along the commanded velocity."""
+    """Add an arrow above the base along the commanded velocity."""
     assert log.command is not None
     base = log.base_pose[frames.ticks]
     yaw = heading(base[:, 3:])
@@ -93,7 +93,7 @@ def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height
 
 
 def _world(command: Array, yaw: Array) -> Array:
-    """Turn velocities ahead and to the left into world axes (k, 3)."""
+    """Return velocities ahead and to the left in world axes (k, 3)."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = c * command[:, 0] - s * command[:, 1], s * command[:, 0] + c * command[:, 1]
     return np.column_stack((x, y, 0.0 * x))

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 __all__ = ["draw_feet", "draw_gait", "draw_velocity"]
 
 _DETAIL_STRIDES = 6.0
-"""Gait cycles that the detailed views show."""
+"""Number of gait cycles in the detailed views."""
 
 _STATE_COLORS = {"stance": X, "early": Z, "late": Y, "missing": EXTRA, "lost": LIMIT}
-"""Colours of the contact states in the gait diagram; a swing is where there is none."""
+"""Colours of the contact states in the gait diagram; swings are blank."""
 
 
 def draw_velocity(figure: Figure, log: RunLog) -> bool:
-    """Draw velocity and yaw rate: the command, the mean over each gait cycle, and the momentary one."""
+    """Draw velocity and yaw rate: the command, the mean over each gait cycle, and the instantaneous value."""
     if log.command is None or log.gait_period_s is None or not log.commanded:
         return False
     figure.set_size_inches(9.6, 6.4)
@@ -40,7 +40,7 @@ def draw_velocity(figure: Figure, log: RunLog) -> bool:
     middle = log.time[: len(mean)] + 0.5 * (window - 1) * dt
     labels = (("Velocity ahead", "m/s", X), ("Velocity to the left", "m/s", Y), ("Yaw rate", "rad/s", Z))
     for column, (axes, (title, unit, color)) in enumerate(zip(rows, labels, strict=True)):
-        axes.plot(log.time, velocity[:, column], color=color, lw=0.6, alpha=0.45, label="momentary")
+        axes.plot(log.time, velocity[:, column], color=color, lw=0.6, alpha=0.45, label="instantaneous")
         axes.plot(middle, mean[:, column], color=color, label="mean over a gait cycle")
         axes.plot(log.time, log.command[:, column], color=INK, lw=1.0, ls="--", label="limited command")
         axes.set(title=title, ylabel=unit)
@@ -84,7 +84,7 @@ def draw_feet(figure: Figure, log: RunLog) -> bool:
         axes.set_ylabel(f"{name}, mm")
         finish(log, axes, span=10.0)
         axes.set_xlim(begin, end)
-    rows[0].set_title("Height of the feet, shaded where the floor pushes them")
+    rows[0].set_title("Height of the feet, shaded during contact")
     rows[-1].set_xlabel("time, s")
     legend_above(rows[0])
     return True
@@ -95,7 +95,7 @@ def _steps(log: RunLog) -> bool:
 
 
 def _detail(log: RunLog) -> tuple[float, float]:
-    """Return a stretch of some gait cycles: from before the first push in a step on, or from the first swing on."""
+    """Return an interval of some gait cycles: from before the first push while stepping, or from the first swing."""
     assert log.stance is not None and log.gait_period_s is not None
     lifted = np.flatnonzero(~log.stance.all(axis=1))
     stride = float(log.gait_period_s[lifted[0]])
@@ -126,7 +126,7 @@ def _occurs(log: RunLog, state: str) -> bool:
 
 
 def _stretches(log: RunLog, flags: BoolArray) -> list[tuple[float, float]]:
-    """Return begin and duration of the stretches of ticks with a flag, s."""
+    """Return start and duration of the intervals of ticks with a flag, s."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
     times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
     return [(float(times[a]), float(times[b] - times[a])) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -4,17 +4,16 @@ Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 n
 
     minimise    1/2 ||J a - rhs||_W^2 + 1/2 w_f ||f - f_des||^2 + 1/2 w_a ||a||^2
     subject to  M_b a + h_b = J_cb^T f + w                      (floating-base rows of the dynamics)
-                |M_j a + h_j - J_cj^T f| <= tau_max              (torque limits)
+                |M_j a + h_j + tau_f - J_cj^T f| <= tau_max      (torque limits)
                 friction pyramid inscribed in the cone           (each foot)
-                bounds on joint accelerations and normal forces  (joint limits, contact)
+                bounds on joint accelerations and forces         (joint limits, contact)
 
-The same function computes the minimiser under the equalities alone, with no force on feet in the air. While no limit is
-active, which is most of the time, that is the solution of the QP, and no solver has to be called.
+The known friction of the joints, ``tau_f``, depends on their measured speeds: the drives supply it on top.
+Of feet in the air all force components have equal bounds, zero, which fixes them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,8 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
-from lgmpc.robot.friction import friction_margins, friction_pyramid, pyramid_half_width
+from lgmpc.robot.friction import friction_pyramid
+from lgmpc.robot.joint_friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import contact_points as points
 from lgmpc.wbc.settings import WholeBodySettings
@@ -84,8 +84,6 @@ class WholeBodyQp:
     Attributes:
         contacts: see :class:`Contacts`.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
-        free_solution: (n,) minimiser under the equalities alone.
-        free_torques: (nu,) its joint torques, N.m.
     """
 
     def __init__(
@@ -105,15 +103,13 @@ class WholeBodyQp:
         symbolic = [task for task in weighted if isinstance(task, SymbolicTask)]
         self._flags = np.zeros(robot.nc)
         self._friction: list[float] = []
-        self._nu, self._base = nu, base
-        self.bias = np.zeros(nu)
-        self._magnitude, self._excess = np.zeros(1), np.zeros(1)
-        self.free_solution, self.free_torques = np.zeros(solver.size), np.zeros(nu)
+        self._bias = np.zeros(nu)
+        self._magnitude = np.zeros(1)
         limits = np.array(
             [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
         )
         weights, s = settings.weights, solver
-        self._torque_rows = s.inequality[:nu]
+        torque_rows, self._torques_without_bias = s.inequality[:nu], s.values[:nu]
         self._hessian, self._gradient = s.hessian[:nv, :nv], s.gradient[:nv]
         self._pyramids = [
             s.inequality[nu + i : nu + i + self._facets] for i in range(0, robot.nc * self._facets, self._facets)
@@ -121,34 +117,31 @@ class WholeBodyQp:
         self._normal_column = nv + 2
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
         s.upper[nu:] = 0.0
-        self._run = StageKernel(_data(robot, symbolic, settings.friction_facets)).bind(
+        self._run = StageKernel(_data(robot, symbolic)).bind(
             1,
             q=terms.q,
             v=terms.v,
             stance=self._flags,
-            friction=self.contacts.friction,
             target_forces=self.contacts.target_forces.reshape(-1),
             lowest_normal=self.contacts.lowest_normal,
             highest_normal=self.contacts.highest_normal,
             external_wrench=self.external_wrench,
             limits=limits.reshape(-1),
             horizon=np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2]),
+            joint_friction=robot.joint_friction.copy(),
             weights=np.array([weights.force, weights.acceleration]),
             **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},
             hessian=s.hessian[:nv].reshape(-1),
             gradient=s.gradient,
             equality=s.equality.reshape(-1),
             equality_rhs=s.equality_rhs,
-            torque_rows=self._torque_rows.reshape(-1),
+            torque_rows=torque_rows.reshape(-1),
             lower=s.lower[:nu],
             upper=s.upper[:nu],
             box_lower=s.box_lower[base:],
             box_upper=s.box_upper[base:],
-            bias=self.bias,
+            bias=self._bias,
             magnitude=self._magnitude,
-            free_solution=self.free_solution,
-            free_torques=self.free_torques,
-            excess=self._excess,
         )
 
     def update(self) -> float:
@@ -164,16 +157,9 @@ class WholeBodyQp:
         self._run()
         return float(self._magnitude[0]) + sum(map(self._add, self._numeric))
 
-    @property
-    def free_excess(self) -> float:
-        """How far :attr:`free_solution` is from solving the QP: its largest residual or transgression of a limit."""
-        return math.inf if self._numeric else float(self._excess[0])
-
-    def torques(self, solution: Array) -> Array:
-        """Joint torques (nu,) that produce the QP's accelerations and forces: ``M_j a + h_j - J_cj^T f``."""
-        torques: Array = np.dot(self._torque_rows, solution)
-        torques += self.bias
-        return torques
+    def write_torques(self, torques: Array) -> None:
+        """Write the joint torques (nu,) of the solver's solution: ``M_j a + h_j + tau_f - J_cj^T f``."""
+        np.add(self._torques_without_bias, self._bias, out=torques)
 
     def _write_friction(self, friction: list[float]) -> None:
         self._friction = friction
@@ -190,13 +176,13 @@ class WholeBodyQp:
         return float(rhs @ rhs)
 
 
-def _data(robot: Robot, tasks: Sequence[SymbolicTask], facets: int) -> ca.Function:
+def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
     """The data as a function; matrices are stored row by row, as the solver has them."""
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu
-    sizes = {"q": robot.nq, "v": nv, "stance": nc, "friction": nc, "target_forces": 3 * nc}
+    sizes = {"q": robot.nq, "v": nv, "stance": nc, "target_forces": 3 * nc}
     sizes |= {"lowest_normal": nc, "highest_normal": nc, "external_wrench": 6}
-    sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2}
+    sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2, "joint_friction": nu}
     sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v = given["q"], given["v"]
@@ -221,30 +207,12 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask], facets: int) -> ca.Functi
     moment_on_base = moment + ca.cross(model.com(q) - q[:3], force)
     on_base = ca.vertcat(ca.mtimes(rotation.T, force), ca.mtimes(rotation.T, moment_on_base))
     effort, lowest, highest, fastest = ca.vertsplit(given["limits"], nu)
-    equality_rhs, lower, upper = on_base - bias[:base], -effort - bias[base:], effort - bias[base:]
-    joints = _joint_bounds(q[robot.joint_q], v[robot.joint_v], lowest, highest, fastest, given["horizon"])
+    rates = v[robot.joint_v]
+    on_joints = bias[base:] + joint_friction_torque(given["joint_friction"], rates)
+    equality_rhs, lower, upper = on_base - bias[:base], -effort - on_joints, effort - on_joints
+    joints = _joint_bounds(q[robot.joint_q], rates, lowest, highest, fastest, given["horizon"])
     forces = _force_bounds(given["stance"], given["lowest_normal"], given["highest_normal"])
     box_lower, box_upper = ca.vertcat(joints[0], forces[0]), ca.vertcat(joints[1], forces[1])
-    in_contact = ca.vec(ca.repmat(given["stance"].T, 3, 1))
-    free, residual = _equality_minimiser(
-        hessian, gradient, given["weights"][0], dynamics[:base, :], equality_rhs, in_contact
-    )
-    torques = ca.mtimes(dynamics[base:, :], free) + bias[base:]
-    margins = [
-        margin
-        for foot, mu in enumerate(ca.vertsplit(given["friction"]))
-        for margin in friction_margins(free[nv + 3 * foot : nv + 3 * foot + 3], pyramid_half_width(mu, facets), facets)
-    ]
-    excess = ca.mmax(
-        ca.vertcat(
-            residual,
-            torques - effort,
-            -effort - torques,
-            box_lower - free[base:],
-            free[base:] - box_upper,
-            *(-margin for margin in margins),
-        )
-    )
     magnitude = sum(ca.sumsqr(part) for part in (q, v, gradient, equality_rhs, lower))
     outputs = {
         "hessian": ca.vertcat(hessian, ca.SX(3 * nc, nv)),
@@ -256,35 +224,10 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask], facets: int) -> ca.Functi
         "upper": upper,
         "box_lower": box_lower,
         "box_upper": box_upper,
-        "bias": bias[base:],
+        "bias": on_joints,
         "magnitude": magnitude,
-        "free_solution": free,
-        "free_torques": torques,
-        "excess": excess,
     }
     return ca.Function("wbc_qp", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
-
-
-def _equality_minimiser(
-    hessian: Any, gradient: Any, force_weight: Any, equality: Any, rhs: Any, in_contact: Any
-) -> tuple[Any, Any]:
-    """Return the minimiser (n,) under the equalities alone with no force where ``in_contact`` is 0, and its residuals.
-
-    It solves the optimality conditions in the order forces, accelerations, multipliers, in which their LDL^T keeps the
-    forces' zeros.
-    """
-    nv, nf, ne = hessian.shape[0], in_contact.shape[0], rhs.shape[0]
-    on_accelerations, on_forces = equality[:, :nv], ca.mtimes(equality[:, nv:], ca.diag(in_contact))
-    kkt = ca.blockcat(
-        [
-            [force_weight * ca.SX.eye(nf), ca.SX(nf, nv), on_forces.T],
-            [ca.SX(nv, nf), hessian, on_accelerations.T],
-            [on_forces, on_accelerations, ca.SX(ne, ne)],
-        ]
-    )
-    right = ca.vertcat(-in_contact * gradient[nv:], -gradient[:nv], rhs)
-    solution = ca.ldl_solve(right, *ca.ldl(kkt, False))
-    return ca.vertcat(solution[nf : nf + nv], solution[:nf]), ca.fabs(ca.mtimes(kkt, solution) - right)
 
 
 def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horizon: Any) -> tuple[Any, Any]:
@@ -303,7 +246,8 @@ def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horiz
 
 
 def _force_bounds(stance: Any, lowest: Any, highest: Any) -> tuple[Any, Any]:
-    """Bounds on the forces (3 nc,): the pyramid alone bounds their tangential parts; no force on a foot in the air."""
-    free = ca.SX(WholeBodySolver.UNBOUNDED * np.ones((2, stance.shape[0])))
-    normal_lower, normal_upper = (ca.if_else(stance, bound, 0.0).T for bound in (lowest, highest))
+    """Bounds on the forces (3 nc,): of feet that can carry, the pyramid alone bounds the tangential parts."""
+    carries = ca.logic_and(stance, highest > 0.0)
+    free = ca.repmat(ca.if_else(carries, WholeBodySolver.UNBOUNDED, 0.0).T, 2, 1)
+    normal_lower, normal_upper = (ca.if_else(carries, bound, 0.0).T for bound in (lowest, highest))
     return ca.vec(ca.vertcat(-free, normal_lower)), ca.vec(ca.vertcat(free, normal_upper))

@@ -60,14 +60,28 @@ class WholeBodyController:
         self.tasks: Mapping[str, Task] = _by_name(standard_tasks(robot, settings) if tasks is None else tasks)
         rows = robot.nu + settings.friction_facets * robot.nc
         self.solver = WholeBodySolver(
-            robot.nv + 3 * robot.nc, robot.nv - robot.nu, rows, settings.tolerance, settings.max_iterations
+            robot.nv + 3 * robot.nc,
+            robot.nv - robot.nu,
+            rows,
+            settings.tolerance,
+            settings.max_iterations,
+            settings.solver,
         )
-        self.qp = WholeBodyQp(robot, settings.scaled(robot), list(self.tasks.values()), self.solver, self.terms)
+        scaled = settings.scaled(robot)
+        self.qp = WholeBodyQp(robot, scaled, list(self.tasks.values()), self.solver, self.terms)
+        self._stepping = False
+        self._weights = {
+            name: (self.tasks[name].weight.copy(), np.asarray(weights, dtype=np.float64))
+            for name, weights in scaled.stepping_weights
+            if name in self.tasks
+        }
         self.contacts = self.qp.contacts
         self.external_wrench = self.qp.external_wrench
         self.tau = np.zeros(robot.nu)
-        self.forces = np.zeros((robot.nc, 3))
+        self._flat_forces = np.zeros(3 * robot.nc)
+        self.forces = self._flat_forces.reshape(robot.nc, 3)
         self.acceleration = np.zeros(robot.nv)
+        self._solved = self.solver.solution[: robot.nv], self.solver.solution[robot.nv :]
         self.status = TickStatus.SOLVED
         self.failures = 0
         self.stand()
@@ -86,6 +100,16 @@ class WholeBodyController:
         for task in self.tasks.values():
             task.stand(self.robot, self.terms)
 
+    def weigh(self, stepping: bool) -> None:
+        """Give the tasks the weights of a robot that steps, or their own; no cost while it stays the same.
+
+        A task that the QP leaves out, because its own weights are zero, stays out.
+        """
+        if stepping is not self._stepping:
+            self._stepping = stepping
+            for name, (standing, moving) in self._weights.items():
+                self.tasks[name].weight[:] = moving if stepping else standing
+
     def sense(self, q: Array, v: Array) -> WholeBodyTerms:
         """Refresh :attr:`terms` at the measured state; call once a tick, before :meth:`solve`."""
         self.terms.update(q, v)
@@ -97,27 +121,18 @@ class WholeBodyController:
         if not math.isfinite(self.qp.update()):
             self.solver.reset()
             self.status = TickStatus.NOT_FINITE
-        elif self.qp.free_excess <= self.settings.tolerance:
-            self.solver.reset()  # its multipliers are of an earlier tick; no limit is active now
-            self.status = TickStatus.SOLVED
-            self._take(self.qp.free_solution, self.qp.free_torques)
         else:
             self.status = self.solver.solve()
-            if self.status is TickStatus.SOLVED:
-                self._take(self.solver.solution, self.qp.torques(self.solver.solution))
-        if self.status is not TickStatus.SOLVED:
+        if self.status is TickStatus.SOLVED:
+            self.acceleration[:], self._flat_forces[:] = self._solved
+            self.qp.write_torques(self.tau)
+        else:
             self.failures += 1
             if solved_before:
                 _LOG.warning(
                     "whole-body QP %s: last torques with joint damping until it solves again", self.status.name
                 )
         return self.status
-
-    def _take(self, solution: Array, torques: Array) -> None:
-        nv = self.robot.nv
-        self.acceleration[:] = solution[:nv]
-        self.forces.reshape(-1)[:] = solution[nv:]
-        self.tau[:] = torques
 
     @property
     def damping(self) -> float:

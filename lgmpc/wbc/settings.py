@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from lgmpc.robot import Robot
-from lgmpc.robot.scaling import normal_force_range, weight_factor
+from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
 from lgmpc.settings import Count, NonNegative, RangeFromZero, Settings, Vector3
 
-__all__ = ["Gain", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
+__all__ = ["Gain", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
 
 _NORMAL_FORCE = (0.04, 10.0)
 """N per kg of the robot: a foot presses a little, and can carry the whole robot."""
@@ -44,6 +44,22 @@ class WholeBodyWeights(Settings):
     swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
     force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC (scaled by mass).")
     acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
+
+
+class SteppingWeights(Settings):
+    """Weights that replace those of :class:`WholeBodyWeights` while feet swing; the others stay.
+
+    Two feet exert no moment about the line between them: attitude and centre of mass contend for the same forces, and
+    the ratio of their weights is that of sway to tilt. On all feet there is no such conflict; a robot that a push
+    nearly lifts off its feet should rather give up height and attitude than its place.
+    """
+
+    com: Vector3 = Field(default=(100.0, 100.0, 100.0), description="Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = Field(
+        default=1.5, description="Angular acceleration of the base (scaled by mass: for 2.5 kg)."
+    )
+    angular_momentum: NonNegative = Field(default=1.0, description="Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = Field(default=1e-4, description="Joint accelerations towards the reference posture.")
 
 
 class WholeBodyGains(Settings):
@@ -79,14 +95,22 @@ class WholeBodySettings(Settings):
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.
     joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
-        default=0.05, description="Time ahead within which no joint may pass its position or velocity limit, s."
+        default=0.02, description="Time ahead within which no joint may pass its position or velocity limit, s."
     )
     # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
     joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(
         default=2000.0, description="Largest acceleration that the joint limits may require, rad/s2."
     )
     weights: WholeBodyWeights = Field(default=WholeBodyWeights(), description="Weights of the tasks.")
+    stepping_weights: SteppingWeights = Field(
+        default=SteppingWeights(), description="Weights of tasks while the robot steps."
+    )
     gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
+    solver: Literal["active_set", "proxqp"] = Field(
+        default="active_set",
+        description="active_set: exact, in machine code, from the last tick's active limits on; ProxQP solves what it "
+        "does not. proxqp: ProxQP alone.",
+    )
     # Rounding of the residuals is about 1e-12; with a tenth of a newton the torques are no solution any more.
     tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = Field(
         default=1e-5, description="Residual at which the solver stops."
@@ -98,11 +122,13 @@ class WholeBodySettings(Settings):
 
     def scaled(self, robot: Robot) -> WholeBodySettings:
         """Return the settings for this robot: the weights of momenta and forces and the normal forces by its mass."""
-        factor, weights = weight_factor(robot.mass), self.weights
+        factor, weights, stepping = weight_factor(robot.mass), self.weights, self.stepping_weights
         return self.replace(
             {
                 "weights.angular_momentum": factor * weights.angular_momentum,
                 "weights.force": factor * weights.force,
+                "stepping_weights.angular_momentum": factor * stepping.angular_momentum,
+                "stepping_weights.base_orientation": turning_factor(robot.mass) * stepping.base_orientation,
                 "normal_force_n": normal_force_range(self.normal_force_n, _NORMAL_FORCE, robot.mass),
             }
         )

@@ -1,12 +1,15 @@
-"""ProxQP for the whole-body QP: dense, warm-started, with a status instead of an exception."""
+"""The whole-body QP's solver: active sets in machine code, and ProxQP where they do not solve it."""
 
 from __future__ import annotations
 
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Literal
+
+import numpy as np
 
 from lgmpc.proxqp import proxqp
 from lgmpc.typing import Array
+from lgmpc.wbc.active_set import ActiveSetSolver
 
 __all__ = ["TickStatus", "WholeBodySolver"]
 
@@ -25,7 +28,11 @@ class TickStatus(Enum):
 
 
 class WholeBodySolver:
-    """One ProxQP instance that keeps its multipliers from tick to tick.
+    """The QP's memory, and two solvers of it with a status instead of an exception.
+
+    :class:`~lgmpc.wbc.active_set.ActiveSetSolver` solves the QP exactly, from the limits that were active at the last
+    tick on. What it does not solve is left to ProxQP, which is several times slower: a Hessian that is only
+    positive semidefinite, limits that contradict each other, and everything where there is no C compiler.
 
     The data is written straight into ProxQP's own memory. Rows and bounds that nobody writes to hold nothing.
 
@@ -33,8 +40,9 @@ class WholeBodySolver:
         variables: n.
         equalities: rows of the equalities.
         inequalities: m, rows of the inequalities.
-        tolerance: absolute residual at which ProxQP stops.
-        max_iterations: outer iterations, each of at most 10 Newton steps.
+        tolerance: largest absolute residual of the optimality conditions.
+        max_iterations: ProxQP's outer iterations, each of at most 10 Newton steps.
+        method: ``active_set``, or ``proxqp`` for ProxQP alone.
 
     Attributes:
         size: n.
@@ -45,13 +53,24 @@ class WholeBodySolver:
         box_lower: (n,).
         box_upper: (n,).
         solution: (n,) variables of the last solve.
+        values: (m,) ``inequality solution``.
+        took_over: whether ProxQP did the last solve.
+
+    Raises:
+        CompileError: the compiler failed.
     """
 
     UNBOUNDED: ClassVar[float] = 1e20
     """What ProxQP takes for infinity."""
 
     def __init__(
-        self, variables: int, equalities: int, inequalities: int, tolerance: float = 1e-6, max_iterations: int = 50
+        self,
+        variables: int,
+        equalities: int,
+        inequalities: int,
+        tolerance: float = 1e-6,
+        max_iterations: int = 50,
+        method: Literal["active_set", "proxqp"] = "active_set",
     ) -> None:
         self.size = variables
         self._qp = qp = proxqp.dense.QP(variables, equalities, inequalities, True)
@@ -78,25 +97,39 @@ class WholeBodySolver:
         self.upper: Array = model.u
         self.box_lower: Array = model.l_box
         self.box_upper: Array = model.u_box
-        self.solution: Array = qp.results.x
         for bound, value in ((self.lower, -1), (self.upper, 1), (self.box_lower, -1), (self.box_upper, 1)):
             bound[:] = value * self.UNBOUNDED
+        self._active_set = ActiveSetSolver(
+            self.hessian, self.gradient, self.equality, self.equality_rhs, self.inequality, self.lower, self.upper,
+            self.box_lower, self.box_upper, tolerance,
+        )  # fmt: skip
+        self.solution: Array = self._active_set.solution
+        self.values: Array = self._active_set.values
+        self._try_active_set = self._active_set.solve if method == "active_set" else _not_tried
+        self.took_over = False
         self._fresh = True
 
     def reset(self) -> None:
         """Forget the warm start: the next solve begins as the first one did."""
+        self._active_set.reset()
         self._fresh = True
 
     def solve(self) -> TickStatus:
-        """Solve the QP in memory; the result is in :attr:`solution`.
+        """Solve the QP in memory; the result is in :attr:`solution`."""
+        self.took_over = not self._try_active_set()
+        if self.took_over:
+            return self._solve_by_proxqp()
+        self._fresh = True  # ProxQP's multipliers are of an earlier tick
+        return TickStatus.SOLVED
 
-        A warm start that leads nowhere (the active set changed too much since the last tick) is followed by one cold
-        start on the same problem.
-        """
+    def _solve_by_proxqp(self) -> TickStatus:
+        """Solve; a warm start that leads nowhere is followed by one cold start on the same problem."""
         status = self._cold_start() if self._fresh else self._warm_start()
         if status is not TickStatus.SOLVED and not self._fresh:
             status = self._cold_start()
         self._fresh = status is not TickStatus.SOLVED
+        self.solution[:] = self._qp.results.x
+        np.dot(self.inequality, self.solution, out=self.values)
         return status
 
     def _cold_start(self) -> TickStatus:
@@ -115,8 +148,8 @@ class WholeBodySolver:
 
     @property
     def iterations(self) -> int:
-        """ProxQP's inner iterations of the last solve."""
-        return int(self._qp.results.info.iter)
+        """Limits added and removed in the last solve; ProxQP's inner iterations if it took over."""
+        return int(self._qp.results.info.iter) if self.took_over else self._active_set.steps
 
     def _read_status(self) -> TickStatus:
         code = self._qp.results.info.status
@@ -125,3 +158,7 @@ class WholeBodySolver:
         if code == proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
             return TickStatus.MAX_ITERATIONS
         return TickStatus.INFEASIBLE
+
+
+def _not_tried() -> bool:
+    return False

@@ -153,7 +153,7 @@ def test_pyramid_is_inscribed_in_the_friction_cone(facets: int) -> None:
     assert action.evaluate(zeros, (1 - 1e-9) * on_edge, p).violation < 1e-9  # edges touch the cone
 
 
-def test_normal_force_keeps_between_its_bounds(action: CentroidalAction) -> None:
+def test_normal_force_stays_between_its_bounds(action: CentroidalAction) -> None:
     p = parameters(action, np.random.default_rng(0))
     u = np.tile([0.0, 0.0, 10.0], 4)
     assert action.evaluate(np.zeros(9), u, p).violation == 0.0

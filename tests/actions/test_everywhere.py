@@ -1,4 +1,4 @@
-"""Derivatives of every full-body action where formulas tend to break: half a turn away, upside down, at zero force."""
+"""Derivatives of every full-body action at critical points: half a turn away, upside down, at zero force."""
 
 from __future__ import annotations
 

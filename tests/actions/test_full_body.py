@@ -114,7 +114,7 @@ def oracle(x: np.ndarray, u: np.ndarray, layout: ParameterLayout, p: np.ndarray)
 
 
 @pytest.mark.parametrize("flags", [(1, 1, 1, 1), (1, 0, 0, 1), (0, 0, 1, 0), (0, 0, 0, 0)])
-def test_contact_dynamics_agree_with_pinocchio_whatever_the_flags(flags: tuple[int, ...]) -> None:
+def test_contact_dynamics_agree_with_pinocchio_for_all_flags(flags: tuple[int, ...]) -> None:
     function, layout = motion_function(forward(), FEET)
     rng = np.random.default_rng(0)
     for _ in range(3):
@@ -137,7 +137,7 @@ def test_stretched_legs_leave_the_contacts_regular() -> None:
     q[7:] = 0.0
     a, forces = (v.full().ravel() for v in function(q, np.zeros(18), np.zeros(12), layout.default))
     assert np.isfinite(a).all() and np.isfinite(forces).all()
-    assert forces.reshape(4, 3)[:, 2].sum() == pytest.approx(9.81 * solo().mass, rel=1e-6)  # straight legs bear it
+    assert forces.reshape(4, 3)[:, 2].sum() == pytest.approx(9.81 * solo().mass, rel=1e-6)  # carried by straight legs
 
 
 def test_surface_contact_holds_position_and_orientation() -> None:

@@ -112,7 +112,7 @@ def matrix(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda value: type(value).__name__)
-def test_a_free_body_keeps_momentum_and_energy_as_far_as_its_method_does(integrator: Integrator) -> None:
+def test_a_free_body_conserves_momentum_and_energy_as_its_method_does(integrator: Integrator) -> None:
     """Tumbling about its middle axis for 20 s with the origin off the centre of mass, through many half turns."""
     body = offset(gravity=(0.0, 0.0, 0.0))
     spatial = body.model.inertias[1].matrix()
@@ -189,7 +189,7 @@ def test_thrusters_and_wrenches_are_controls() -> None:
 
 
 def test_solvers_agree_on_turning_a_body_over() -> None:
-    """Upside down to upright in one second: FDDP and ipopt find the same optimum, which does not push the position."""
+    """Upside down to upright in one second: FDDP and ipopt find the same optimum, which does not move the position."""
     body = RigidBody(MASS, INERTIA, gravity=(0.0, 0.0, 0.0))
     goal = state(so3.exp(np.array([np.pi - 0.1, 0.0, 0.0])), np.zeros(6))
     costs = [CostItem("goal", StateError(body.state, goal), 10.0), CostItem("effort", Control(6), 1e-2)]
@@ -217,6 +217,6 @@ def test_solvers_agree_on_turning_a_body_over() -> None:
         ({"actuation": np.eye(5)}, r"actuation: got shape \(5, 5\)"),
     ],
 )
-def test_what_no_body_has_is_refused(arguments: dict[str, object], message: str) -> None:
+def test_impossible_bodies_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         RigidBody(**{"mass": MASS, "inertia": INERTIA} | arguments)

@@ -1,4 +1,4 @@
-"""The variational integrator of robots: what makes it one. Its order is tested beside that of the others."""
+"""The variational integrator of robots: its defining properties. Its order is tested with that of the others."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_momentum_is_kept_to_rounding_and_energy_within_bounds(shoulder: pin.Joi
         np.testing.assert_allclose(momentum(model, x), momentum(model, begun), rtol=0, atol=2e-12)
         errors.append(abs(energy(x) / energy(begun) - 1))
     assert max(errors) < 5e-3
-    # Runge and Kutta's method loses momentum in the same time.
+    # The Runge-Kutta method loses momentum in the same time.
     other = MultibodyAction("robot", action.dynamics, integrator=RungeKutta4())
     assert np.abs(momentum(model, run(other, p, begun, 500)) - momentum(model, begun)).max() > 1e-10
 
@@ -202,14 +202,14 @@ def test_derivatives(model: pin.Model) -> None:
     assert report.passed, str(report)
 
 
-def test_solo12_keeps_in_flight_what_gravity_leaves_it() -> None:
+def test_solo12_conserves_momenta_in_flight_under_gravity() -> None:
     model = erd.load("solo12").model
     action = MultibodyAction("solo12", FreeForwardDynamics(model), integrator=Variational())
     p = action.parameters.default.copy()
     p[action.parameters["duration"]] = 0.005
     begun = np.concatenate(start(model))
     end = run(action, p, begun, 200)
-    # Gravity takes vertical momentum and, about the world's origin, the two horizontal moments.
+    # Gravity changes the vertical momentum and, about the world's origin, the two horizontal moments.
     weight = pin.computeTotalMass(model) * 9.81
     expected = momentum(model, begun) - np.r_[0.0, 0.0, weight * 1.0, np.zeros(3)]
     kept = [0, 1, 2, 5]

@@ -15,7 +15,7 @@ from .conftest import BALANCE, ROOT, STAND, Invoke, Result
 HEAVY = ("numpy", "casadi", "pinocchio", "mujoco", "proxsuite", "pydantic", "yaml", "matplotlib", "meshcat")
 
 
-def test_help_needs_nothing_heavy() -> None:
+def test_help_imports_no_large_package() -> None:
     code = """
 import atexit, sys
 atexit.register(lambda: print(*sys.modules, file=sys.stderr))
@@ -68,13 +68,17 @@ def test_the_next_line_can_be_pasted_into_a_shell(invoke: Invoke, tmp_path: Path
 
 
 def _complete(result: Result, *words: str) -> list[str]:
-    """What bash offers for the last of ``words``."""
+    """Return bash's completions of the last of ``words``."""
     line = {"_LGMPC_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
     return result(**line).stdout.split()
 
 
 def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Path) -> None:
-    assert _complete(result, "lgmpc", "check", "solo12_s") == ["solo12_stand", "solo12_step", "solo12_strong_push"]
+    assert _complete(result, "lgmpc", "check", "solo12_st") == [
+        "solo12_stand",
+        "solo12_step_recovery",
+        "solo12_strong_push",
+    ]
     assert _complete(result, "lgmpc", "run", "mine") == []  # the shell then completes file names
     assert _complete(result, "lgmpc", "demo", "dzh") == ["dzhanibekov"]
     assert _complete(result, "lgmpc", "play", "") == ["latest"]
@@ -93,7 +97,7 @@ def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Pa
 @pytest.mark.parametrize(
     "command", [[], ["run"], ["play"], ["plot"], ["check"], ["configs"], ["doctor"], ["schema"]], ids=str
 )
-def test_every_command_explains_itself(command: list[str], invoke: Invoke) -> None:
+def test_every_command_has_help(command: list[str], invoke: Invoke) -> None:
     code, output = invoke(*command, "--help")
     assert code == 0
     assert "Usage:" in output
@@ -132,7 +136,7 @@ def test_check_shows_what_a_config_means(invoke: Invoke) -> None:
     assert "note:" not in output
 
 
-def test_check_notes_what_was_probably_not_meant(invoke: Invoke) -> None:
+def test_check_notes_probable_mistakes(invoke: Invoke) -> None:
     code, output = invoke("check", BALANCE, "duration_s=5", "--set", "mpc.enabled=false")
     assert code == 0
     assert "note: pushes.2 begins at 7 s, after the end of the run (5 s)" in output
@@ -150,7 +154,7 @@ def test_the_schema_goes_to_stdout_or_a_file(invoke: Invoke, tmp_path: Path) -> 
     assert file.read_text(encoding="utf-8") == output
 
 
-def test_a_reader_that_stops_reading_is_no_error() -> None:
+def test_a_closed_pipe_is_no_error() -> None:
     command = f"set -o pipefail; {sys.executable} -m lgmpc schema | true"
     finished = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert finished.stderr == ""

@@ -1,4 +1,4 @@
-"""Everything that a user can do wrong: exit code 2, one screen, no traceback, and words that help."""
+"""Wrong input of users: exit code 2, one screen, no traceback, and a remedy."""
 
 from pathlib import Path
 
@@ -106,7 +106,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(invoke: Invok
     (tmp_path / "file").write_text("", encoding="utf-8")
     code, output = invoke("run", BALANCE, "--out", tmp_path / "file" / "runs")
     assert code == 2
-    assert "cannot make a run folder" in output and "--out" in output
+    assert "cannot create a run folder" in output and "--out" in output
     assert_one_screen(output)
 
 

@@ -1,11 +1,12 @@
 """``lgmpc configs``, and configs by name in the commands that take one."""
 
+import itertools
 from pathlib import Path
 
 import pytest
 
 from lgmpc.config import load_config
-from lgmpc.shipped import shipped_configs
+from lgmpc.shipped import shipped_configs, shipped_sweeps
 
 from .conftest import Invoke, Result
 
@@ -19,7 +20,9 @@ def test_configs_are_listed_one_a_line(invoke: Invoke) -> None:
     code, output = invoke("configs")
     assert code == 0
     *lines, hint = output.splitlines()
-    assert [line.split()[:2] for line in lines] == [[name, each.command] for name, each in shipped_configs().items()]
+    configs, sweeps = (list(part) for filled, part in itertools.groupby(lines, bool) if filled)  # lists with a gap
+    for part, shipped in ((configs, shipped_configs()), (sweeps, shipped_sweeps())):
+        assert [line.split()[:2] for line in part] == [[name, each.command] for name, each in shipped.items()]
     assert hint.startswith("next: ")
 
 

@@ -1,4 +1,4 @@
-"""``lgmpc doctor``: one line per check, what to do about broken ones, and an exit code."""
+"""``lgmpc doctor``: one line per check, remedies, and an exit code."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from lgmpc.doctor import Check
 from .conftest import Invoke
 
 
-def test_this_installation_is_looked_at(invoke: Invoke) -> None:
+def test_this_installation_is_checked(invoke: Invoke) -> None:
     code, output = invoke("doctor")
     assert code == 0, output
     for name in (
@@ -27,7 +27,7 @@ def test_this_installation_is_looked_at(invoke: Invoke) -> None:
     assert "sound" in output
 
 
-def test_what_is_broken_is_counted_and_comes_with_its_remedy(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_checks_are_counted_and_have_a_remedy(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     def checks() -> Iterator[Check]:
         yield Check("casadi", False, "not installed", "pip install casadi")
         yield Check("numpy", True, "2.0")

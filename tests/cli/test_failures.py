@@ -1,4 +1,4 @@
-"""What happens to exceptions."""
+"""Messages and exit codes of exceptions."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def code_of(error: BaseException) -> int:
         (KeyboardInterrupt(), 130, "stopped; nothing was saved"),
     ],
 )
-def test_a_foreseen_error_is_shown_as_it_is(
+def test_an_lgmpc_error_is_printed_without_traceback(
     error: BaseException, code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert code_of(error) == code
@@ -38,7 +38,7 @@ def test_a_foreseen_error_is_shown_as_it_is(
     assert captured.out == ""
 
 
-def test_ctrl_c_in_disguise_is_no_crash(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_import_error_by_ctrl_c_is_no_crash(capsys: pytest.CaptureFixture[str]) -> None:
     disguised = ImportError("initialization failed")
     disguised.__cause__ = KeyboardInterrupt()
     assert code_of(disguised) == 130
@@ -74,5 +74,5 @@ def test_where_logs_cannot_be_written_the_traceback_goes_elsewhere(
     assert str(report) in capsys.readouterr().err
 
 
-def test_an_exit_on_purpose_keeps_its_code() -> None:
+def test_a_system_exit_keeps_its_code() -> None:
     assert code_of(typer.Exit(5)) == 5

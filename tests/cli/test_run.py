@@ -23,6 +23,7 @@ def test_a_run_that_keeps_its_gate_exits_with_0_and_can_be_repeated(result: Resu
     assert "tilt / deg" in finished.stdout and "simulating 0.2 s" in finished.stderr
     (folder,) = (tmp_path / "runs").iterdir()
     assert f"lgmpc play runs/{folder.name}" in finished.stdout
+    assert "\ncertified: normal force, friction," in finished.stdout and "momentum balance" in finished.stdout
     run = RunFolder.load(folder)
     assert run.log.time[-1] == pytest.approx(0.2, abs=0.01)
 
@@ -55,7 +56,7 @@ def test_the_plant_can_be_chosen(plant: str, invoke: Invoke, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_saves_what_there_is_and_exits_with_128_and_its_number(
+def test_a_signal_saves_the_partial_run_and_exits_with_128_and_its_number(
     start: Start, tmp_path: Path, number: signal.Signals
 ) -> None:
     with start("run", STAND, *SHORT, "duration_s=1000") as process:
@@ -89,7 +90,7 @@ def test_a_terminal_that_closes_loses_nothing(start: Start, tmp_path: Path) -> N
 
 
 @pytest.mark.skipif(find_spec("ziglang") is not None, reason="ziglang is installed, which brings a compiler")
-def test_without_a_compiler_one_warning_says_what_would_help(
+def test_without_a_compiler_one_warning_names_the_remedy(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -1,4 +1,4 @@
-"""Which run the user means."""
+"""Lookup of run folders."""
 
 import os
 from pathlib import Path
@@ -24,7 +24,7 @@ def test_latest_is_the_newest_that_is_complete(runs: Path) -> None:
     assert find_run("latest", runs).name == "20260101T000000Z-b"
 
 
-def test_a_path_or_a_name_is_taken_as_it_is(runs: Path) -> None:
+def test_a_run_is_found_by_path_or_name(runs: Path) -> None:
     folder = runs / "20250101T000000Z-old"
     assert find_run(str(folder), Path("nowhere")) == folder
     assert find_run(folder.name, runs) == folder

@@ -32,7 +32,7 @@ def test_a_solution_within_its_gate_exits_with_0_and_can_be_repeated(result: Res
     finished = result("solve", arm)
     assert (finished.returncode, "PASS  arm" in finished.stdout) == (0, True), finished.stderr
     assert "position error / mm" in finished.stdout and "iterations" in finished.stdout
-    for heading in ("iteration", "cost", "left to gain", "gap", "step", "regularis."):
+    for heading in ("iteration", "cost", "reduction", "gap", "step", "regularis."):
         assert heading in finished.stderr
     (folder,) = (tmp_path / "runs").iterdir()
     assert f"lgmpc play runs/{folder.name}" in finished.stdout
@@ -106,7 +106,7 @@ def test_ctrl_c_saves_the_iterate_and_exits_with_130(start: Start, arm: Path, tm
     long = ("problem.nodes=1000", "problem.node_s=4e-4", "solver={method: box_fddp, tolerance: 1e-300}", "gate={}")
     with start("solve", arm, "--set", *long, "solver.max_iterations=100000") as process:
         assert process.stderr is not None and process.stdout is not None
-        while "left to gain" not in (line := process.stderr.readline()):
+        while "reduction" not in (line := process.stderr.readline()):
             assert line, "the solve ended before it began"
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130

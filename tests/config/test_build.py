@@ -1,4 +1,4 @@
-"""Sections ``sensors`` and ``estimator``: what they build, and what they refuse."""
+"""Construction from sections ``sensors`` and ``estimator``, and refused settings."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def test_by_default_the_state_is_the_simulators() -> None:
     assert build_estimator(config, build_robot(config)) is None
 
 
-def test_the_contact_forces_grow_with_the_robot() -> None:
+def test_the_contact_forces_scale_with_the_mass() -> None:
     config = load_config(PLAIN, ["estimator.kind=inekf"])
     robot = build_robot(config)
     estimator = build_estimator(config, robot)
     assert estimator is not None
     thresholds = (estimator._detector._release, estimator._detector._touch)
-    assert thresholds == pytest.approx((0.12 * robot.mass, 0.4 * robot.mass))
+    assert thresholds == pytest.approx((0.12 * robot.mass, 0.8 * robot.mass))
 
 
 def test_the_seed_is_that_of_the_sensors() -> None:
@@ -56,6 +56,6 @@ def test_the_seed_is_that_of_the_sensors() -> None:
         ("sensors.gyro_bias=0.1", "Did you mean"),
     ],
 )
-def test_what_cannot_be_is_refused_by_key(override: str, message: str) -> None:
+def test_invalid_settings_are_refused_by_key(override: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load_config(CONFIG, [override])

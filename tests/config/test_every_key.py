@@ -28,7 +28,10 @@ from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_confi
 from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.schema import Document
 from lgmpc.config.solving import build_scenario, prepare_solve
+from lgmpc.control.fall_monitor import FallSettings
+from lgmpc.control.lying import LyingSettings
 from lgmpc.control.reference import CircleReference, StandReference
+from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClockSettings
 from lgmpc.locomotion.command import CommandLimits
@@ -42,6 +45,8 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Gate, SolveGate
 from lgmpc.settings import Settings
 from lgmpc.simulation.disturbances import Push
+from lgmpc.simulation.drives import Drives, StateLink
+from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.plant import make_plant
 from lgmpc.solvers import SolverSettings
 
@@ -49,7 +54,7 @@ TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
 USED_AS_THEY_ARE = (
     *(Gate, SolveGate, Push, CircleReference, StandReference, SolverSettings),
     *(Gait, GaitClockSettings, FootholdSettings, SwingSettings, ContactEventSettings, ReferenceSettings, CommandLimits),
-    StepReactionSettings,
+    *(StepReactionSettings, ModeSettings, LyingSettings, FallSettings),
 )
 
 LOOP = """
@@ -66,6 +71,7 @@ robot:
     - {{kind: sphere, link: body, radius_m: 0.05}}
     - {{kind: box, link: body, half_size_m: [0.1, 0.1, 0.1]}}
     - {{kind: capsule, link: body, radius_m: 0.05, half_length_m: 0.1}}
+plant: {{actuators: {{stall_torque_nm: 4.0, no_load_speed_rad_s: 40.0}}}}
 estimator: {{kind: inekf}}
 reference: {{kind: com_circle}}
 pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
@@ -75,7 +81,7 @@ WALKING = """
 locomotion:
   gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]
   reaction: {{gait: hop}}
-commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: 0.01, gait: stand}}]
+commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: -0.01, gait: stand}}]
 mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
@@ -85,6 +91,8 @@ OTHER: dict[str, Any] = {
     "walk/robot.position_limit_rad": (-0.2, 0.5),
     "walk/robot.collision_shapes.?.link": "leg_a",
     "walk/sensors.torque_noise_nm": 100.0,
+    "walk/timing.tick_ms": (0.1, 0.2),
+    "walk/timing.plan_ms": (0.1, 0.2),
     "walk/mpc.friction": 0.02,
     "walk/mpc.normal_force_n": (1.0, 50.0),
     "walk/wbc.normal_force_n": (1.0, 50.0),
@@ -95,6 +103,7 @@ OTHER: dict[str, Any] = {
     "walk/locomotion.gaits.0.offsets": (0.0, 0.2, 0.4),
     "walk/commands.0.velocity_m_s": (0.2, 0.0, 0.0),
     "walk/commands.0.gait": "hop",
+    "walk/commands.0.mode": "lie",
     "solo12_trot/robot.contact_frames": ("FR_FOOT", "FL_FOOT", "HL_FOOT", "HR_FOOT"),
     "solo12_trot/robot.posture": {"F?_HFE": 0.7, "F?_KFE": -1.4, "H?_HFE": -0.7, "H?_KFE": 1.4},
     "solo12_trot/robot.position_limit_rad": {"*_HAA": (-0.8, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
@@ -316,8 +325,10 @@ def print_of_loop(config: Config, parts: Parts) -> tuple[Any, ...]:
     parts.used.clear()
     session = prepare(config)
     own = [session.robot, session.recorder, session.gate, session.pushes, session.rates, session.log_every]
+    own += [session.initial, session.after_fall_s]
     controller, planner = vars(session.controller), session.controller.planner
-    pieces = [vars(session.sensors), {k: v for k, v in controller.items() if k not in ("robot", "wbc", "planner")}]
+    pieces = [vars(session.sensing), session.hardware.drives, session.hardware.computing]
+    pieces.append({name: value for name, value in controller.items() if name not in ("robot", "wbc", "planner")})
     if planner is not None:
         pieces.append({name: value for name, value in vars(planner).items() if name != "mpc"})
     return (*parts.used, *(fingerprint(each) for each in (*own, *pieces)))
@@ -383,7 +394,10 @@ def test_every_key_of_the_plant_is_built_into_the_plant(urdf: Path) -> None:
 
     def print_of_plant(each: Document) -> str:
         assert isinstance(each, Config)
-        return fingerprint(make_plant(build_robot(each), each.plant))
+        robot = build_robot(each)
+        rng, link = np.random.default_rng(0), each.plant.link
+        drives = [Drives(link, each.plant.actuators, each.plant.dt, rng), StateLink(link, rng)]
+        return fingerprint([make_plant(robot, each.plant), initial_state(robot, each.plant), *drives])
 
     assert without_effect(config, keys, print_of_plant) == []
 

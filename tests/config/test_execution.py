@@ -1,4 +1,4 @@
-"""Running a config into its folder, with the real thing for a tenth of a second."""
+"""Execution of configs into run folders: simulations of a tenth of a second."""
 
 import resource
 import shutil
@@ -49,7 +49,7 @@ def test_a_run_that_breaks_leaves_no_folder(short: Config, tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-def test_folders_made_on_the_way_are_removed_but_not_those_of_others(tmp_path: Path) -> None:
+def test_created_parent_folders_are_removed_unless_in_use(tmp_path: Path) -> None:
     config = load_config(STAND, ["robot.model=solo13"])
     with pytest.raises(InputError, match="solo13"):
         run_config(config, tmp_path / "a" / "b")
@@ -63,13 +63,13 @@ def test_folders_made_on_the_way_are_removed_but_not_those_of_others(tmp_path: P
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["another"]
 
 
-def test_a_run_without_room_for_its_log_does_not_begin(
+def test_a_run_without_disk_space_for_its_log_does_not_start(
     short: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=1_040_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
     moved: list[Progress] = []
-    with pytest.raises(RunFolderError, match=r"has 1\.04 MB free, and the run needs about 1\.\d+ MB: make room"):
+    with pytest.raises(RunFolderError, match=r"has 1\.04 MB free, and the run requires about 1\.\d+ MB: free"):
         run_config(short, tmp_path / "runs", progress=moved.append)
     assert not moved and list(tmp_path.iterdir()) == []
 

@@ -1,4 +1,4 @@
-"""Configs: what is accepted, what is refused and how, and that a written config is the same config."""
+"""Configs: accepted and refused values, messages, and writing and reading back."""
 
 import math
 import os
@@ -99,7 +99,7 @@ BAD_VALUES = [
 
 
 @pytest.mark.parametrize(("override", "expected"), BAD_VALUES, ids=[each[0] for each in BAD_VALUES])
-def test_bad_values_say_where_what_came_and_what_was_expected(small: str, override: str, expected: str) -> None:
+def test_errors_name_place_value_and_expectation(small: str, override: str, expected: str) -> None:
     text = message(small, override)
     assert expected in text
     assert "--set: " in text
@@ -159,7 +159,7 @@ KEYS_OF_OTHERS = [
 
 
 @pytest.mark.parametrize(("override", "expected"), KEYS_OF_OTHERS, ids=[each[0] for each in KEYS_OF_OTHERS])
-def test_keys_that_another_choice_has_say_which(small: str, override: str, expected: str) -> None:
+def test_keys_of_another_variant_name_it(small: str, override: str, expected: str) -> None:
     assert expected in message(small, override)
 
 
@@ -233,7 +233,7 @@ def test_paths_start_from_where_they_were_written(tmp_path: Path, monkeypatch: p
     assert config.robot.srdf == elsewhere / "own.srdf"
 
 
-def test_a_config_knows_where_its_values_came_from(small: str) -> None:
+def test_a_config_stores_the_sources_of_its_values(small: str) -> None:
     config = parse_config(small, name="f.yaml", overrides=["pushes.0.body=base"])
     assert str(config.error("robot.model", "solo12", "x")).startswith("f.yaml:3: robot.model: got solo12")
     assert str(config.error("robot.posture", "y", "x")).startswith("f.yaml:2: robot.posture:")

@@ -1,4 +1,4 @@
-"""What is said about configs that are not wrong."""
+"""Notes on valid configs."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from lgmpc.config import parse_config
 from lgmpc.config.notes import notes_on
 
 
-def test_nothing_to_say_about_a_plain_config(small: str) -> None:
+def test_a_plain_config_has_no_notes(small: str) -> None:
     assert notes_on(parse_config(small)) == ()
 
 
@@ -17,11 +17,11 @@ def test_nothing_to_say_about_a_plain_config(small: str) -> None:
         ("duration_s=2.1", "pushes.0 is cut short"),
         ("gate.steady_from_s=20", "gate.steady_from_s is after the end"),
         ("wbc.friction=0.7", "wbc.friction (0.7) is above the floor's (0.6)"),
-        ("sensors.gyro_bias_rad_s=0.1", "sensors: nothing reads them"),
+        ("sensors.gyro_bias_rad_s=0.1", "sensors: not used"),
         ("mpc.friction=0.7", "mpc.friction (0.7) is above the floor's (0.6)"),
     ],
 )
-def test_what_was_probably_not_meant_is_said(small: str, override: str, words: str) -> None:
+def test_probable_mistakes_are_noted(small: str, override: str, words: str) -> None:
     (note,) = notes_on(parse_config(small, overrides=[override]))
     assert words in note
 

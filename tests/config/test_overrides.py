@@ -31,14 +31,14 @@ def changed(*overrides: str) -> dict[str, Any]:
         (" a.b =7", ("a", "b"), 7),
     ],
 )
-def test_a_change_arrives(override: str, path: tuple[Any, ...], value: object) -> None:
+def test_a_change_is_applied(override: str, path: tuple[Any, ...], value: object) -> None:
     here: Any = changed(override)
     for part in path:
         here = here[part]
     assert here == value
 
 
-def test_later_changes_see_earlier_ones() -> None:
+def test_later_changes_apply_to_earlier_ones() -> None:
     assert changed("list=[]", "list.0={x: 9}", "list.0.x=8")["list"] == [{"x": 8}]
 
 
@@ -61,7 +61,7 @@ def test_places_are_those_of_the_last_change() -> None:
         ("a.b=[1", "--set: a.b: got [1; expected a YAML value"),
     ],
 )
-def test_a_change_that_cannot_be_made_says_why(override: str, message: str) -> None:
+def test_an_impossible_change_is_one_error_with_its_reason(override: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         changed(override)
     assert str(caught.value).startswith(message)

@@ -1,5 +1,6 @@
-"""From section ``robot`` to a robot that the rest of the config fits."""
+"""The robot of a config, and its checks against the rest of the config."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_model_errors_name_the_keys() -> None:
     assert "give effort_limit_nm" in text and "posture: no reference configuration" in text
 
 
-def test_all_misfits_are_found_at_once() -> None:
+def test_all_unmet_requirements_are_reported_at_once() -> None:
     config = load_config(
         SOLO12,
         ["robot.contact_frames=[]", "pushes=[{body: head, time_s: 0, impulse_ns: [0, 0, 1]}]"],
@@ -53,6 +54,30 @@ def test_all_misfits_are_found_at_once() -> None:
         build_robot(config)
     assert [problem.key for problem in caught.value.problems] == ["robot.contact_frames", "pushes.0.body"]
     assert caught.value.problems[0].choices == ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+
+
+MOTIONS = {
+    "robot.contact_frames=[FL_FOOT, FR_FOOT, HL_FOOT, base_link]": ["robot.contact_frames: got base_link"],
+    "plant.initial_posture={FL_HFX: 1.0}": ["plant.initial_posture: got FL_HFX; .* Did you mean FL_HFE"],
+    "locomotion.gaits=[{name: hop, period_s: 0.3, duty: 0.5, offsets: [0.0, 0.5]}]": ["gaits.0.offsets: .* expected 4"],
+    "commands=[{at_s: 1, gait: trott}]": ["commands.0.gait: got trott; .* Did you mean trot?"],
+    "commands=[{at_s: 1, velocity_m_s: [0, 9, 0]}, {at_s: 2, height_m: 0.5}, {at_s: 3, yaw_rate_rad_s: -9}]": [
+        r"commands.0.velocity_m_s: got 9 m/s; expected at most 3 m/s \(locomotion.limits.speed_m_s\)",
+        "commands.1.height_m: got 0.5 m; .* stretched",
+        r"commands.2.yaw_rate_rad_s: got -9 rad/s; expected at most 4 rad/s \(locomotion.limits.yaw_rate_rad_s\)",
+    ],
+    "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: walk}]": ["commands.0.velocity_m_s: .* stands for 0.4"],
+    "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: trot}, {at_s: 2, gait: walk}]": ["commands.1: got 2 m/s"],
+}
+
+
+@pytest.mark.parametrize("change", MOTIONS)
+def test_motions_that_the_robot_cannot_make_are_refused(change: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        build_robot(load_config(SOLO12, [change]))
+    found = caught.value.problems if isinstance(caught.value, ConfigErrors) else [caught.value]
+    for problem, words in zip(found, MOTIONS[change], strict=True):
+        assert re.search(words, str(problem))
 
 
 def test_a_push_may_hit_any_link_that_moves() -> None:

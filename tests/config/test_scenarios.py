@@ -1,4 +1,4 @@
-"""From the config of a problem to its scenario: what a builder refuses has the key and place of the config."""
+"""Scenarios from configs: errors of builders have the key and place of the config."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CONFIGS = Path(__file__).resolve().parents[2] / "configs"
         ("panda_reach", "robot.floating_base=true", "robot: got panda, whose base is free"),
     ],
 )
-def test_what_a_builder_refuses_has_its_key_and_place(config: str, change: str, message: str) -> None:
+def test_errors_of_builders_have_key_and_place(config: str, change: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         build_scenario(load_solve_config(CONFIGS / f"{config}.yaml", [change]))
     assert message in str(caught.value)

@@ -1,4 +1,4 @@
-"""The shape of configs: documented, and in step with what it describes and with the file that editors read."""
+"""The schema of configs: every key is documented, and the file for editors is up to date."""
 
 import json
 from pathlib import Path
@@ -54,7 +54,7 @@ def test_every_key_is_described_and_the_unit_of_its_name_is_explained(section: t
 
 
 def keys(schema: Any) -> Any:
-    """Keep what pydantic's versions agree on: the keys, their descriptions and defaults."""
+    """Return the parts that all versions of pydantic write alike: keys, descriptions and defaults."""
     definitions = schema["$defs"]
     return {
         (name, key): (value.get("description"), value.get("default"))

@@ -2,10 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
 import pytest
 
+import lgmpc
 from lgmpc import load_config, load_solve_config, plot, run_config, show, solve_config
-from lgmpc.errors import RunFolderError
+from lgmpc.actions import ImpulseAction
+from lgmpc.config.solutions import solution_as_run
+from lgmpc.errors import InputError, RunFolderError
 
 
 def test_a_finished_run_and_its_folder_give_the_same_page(tmp_path: Path) -> None:
@@ -32,3 +37,42 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError):
         show(tmp_path, tmp_path / "page.html")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_solutions_of_ones_own_problem_are_shown_and_drawn_without_a_run(tmp_path: Path) -> None:
+    feet = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+    limits = {"effort_limit_nm": 1.8, "velocity_limit_rad_s": 30.0, "position_limit_rad": (-3.0, 3.0)}
+    robot = lgmpc.load_robot(lgmpc.RobotSpec(model="solo12", contact_frames=feet, **limits))
+    dynamics = lgmpc.ContactForwardDynamics(robot.model, feet)
+    costs = [
+        lgmpc.CostItem("posture", lgmpc.StateError(dynamics.state, robot.x_reference)),
+        lgmpc.CostItem("effort", lgmpc.Control(12), 0.1),
+    ]
+    stand, land = lgmpc.MultibodyAction("stand", dynamics, costs), ImpulseAction("land", robot.model, feet, costs[:1])
+    problem = lgmpc.ShootingProblem([stand, stand, land, stand, stand], terminal=stand)
+    problem.set("duration", 0.02)
+    problem.set("contact_flags", [1.0, 0.0, 0.0, 1.0], nodes=[0, 1])
+    problem.set_initial_state(robot.x_reference)
+    history = lgmpc.History()
+    solution = lgmpc.Fddp(problem).solve(callback=history)
+    log = solution_as_run(robot, solution, history)[1].trajectory
+    np.testing.assert_allclose(log.times, [0.0, 0.02, 0.04, 0.04, 0.06, 0.08])
+    assert log.contact_flags.sum(axis=1).tolist() == [2, 2, 4, 4, 4]
+    assert (np.abs(log.contact_forces).sum(axis=2) > 0.0).sum(axis=1).tolist() == [2, 2, 0, 4, 4]
+    # Momentum: what the forces and the weight give the centre of mass in an interval.
+    model, data = robot.model, robot.create_data()
+    for k in (0, 3):
+        ends = [(x[: robot.nq], x[robot.nq :]) for x in solution.xs[k : k + 2]]
+        before, after = (pin.computeCentroidalMomentum(model, data, q, v).linear for q, v in ends)
+        weight = robot.mass * np.array([0.0, 0.0, -9.81])
+        np.testing.assert_allclose((after - before) / 0.02, log.contact_forces[k].sum(axis=0) + weight, atol=0.5)
+    page = lgmpc.show_solution(robot, solution, tmp_path / "page.html")
+    assert page is not None and "stand · lgmpc replay" in page.read_text(encoding="utf-8")
+    figures = lgmpc.plot_solution(robot, solution, tmp_path / "figures", history=history)
+    assert {"base.png", "joints.png", "controls.png", "forces.png", "convergence.png"} <= {
+        file.name for file in figures
+    }
+    arm = lgmpc.FreeForwardDynamics(pin.buildSampleModelManipulator())
+    other = lgmpc.Fddp(lgmpc.ShootingProblem(lgmpc.MultibodyAction("arm", arm), 2)).solve(max_iterations=0)
+    with pytest.raises(InputError, match="solution: got states with nx = 12; expected states of solo12, nx = 37"):
+        lgmpc.show_solution(robot, other)

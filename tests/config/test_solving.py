@@ -156,7 +156,7 @@ def test_every_method_finds_the_same(method: str, finished: FinishedSolve, tmp_p
     assert (len(other.log.iteration_cost) > 0) == (method != "fatrop")  # which reports none
 
 
-def test_what_did_not_converge_fails_unless_it_need_not() -> None:
+def test_a_solve_without_convergence_fails_unless_the_gate_allows_it() -> None:
     outcome = prepare_solve(arm("solver.max_iterations=1")).run(lambda now: None)
     assert outcome.verdict.outcome is Outcome.FAIL
     assert "not converged: iteration limit after 1 iteration; raise max_iterations" in outcome.verdict.reasons[0]
@@ -198,7 +198,7 @@ def test_a_signal_keeps_the_iterate_and_marks_it(
     assert len(run.trajectory.iteration_cost) == 2 and run.trajectory.finite
 
 
-def test_the_size_of_a_trajectory_is_known_before_it_is_solved() -> None:
+def test_the_size_of_a_trajectory_is_computed_before_the_solve() -> None:
     session = prepare_solve(arm())
     log = session.run(lambda now: None).log
     written = log.times.nbytes + log.xs.nbytes + log.us.nbytes + log.com.nbytes + log.contact_forces.nbytes
@@ -223,7 +223,7 @@ def test_a_trajectory_that_is_not_finite_fails_with_a_reason() -> None:
     assert math.isnan(outcome.figures["position_error_m"])
 
 
-def test_a_solver_that_claims_too_much_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_false_convergence_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """A "solution" whose states are not those of the dynamics is found by measuring it."""
     from dataclasses import replace
 
@@ -243,7 +243,7 @@ def test_a_solver_that_claims_too_much_is_found_out(monkeypatch: pytest.MonkeyPa
     assert "gaps of the dynamics reach" in outcome.verdict.reasons[0] and "computed anew" in outcome.verdict.reasons[0]
 
 
-def test_multipliers_that_do_not_belong_to_the_trajectory_are_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_multipliers_of_another_trajectory_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
     session = prepare_solve(arm("gate={converged: true}"))

@@ -32,7 +32,7 @@ LAST = MODEL.frames[MODEL.nframes - 1].name
 
 
 class Height(Residual):
-    """The recipe of the module's documentation."""
+    """The example of the module's documentation."""
 
     nr = 1
     parameters = (Parameter("height", 1, "above the ground, m", default=1.2),)
@@ -75,12 +75,12 @@ def test_a_users_own_residual_as_cost_and_as_constraint() -> None:
     pin.framesForwardKinematics(MODEL, data, q)
     z = data.oMf[MODEL.nframes - 1].translation[2]
     values = layout.default.copy()
-    values[layout["hand_height"]] = 0.5  # changed between two solves: nothing is built again
+    values[layout["hand_height"]] = 0.5  # changed between two solves without rebuilding
     got = [float(v) for v in function(np.r_[q, np.zeros(MODEL.nv)], values)]
     np.testing.assert_allclose(got, [5.0 * (z - 0.5) ** 2, z - 1.2, -np.inf, 0.3], rtol=1e-12)
 
 
-def test_at_the_end_only_what_the_state_decides_is_paid() -> None:
+def test_the_terminal_cost_depends_on_the_state_alone() -> None:
     items = [CostItem("hand", Height()), CostItem("speeds", Speeds())]
     layout = ParameterLayout(*(p for item in items for p in item.parameters()))
     x, p = ca.SX.sym("x", 2 * MODEL.nv), ca.SX.sym("p", layout.size)

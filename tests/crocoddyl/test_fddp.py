@@ -33,6 +33,21 @@ def test_same_optimum_in_as_many_iterations(pair: Any) -> None:
         np.testing.assert_allclose(u, theirs, atol=1e-5 * scale)
 
 
+def test_gaits_have_the_same_optimum_in_as_many_iterations(gait: Any) -> None:
+    """With Crocoddyl's own stopping; a stationary solution takes up to a few iterations more, and costs no more."""
+    import crocoddyl
+
+    solver = crocoddyl.SolverFDDP(gait.theirs)
+    done = solver.solve(list(gait.guess.xs), gait.their_us(gait.guess.us), 100, False)
+    as_theirs = Fddp(gait.ours, FddpSettings(stationarity=np.inf)).solve(gait.guess, max_iterations=100)
+    assert done and as_theirs.status is Status.CONVERGED
+    assert abs(as_theirs.iterations - (solver.iter + 1)) <= 1
+    assert as_theirs.cost == pytest.approx(solver.cost, rel=1e-8)
+    solution = Fddp(gait.ours).solve(gait.guess, max_iterations=100)
+    assert solution.status is Status.CONVERGED
+    assert solution.cost <= solver.cost * (1.0 + 1e-9)
+
+
 def test_same_first_iteration_from_a_feasible_guess(tame_pair: Any) -> None:
     """Away from the optimum as well. (With gaps they differ: Crocoddyl leaves out the gaps' own derivatives.)"""
     import crocoddyl
@@ -46,6 +61,27 @@ def test_same_first_iteration_from_a_feasible_guess(tame_pair: Any) -> None:
     assert reports[0].step_length == solver.stepLength
     assert reports[0].cost == pytest.approx(solver.cost, rel=1e-7)
     assert reports[0].criterion == pytest.approx(solver.stop, rel=1e-7)
+
+
+def test_solutions_are_stationary_by_differences_of_their_own_roll_out(tame_pair: Any) -> None:
+    """Along random changes of all controls, against the same derivative at the guess."""
+    pair = tame_pair
+    solution = Fddp(pair.ours, FddpSettings(tolerance=1e-12)).solve(pair.guess, max_iterations=200)
+    assert solution.status is Status.CONVERGED
+
+    def slope(us: np.ndarray, direction: np.ndarray, h: float) -> float:
+        costs = []
+        for step in (h, -h):
+            controls = pair.their_us(us + step * direction)
+            costs.append(pair.theirs.calc(pair.theirs.rollout(controls), controls))
+        return float(costs[0] - costs[1]) / (2 * h)
+
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        direction = rng.standard_normal(solution.us.shape)
+        direction /= np.linalg.norm(direction)
+        there, before = slope(solution.us, direction, 1e-4), slope(pair.guess.us, direction, 1e-4)
+        assert abs(there) < 1e-6 * (abs(before) + solution.cost)  # a hundred times as much with controls off by 1 %
 
 
 def test_a_roll_out_costs_the_same(tame_pair: Any) -> None:

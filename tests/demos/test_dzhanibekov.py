@@ -1,4 +1,4 @@
-"""The T-handle turns over when elliptic functions predict it, and a handle of another make does not."""
+"""The T-handle flips as elliptic functions predict; a handle of another inertia does not."""
 
 from __future__ import annotations
 

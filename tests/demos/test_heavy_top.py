@@ -1,4 +1,4 @@
-"""The top moves as Lagrange's formulas predict; a top of a little other weight does not."""
+"""The top moves as Lagrange's formulas predict; a top of slightly different weight does not."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from lgmpc.mechanics import UP, LagrangeTop, Motion
 
 @pytest.fixture(autouse=True)
 def few_points_on_the_curve(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The figure's last panel takes most of the time and is no row."""
+    """Reduce the figure's last panel, which takes most of the time and is not part of the table."""
     monkeypatch.setattr(heavy_top, "_bifurcation", lambda: ())
 
 
-def test_it_precesses_nods_sleeps_and_falls_as_predicted() -> None:
+def test_precession_nutation_sleeping_and_falling_are_as_predicted() -> None:
     outcome = heavy_top.run()
     assert outcome.agrees, [row for row in outcome.rows if not row.agrees]
     assert outcome.times is not None

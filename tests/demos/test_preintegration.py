@@ -20,7 +20,7 @@ def test_predictions_are_met() -> None:
     assert all(len(body.positions) == len(body.rotations) == len(outcome.times) for body in outcome.bodies)
 
 
-def test_a_held_increment_is_not_taken_for_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_zero_order_hold_in_place_of_the_exact_form_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(preintegration, "exponential_increment", zero_order_hold_increment)
     wrong = {row.quantity for row in preintegration.run().rows if not row.agrees}
     assert "exact form less DOP853" in wrong

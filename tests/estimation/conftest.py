@@ -1,4 +1,4 @@
-"""Solo12 for what needs legs."""
+"""Solo12, for tests that require legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Monte Carlo over trots with known truth: consistency and convergence, the invariant filters beside the quaternion's.
+"""Monte Carlo over trots with known truth: consistency and convergence of invariant and quaternion filters.
 
 NEES: the normalised squared error of a consistent filter is chi-square distributed with as many degrees of freedom as
 there are states, so its mean over independent runs has known bounds (Bar-Shalom, Li and Kirubarajan 2001, 5.4.2).

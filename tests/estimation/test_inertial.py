@@ -115,7 +115,7 @@ def test_increments_have_the_jacobians_of_finite_differences(rule, angle: float)
 
 
 def test_the_right_invariant_error_is_exactly_log_linear() -> None:
-    """Errors of 2 rad and metres along a wild motion: expm(A t) xi_0 to rounding (chapter 4.11.3 and its erratum)."""
+    """Errors of 2 rad and metres along a wild motion: expm(A t) xi_0 to rounding."""
     rng = np.random.default_rng(6)
     true = random_pose(rng, 4)
     xi = rng.normal(size=15)

@@ -74,7 +74,7 @@ def jacobian(function, size: int, h: float = 1e-5) -> np.ndarray:
 
 
 def test_without_noise_and_biases_the_right_invariant_error_is_exactly_log_linear() -> None:
-    """Chapter 4.11.3 (with its erratum): xi(t) = expm(A t) xi(0), for half a turn and metres, along a wild motion."""
+    """xi(t) = expm(A t) xi(0), for half a turn and metres, along a wild motion."""
     rng = np.random.default_rng(1)
     start, xi = sek3.exp(rng.normal(size=9)), rng.normal(size=9)
     xi[:3] *= 2.0 / np.linalg.norm(xi[:3])
@@ -98,7 +98,7 @@ def test_without_noise_and_biases_the_right_invariant_error_is_exactly_log_linea
             np.testing.assert_allclose(error(), expm(dynamics * dt * k) @ first, atol=1e-11)
 
 
-def test_so_is_its_covariance() -> None:
+def test_without_noise_and_biases_the_covariance_is_log_linear() -> None:
     """P(t) = expm(A t) P(0) expm(A t)^T, whatever the IMU measures."""
     rng, dt = np.random.default_rng(2), 0.01
     ekf = InvariantEkf(K, SILENT, slip=0.0, gravity=GRAVITY)
@@ -111,7 +111,7 @@ def test_so_is_its_covariance() -> None:
 
 
 @forms
-def test_the_mean_is_predicted_as_by_propagation_and_ball_feet_roll(form: ErrorForm) -> None:
+def test_the_mean_is_predicted_as_by_propagation_and_spherical_feet_roll(form: ErrorForm) -> None:
     ekf = make(form, feet=(0, 2))
     pose, gyro, force, dt = ekf.pose.copy(), np.array([0.5, -2.0, 1.0]), np.array([1.0, 2.0, 9.0]), 0.03
     rates = np.arange(9.0).reshape(3, 3)
@@ -124,7 +124,7 @@ def test_the_mean_is_predicted_as_by_propagation_and_ball_feet_roll(form: ErrorF
 
 
 @pytest.mark.parametrize("assumed", [0.1, 0.0])
-def test_a_ball_foot_carries_its_robot_along_as_it_rolls(assumed: float) -> None:
+def test_a_rolling_spherical_foot_moves_the_base(assumed: float) -> None:
     """A rod on a ball of 0.1 m tips by 0.5 rad: the ball rolls 50 mm, which a filter of point feet misses."""
     radius, height, dt, turns = 0.1, 0.5, 0.005, 0.5 * np.sin(np.linspace(0.0, 0.5 * np.pi, 201)) ** 2
     poses = np.tile(np.eye(5), (len(turns), 1, 1))
@@ -279,7 +279,7 @@ def test_left_and_right_are_one_filter_up_to_the_adjoint() -> None:
 
 
 def test_yaw_and_position_stay_unobserved() -> None:
-    """A global turn about gravity and a global shift change no measurement: no information may arise on them."""
+    """A global turn about gravity and a global shift change no measurement: the filter gains no information on them."""
     rng = np.random.default_rng(9)
     ekf = InvariantEkf(K, SILENT, slip=0.0)
     ekf.reset(sek3.exp(rng.normal(size=9)), np.full(15, 0.3))

@@ -1,4 +1,4 @@
-"""The estimator of a standing robot whose readings are exact: levelling, contacts, left-out readings."""
+"""The estimator of a standing robot whose readings are exact: levelling, contacts, skipped readings."""
 
 from __future__ import annotations
 
@@ -65,7 +65,33 @@ def test_contacts_follow_a_lifted_and_a_set_foot(solo12: Robot, estimator: Legge
     np.testing.assert_allclose(estimator.ekf.points, before, atol=1e-6)
 
 
-def test_readings_that_are_not_finite_are_left_out_counted_and_logged_once(
+def test_a_sliding_foot_is_in_contact_but_does_not_correct_the_estimate(
+    solo12: Robot, estimator: LeggedEstimator
+) -> None:
+    """One foot slides back at 0.2 m/s: an estimate from all four feet would follow it at a quarter of that."""
+    reading = resting(solo12, np.eye(3))
+    estimator.reset()
+    for _ in range(50):
+        state = estimator.update(reading)
+    frame = solo12.contact_ids[3]
+    jacobian = pin.computeFrameJacobian(
+        solo12.model, solo12.create_data(), solo12.q_reference, frame, pin.LOCAL_WORLD_ALIGNED
+    )
+    rolling = np.cross(jacobian[3:, 15:18].T, [0.0, 0.0, -solo12.contact_radius]).T
+    sliding, joints = np.zeros(12), reading.joints.copy()
+    sliding[9:] = np.linalg.solve(jacobian[:3, 15:18] + rolling, [-0.2, 0.0, 0.0])
+    for k in range(150):
+        speeds = min(k / 100.0, 1.0) * sliding
+        joints = joints + PERIOD * speeds
+        state = estimator.update(replace(reading, joints=joints, speeds=speeds))
+        assert estimator.contacts.all()
+        if k >= 30:  # 0.06 m/s
+            assert estimator.ekf.touching.tolist() == [True, True, True, False]
+    np.testing.assert_allclose(state.q[:3], solo12.q_reference[:3], atol=1e-4)
+    np.testing.assert_allclose(state.v[:3], 0.0, atol=1e-3)
+
+
+def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
     solo12: Robot, estimator: LeggedEstimator, caplog: pytest.LogCaptureFixture
 ) -> None:
     reading = resting(solo12, np.eye(3))

@@ -62,6 +62,77 @@ def test_reset_forgets():
     np.testing.assert_array_equal(run(observer, WRENCH, 50), run(fresh, WRENCH, 50))
 
 
+@pytest.mark.parametrize("delay", [1.0, 3.0, 4.25])  # ticks
+def test_commands_that_act_with_a_delay_are_not_estimated_as_a_wrench(delay):
+    """Between two measurements acts what was commanded so many ticks before, mixed where it is no whole number."""
+
+    def known(k):
+        return np.sin(0.3 * k + np.arange(6)) * (20.0, 20.0, 30.0, 1.0, 1.0, 1.0)
+
+    whole, part = divmod(delay, 1.0)
+
+    def acting(k):
+        return (1.0 - part) * known(k - whole) + part * known(k - whole - 1)
+
+    def simulated(wrench, believed):
+        observer, momentum, estimates = WrenchObserver(PERIOD, TIME_CONSTANT, delay=PERIOD * believed), np.zeros(6), []
+        for k in range(400):
+            estimates.append(observer.update(momentum).copy())
+            observer.expect(known(k) + observer.wrench)
+            momentum = momentum + PERIOD * (acting(k) + wrench)
+        return np.array(estimates)
+
+    np.testing.assert_allclose(simulated(np.zeros(6), delay), 0.0, atol=1e-9)
+    np.testing.assert_allclose(simulated(WRENCH, delay)[-1], WRENCH, rtol=1e-6)
+    assert np.abs(simulated(np.zeros(6), 0.0)).max() > 1.0
+
+
+def test_a_missed_tick_keeps_commands_and_measurements_aligned():
+    """Every tenth tick is missed: its command is the one before, for twice as long."""
+    observer, momentum, flying = (
+        WrenchObserver(PERIOD, TIME_CONSTANT, delay=2.0 * PERIOD),
+        np.zeros(6),
+        [np.zeros(6)] * 2,
+    )
+    for k in range(600):
+        if k % 10 != 9:
+            if k % 10 == 0 and k:
+                observer.miss(1)
+            observer.update(momentum)
+            rate = np.sin(0.3 * k + np.arange(6))
+            observer.expect(rate + observer.wrench)
+        flying.append(rate)
+        momentum = momentum + PERIOD * (flying[-3] + WRENCH)
+    np.testing.assert_allclose(observer.wrench, WRENCH, rtol=1e-6)
+
+
+@pytest.mark.parametrize("deviation", [0.02, 0.075])  # N.s: 0.075 is 0.03 m/s of Solo12
+def test_noise_of_the_momentum_makes_the_observer_as_slow_as_needed(deviation):
+    """White noise of a standard deviation s leaves s / T in the estimate: T settles where that is what is allowed."""
+    allowed, rng = 0.8, np.random.default_rng(3)
+    observer = WrenchObserver(PERIOD, 0.01, noise_force=allowed)
+    momentum, forces, times = np.zeros(6), [], []
+    for _ in range(6000):
+        observer.update(momentum + np.concatenate([deviation * rng.normal(size=3), np.zeros(3)]))
+        observer.expect(observer.wrench)
+        momentum = momentum + PERIOD * WRENCH
+        forces.append(observer.wrench[:3].copy())
+        times.append(observer.time_constant)
+    assert np.mean(times[1000:]) == pytest.approx(deviation / allowed, rel=0.1)
+    deviations = np.array(forces[1000:]) - WRENCH[:3]
+    assert np.sqrt(np.mean(deviations**2)) == pytest.approx(allowed, rel=0.2)
+    assert np.abs(deviations.mean(axis=0)).max() < 0.2
+
+
+def test_without_noise_the_time_constant_stays_whatever_the_wrench_does():
+    observer, momentum = WrenchObserver(PERIOD, 0.01, noise_force=0.8), np.zeros(6)
+    for k in range(1000):
+        observer.update(momentum)
+        observer.expect(observer.wrench)
+        momentum = momentum + PERIOD * WRENCH * (20.0 if k % 200 < 100 else 1.0)
+        assert observer.time_constant == 0.01
+
+
 @pytest.mark.parametrize("poison", [np.nan, np.inf])
 def test_poison_leaves_the_estimate_as_it_was(poison):
     observer = WrenchObserver(PERIOD, TIME_CONSTANT)
@@ -79,7 +150,15 @@ def test_poison_leaves_the_estimate_as_it_was(poison):
 
 @pytest.mark.parametrize(
     ("argument", "value"),
-    [("period", 0.0), ("period", np.inf), ("time_constant", -1.0), ("force_limit", 0.0), ("force_limit", np.nan)],
+    [
+        ("period", 0.0),
+        ("period", np.inf),
+        ("time_constant", -1.0),
+        ("force_limit", 0.0),
+        ("force_limit", np.nan),
+        ("delay", -1e-3),
+        ("noise_force", 0.0),
+    ],
 )
 def test_impossible_settings_are_refused(argument, value):
     with pytest.raises(InputError, match=f"^{argument}: got"):

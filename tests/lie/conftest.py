@@ -1,4 +1,4 @@
-"""The groups under test, and the seam grid: where implementations of Lie groups break."""
+"""The groups under test, and a grid of angles at which implementations of Lie groups fail."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Case:
     Attributes:
         name: for the test's id.
         group: the numpy module.
-        symbolic: its CasADi twin.
+        symbolic: its CasADi counterpart.
         dim: dimension of the tangent space.
         size: rows of an element.
         ambient: length of the vectors it acts on.
@@ -70,7 +70,7 @@ class Case:
         return expm(self.hat(self.tangent(2.0, 1.5, seed)))
 
     def hat(self, xi: np.ndarray) -> np.ndarray:
-        """The algebra, written out anew."""
+        """The matrix of the algebra, written independently."""
         result = np.zeros((self.size, self.size))
         x, y, z = xi[self.angular]
         result[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
@@ -82,7 +82,7 @@ class Case:
         return [self.hat(e) for e in np.eye(self.dim)]
 
     def function(self, name: str, symbol: type) -> ca.Function:
-        """The CasADi twin of a function of one tangent vector."""
+        """The CasADi counterpart of a function of one tangent vector."""
         return _function(self, name, symbol)
 
 

@@ -37,7 +37,7 @@ def decimal_sin_cos(x: Decimal) -> tuple[Decimal, Decimal]:
 
 
 def reference(angle: float) -> dict[str, float]:
-    """The closed forms, whose cancellation 150 digits can afford."""
+    """The closed forms in 150 digits, enough for their cancellation."""
     with localcontext() as context:
         context.prec = 150
         x = Decimal(angle)
@@ -68,7 +68,7 @@ def test_coefficients_are_accurate_to_1e_14_relative(angle: float) -> None:
     exact, single = reference(angle), numeric(angle)
     batch = numeric(np.array([angle, 0.3]))
     for name, value in exact.items():
-        # Beyond pi, b vanishes at 2 pi k and its relative error with it; the angle's own rounding is what is left.
+        # Beyond pi, b vanishes at 2 pi k and its relative error with it; the error is that of the angle's rounding.
         tolerance = 1e-14 if angle <= math.pi else 1e-13
         assert abs(single[name] / value - 1.0) < tolerance, name
         assert abs(batch[name][0] / value - 1.0) < tolerance, name
@@ -82,7 +82,7 @@ def test_coefficients_at_zero_are_the_limits() -> None:
             assert value == pytest.approx(limits[name], rel=3e-16), name
 
 
-def test_a_batch_may_straddle_the_seam() -> None:
+def test_a_batch_on_both_sides_of_the_seam() -> None:
     angles = np.array([0.0, 1e-9, 3.0, 3.2, 5.0])
     for name, values in numeric(angles).items():
         for angle, value in zip(angles.tolist(), values, strict=True):

@@ -1,7 +1,8 @@
 """Every axiom and identity on every group, over the seam grid of angles times translations.
 
 The oracles are independent of the code under test: scipy's matrix exponential, products of matrices, central
-differences. CasADi twins are held to the same numbers, and their derivatives to the generators of the algebra.
+differences. CasADi functions are compared with the same values, and their derivatives with the generators of the
+algebra.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ def test_ad_is_the_bracket(case) -> None:
         assert_equal(case.hat(column), case.hat(xi) @ generator - generator @ case.hat(xi), 1e-15)
 
 
-def test_coadjoint_and_force_cross_are_the_errata_s(case) -> None:
+def test_coadjoint_and_force_cross_follow_the_convention(case) -> None:
     rng = np.random.default_rng(3)
     xi, eta, mu = rng.normal(size=(3, case.dim))
     ad = case.group.ad(xi)
@@ -160,7 +161,7 @@ def test_jacobians_and_their_inverses(case, any_angle, length) -> None:
     assert_equal(group.left_jacobian_inverse(xi), np.linalg.inv(left), 1e-12)
 
 
-def test_left_jacobian_keeps_its_coupling_at_zero_angle(case) -> None:
+def test_left_jacobian_has_its_coupling_at_zero_angle(case) -> None:
     for angle in (0.0, 1e-12, 1e-8):
         xi = case.tangent(angle, 1.0)
         # To first order in the angle, J = I + ad/2 and J^{-1} = I - ad/2, translations included.
@@ -215,14 +216,14 @@ def test_an_empty_batch_is_no_error(case) -> None:
 
 
 @SYMBOLS
-def test_casadi_twins_of_functions_of_tangents(case, any_angle, length, symbol) -> None:
+def test_casadi_functions_of_tangents(case, any_angle, length, symbol) -> None:
     xi = case.tangent(any_angle, length)
     for name in OF_TANGENTS:
         assert_equal(case.function(name, symbol)(xi), getattr(case.group, name)(xi), 2e-14)
 
 
 @SYMBOLS
-def test_casadi_twins_of_functions_of_elements(case, symbol) -> None:
+def test_casadi_functions_of_elements(case, symbol) -> None:
     g, h = symbol.sym("g", case.size, case.size), symbol.sym("h", case.size, case.size)
     point = symbol.sym("p", case.ambient)
     outputs = [getattr(case.symbolic, name)(g) for name in OF_ELEMENTS]
@@ -289,7 +290,7 @@ def test_casadi_second_derivative_of_exp_at_zero(case) -> None:
 
 @SYMBOLS
 def test_casadi_derivatives_of_log(case, angle, length, symbol) -> None:
-    """log(exp(xi)) = xi has the identity as its derivative up to the last moment before pi."""
+    """log(exp(xi)) = xi has the identity as its derivative up to just below pi."""
     xi = symbol.sym("xi", case.dim)
     jacobian = ca.Function("J", [xi], [ca.jacobian(case.symbolic.log(case.symbolic.exp(xi)), xi)])
     value = case.tangent(min(angle, math.pi - 1e-7), length)
@@ -311,8 +312,8 @@ def test_casadi_derivatives_of_jacobians_at_zero(case) -> None:
             assert_equal(derivative[:, i], sign * case.group.ad(e).ravel(order="F"), 1e-15)
 
 
-def test_right_jacobian_is_the_derivative_casadi_finds(case, any_angle) -> None:
-    """An oracle for CasADi and numpy at once: d/de log(exp(xi)^{-1} exp(xi + e)) at e = 0."""
+def test_right_jacobian_is_the_casadi_derivative(case, any_angle) -> None:
+    """One reference for CasADi and numpy: d/de log(exp(xi)^{-1} exp(xi + e)) at e = 0."""
     xi, e = ca.SX.sym("xi", case.dim), ca.SX.sym("e", case.dim)
     symbolic = case.symbolic
     gap = symbolic.log(symbolic.compose(symbolic.inverse(symbolic.exp(xi)), symbolic.exp(xi + e)))

@@ -114,8 +114,8 @@ def test_exp_is_continuous_beyond_half_a_turn() -> None:
     assert np.linalg.norm(steps, axis=1).max() < 0.0064
 
 
-def test_every_column_of_the_matrix_is_used() -> None:
-    """Half turns about each axis, and none, each make another entry of the quaternion the largest."""
+def test_every_column_of_the_matrix_can_be_the_longest() -> None:
+    """Half turns about each axis, and none, select each entry of the quaternion as the largest."""
     for k in range(4):
         q = np.full(4, 0.1)
         q[k] = 1.0
@@ -126,7 +126,7 @@ def test_every_column_of_the_matrix_is_used() -> None:
 
 @unhurried
 @given(quaternions, quaternions, vectors)
-def test_casadi_twins(p: np.ndarray, q: np.ndarray, phi: np.ndarray) -> None:
+def test_casadi_functions(p: np.ndarray, q: np.ndarray, phi: np.ndarray) -> None:
     np.testing.assert_allclose(TWINS["compose"](p, q).full().ravel(), quaternion.compose(p, q), atol=2e-15)
     np.testing.assert_allclose(TWINS["act"](q, phi).full().ravel(), quaternion.act(q, phi), atol=1e-13)
     np.testing.assert_allclose(TWINS["exp"](phi).full().ravel(), quaternion.exp(phi), atol=4e-15)
@@ -135,7 +135,7 @@ def test_casadi_twins(p: np.ndarray, q: np.ndarray, phi: np.ndarray) -> None:
     np.testing.assert_allclose(TWINS["to_matrix"](q).full(), quaternion.to_matrix(q), atol=2e-15)
     np.testing.assert_allclose(TWINS["log"](q).full().ravel(), quaternion.log(q), atol=4e-15)
     rotation = quaternion.to_matrix(q)
-    if abs(q[3]) > 1e-12:  # at half a turn, rounding decides the sign of either
+    if abs(q[3]) > 1e-12:  # at half a turn the sign depends on rounding
         np.testing.assert_allclose(
             TWINS["from_matrix"](rotation).full().ravel(), so3.to_quaternion(rotation), atol=2e-15
         )
@@ -165,7 +165,7 @@ def test_project_returns_the_nearest_rotation(q: np.ndarray, noise: np.ndarray) 
     np.testing.assert_allclose(so3.project(rotation), rotation, atol=3e-15)
 
 
-def test_project_refuses_what_is_far_from_every_rotation() -> None:
+def test_project_refuses_matrices_far_from_every_rotation() -> None:
     for matrix in (np.diag([1.0, 1.0, -1.0]), np.zeros((3, 3))):
         with pytest.raises(InputError, match="determinant"):
             so3.project(matrix)

@@ -123,3 +123,13 @@ def test_commands_beyond_the_largest_speed_keep_their_direction() -> None:
 def test_only_velocities_move() -> None:
     assert not MotionCommand(height=0.1, pitch=0.1).moves
     assert replace(MotionCommand(), yaw_rate=0.1).moves
+
+
+def test_a_floor_that_allows_less_acceleration_slows_the_change_of_velocity() -> None:
+    limiter = CommandLimiter(CommandLimits(acceleration_m_s2=1.0))
+    for _ in range(100):
+        command = limiter.step(MotionCommand(vx=0.4, gait="trot"), 1e-3, 0.5)
+    assert command.vx == pytest.approx(0.05)
+    for _ in range(100):
+        command = limiter.step(MotionCommand(vx=0.4, gait="trot"), 1e-3, 2.0)
+    assert command.vx == pytest.approx(0.15)

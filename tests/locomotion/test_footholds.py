@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
@@ -57,13 +58,45 @@ def test_at_rest_the_feet_stay_where_they_belong(legs: LegGeometry) -> None:
 
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
 def test_one_stance_takes_the_velocity_error_away(legs: LegGeometry, v: float, wanted: float, stance: float) -> None:
-    planner = FootholdPlanner(legs, FootholdSettings(reach_share=1.0))
+    planner = FootholdPlanner(replace(legs, radius=0.0), FootholdSettings(reach_share=1.0))
     motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, wanted_vx=wanted)
     # The mean foothold of a diagonal is the point that supports.
     support = np.mean([planner.place(foot, motion, 0.0, stance)[0] for foot in (0, 3)])
     if abs(support) < 0.12:  # within reach
         _, after = pendulum(-support, v, legs.height, stance)
         assert after == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_commanded_acceleration_needs_no_velocity_error(legs: LegGeometry) -> None:
+    """A pendulum that is at its command gains within the stance what the command gains."""
+    point = replace(legs, radius=0.0)
+    planner = FootholdPlanner(point, FootholdSettings(reach_share=1.0))
+    stance, remaining = 0.12, 0.05
+    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, wanted_vx=0.4, ramp=Ramp(1.0, 0.0, 10.0))
+    touchdown = 0.4 * remaining  # where the centre of mass is predicted to be
+    support = np.mean([planner.place(foot, motion, remaining, stance)[0] for foot in (0, 3)])
+    _, after = pendulum(touchdown - support, 0.4 + remaining, legs.height, stance)
+    assert after == pytest.approx(0.4 + remaining + stance, abs=1e-9)
+
+
+def test_a_robot_that_lags_puts_its_feet_further_back_and_round_ones_too(legs: LegGeometry) -> None:
+    settings = FootholdSettings(position_feedback=0.5)
+    planner, motion = FootholdPlanner(legs, settings), BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, wanted_vx=0.4)
+    place = planner.place(0, motion, 0.05, 0.12)
+    lagging = planner.place(0, replace(motion, astray_x=-0.01, astray_y=0.004), 0.05, 0.12)
+    np.testing.assert_allclose(np.subtract(lagging, place), [-0.005, 0.002], atol=1e-12)
+    of_points = FootholdPlanner(replace(legs, radius=0.0), settings).place(0, motion, 0.05, 0.12)
+    assert of_points[0] - place[0] == pytest.approx(legs.radius / legs.height * 0.4 * 0.06, rel=0.07)
+
+
+def test_a_narrow_gait_steps_close_to_the_midline_and_ends_in_the_reference_posture(legs: LegGeometry) -> None:
+    planner, motion = FootholdPlanner(legs), BaseMotion(1.0, 2.0, 0.0, 0.0, 0.0)
+    for foot in range(4):
+        _, y = planner.place(foot, motion, 0.1, 0.12, width=0.5)
+        assert y == pytest.approx(2.0 + 0.5 * legs.feet[foot, 1])
+        np.testing.assert_allclose(
+            planner.place(foot, motion, 0.1, math.inf, width=0.5), np.array([1.0, 2.0]) + legs.feet[foot, :2]
+        )
 
 
 def test_standing_from_then_on_takes_the_capture_point(legs: LegGeometry) -> None:

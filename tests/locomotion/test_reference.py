@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.command import CommandLimiter, CommandLimits, MotionCommand, Ramp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
@@ -61,6 +61,24 @@ def test_positions_are_the_integral_of_velocities_in_a_turn(solo12: Robot, legs:
         for _ in range(20):
             builder.advance(1e-3, command)
             com[:2] = builder.x, builder.y
+
+
+def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs: LegGeometry) -> None:
+    """Following the limiter step by step comes to the nodes that were written at the start."""
+    builder, limiter = ReferenceBuilder(solo12, legs), CommandLimiter(CommandLimits(acceleration_m_s2=2.0))
+    builder.begin(np.zeros(3), 0.4)
+    wanted = MotionCommand(0.3, -0.2)
+    command = limiter.step(wanted, 1e-3)
+    reference = MotionReference.standing(solo12, N, np.zeros(3))
+    builder.write(reference, command, DT, 0.0, limiter.ramp)
+    assert 0.0 < limiter.ramp.duration < N * DT
+    for k in range(N):
+        np.testing.assert_allclose([builder.x, builder.y], reference.com[k, :2], atol=3e-4)
+        np.testing.assert_allclose(builder.velocity(command), reference.com_velocity[k, :2], atol=1e-9)
+        for _ in range(20):
+            builder.advance(1e-3, command)
+            command = limiter.step(wanted, 1e-3)
+    assert limiter.ramp == Ramp() and command.vx == 0.3
 
 
 def test_the_desired_position_stays_on_its_leash(solo12: Robot, legs: LegGeometry) -> None:

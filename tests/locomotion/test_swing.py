@@ -52,6 +52,21 @@ def test_the_foot_rises_to_the_apex_and_then_falls(begin: np.ndarray, target: np
     assert heights.min() >= -1e-9
 
 
+@given(level, st.floats(0.005, 0.1), level, duration)
+def test_a_foot_in_the_air_is_put_down_without_rising(
+    begin: np.ndarray, height: float, target: np.ndarray, length: float
+) -> None:
+    swing, above = SwingTrajectory(), begin + [0.0, 0.0, height]
+    swing.put_down(1.0, 1.0 + length, above)
+    assert swing.retarget(1.0, target)
+    np.testing.assert_allclose(sample(swing, 1.0)[:2], [above, np.zeros(3)], atol=1e-12)
+    heights = np.array([sample(swing, t)[0, 2] for t in np.linspace(1.0, 1.0 + length - 1e-9, 201)])
+    assert (np.diff(heights) <= 1e-12).all()
+    position, speed, _ = sample(swing, 1.0 + length - 1e-9)
+    np.testing.assert_allclose(position, target, atol=1e-7)
+    assert speed[2] == pytest.approx(-swing.touchdown_speed, abs=1e-5)
+
+
 @given(points, st.lists(points, min_size=1, max_size=6), duration, st.floats(0.0, 0.05))
 def test_a_moving_target_leaves_the_path_twice_differentiable(
     begin: np.ndarray, targets: list[np.ndarray], length: float, offset: float

@@ -199,7 +199,7 @@ def test_a_righting_vehicle_swings_as_a_pendulum() -> None:
 def test_added_mass_of_spheroids_is_lambs_table(
     slenderness: float, along: float, across: float, turning: float
 ) -> None:
-    """Lamb (1932), art. 115: inertia coefficients k1, k2, k', reckoned by hand: two digits of his three hold."""
+    """Lamb (1932), art. 115: inertia coefficients k1, k2, k', computed by hand: two of his three digits are correct."""
     a, b = slenderness, 1.0
     displaced = 4 / 3 * np.pi * a * b**2
     added = spheroid_added_mass(2 * a, 2 * b, density=1.0)

@@ -299,6 +299,22 @@ def test_the_defaults_suit_a_heavier_robot(mass: float) -> None:
     np.testing.assert_allclose(plans[0].forces / mass, plans[1].forces / 2.5, atol=1e-3)
 
 
+def test_a_foot_in_the_air_selects_the_weights_of_stepping() -> None:
+    start = STANDING + [0.03, 0, 0, 0, 0, 0, 0, 0, 0]
+    lifts = np.ones((20, 4), dtype=bool)
+    lifts[10:14, 0] = False
+    soft = CentroidalMpc(
+        MASS, 4, CentroidalMpcSettings(weights=CentroidalWeights(com=(1e2, 1e2, 3e3)), normal_force_n=(0.5, 30.0))
+    )
+    mpc = make()
+    standing = update(mpc, 0.0, start).xs
+    mpc.reset()
+    stepping = update(mpc, 0.0, start, flags=lifts).xs
+    np.testing.assert_allclose(stepping, update(soft, 0.0, start, flags=lifts).xs, atol=1e-9)
+    mpc.reset()
+    np.testing.assert_array_equal(update(mpc, 0.0, start).xs, standing)
+
+
 def test_weights_steer() -> None:
     start = STANDING + [0.03, 0, 0, 0, 0, 0, 0, 0, 0]
     stiff = update(make(), 0.0, start)

@@ -13,7 +13,7 @@ from lgmpc.state import StateVector
 
 
 class Pendulum(Action):
-    """With torque, or without control where ``kick`` is given: an impact that takes a share of the speed away."""
+    """With torque, or without control if ``kick`` is given: an impact that removes a fraction of the speed."""
 
     def __init__(self, kick: bool) -> None:
         self.name = "kicked" if kick else "driven"

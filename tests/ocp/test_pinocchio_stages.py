@@ -27,7 +27,7 @@ FEET = ("FL_FOOT", "HR_FOOT")
 
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing here is about speed."""
+    """Interpret all functions: speed does not matter here."""
     monkeypatch.setenv("LGMPC_JIT", "0")
 
 
@@ -98,7 +98,7 @@ def test_expansion_and_roll_out_are_those_of_the_expressions(others: int) -> Non
         f = ShootingFunctions(problem)
         f.xs[...], f.us[...] = scattered(problem)
         rng = np.random.default_rng(1)
-        f.jacobian[...] = f.hessian[...] = f.gradient[...] = 7.0  # whatever was there before
+        f.jacobian[...] = f.hessian[...] = f.gradient[...] = 7.0  # overwrite previous values
         f.expand()
         f.feedback[...] = 0.1 * rng.standard_normal(f.feedback.shape)
         f.feedforward[...] = 0.1 * rng.standard_normal(f.feedforward.shape)
@@ -150,7 +150,7 @@ def test_sqp_takes_the_same_steps_with_constraints() -> None:
     np.testing.assert_allclose(ours.us, theirs.us, rtol=0, atol=1e-6 * np.abs(theirs.us).max())
 
 
-def test_what_is_not_finite_gets_a_status_instead_of_an_error() -> None:
+def test_non_finite_values_give_a_status_instead_of_an_error() -> None:
     problem = problem_of(NumericContactAction(forward(False)))
     problem.view("contact_gains")[:, 0] = np.nan
     for solver in (Fddp, BoxFddp, LineSearchSqp):

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.actions import CentroidalAction, FreeForwardDynamics, MultibodyAction
-from lgmpc.costs import ConstraintItem
+from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem
@@ -46,6 +46,24 @@ def test_bad_input_is_named(problem: ShootingProblem) -> None:
         problem.set_initial_state(np.full(9, np.inf))
     with pytest.raises(InputError, match="us: got shape"):
         problem.rollout(np.zeros((4, 12)))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [("duration", 0.0, "above zero"), ("duration", -0.01, "above zero"), ("effort_weight", [1.0, -1.0], "below zero")],
+)
+def test_durations_and_weights_of_the_wrong_sign_are_refused(name: str, value: object, expected: str) -> None:
+    model = pin.buildSampleModelManipulator()
+    model = pin.buildReducedModel(model, [3, 4, 5, 6], pin.neutral(model))
+    dynamics = FreeForwardDynamics(model)
+    problem = ShootingProblem(MultibodyAction("signs", dynamics, [CostItem("effort", Control(2), 1.0)]), 3)
+    before = problem.parameters.copy()
+    with pytest.raises(InputError, match=f"{name}: got .*{expected}"):
+        problem.set(name, value)
+    np.testing.assert_array_equal(problem.parameters, before)
+    problem.set("effort_weight", 0.0)
+    with pytest.raises(InputError, match="effort_weight: got -1.0; expected no number below zero"):
+        CostItem("effort", Control(2), [1.0, -1.0])
 
 
 def test_a_bound_may_be_infinite_and_nothing_else() -> None:

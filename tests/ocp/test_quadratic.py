@@ -15,16 +15,15 @@ def functions(problem: ShootingProblem) -> HorizonFunctions:
 def qp(problem: ShootingProblem, functions: HorizonFunctions) -> OcpQp:
     rng = np.random.default_rng(0)
     trajectory = problem.rollout(rng.standard_normal((5, 12)))
-    linearize = functions.linearize
-    linearize.input("xs")[:] = (trajectory.xs + 0.1 * rng.standard_normal((6, 9))).T
-    linearize.input("us")[:] = trajectory.us.T
-    linearize.input("parameters")[:] = problem.parameters.T
-    linearize.run()
-    return OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+    functions.xs[:] = trajectory.xs + 0.1 * rng.standard_normal((6, 9))
+    functions.us[:] = trajectory.us
+    functions.parameters[:] = problem.parameters
+    functions.linearize()
+    return functions.qp
 
 
 def test_one_call_gives_every_stage(problem: ShootingProblem, functions: HorizonFunctions, qp: OcpQp) -> None:
-    xs, us = functions.linearize.input("xs").T, functions.linearize.input("us").T
+    xs, us = functions.xs, functions.us
     stage = problem.action.quadratic_function
     for k in range(5):
         for name, value in zip(stage.name_out(), stage(xs[k], us[k], xs[k + 1], problem.parameters[k]), strict=True):

@@ -1,4 +1,4 @@
-"""The circle of the centre of mass: forces and figures against Pinocchio, and the guess's where it must be."""
+"""The circle of the centre of mass: forces and figures against Pinocchio, figures of the guess by hand."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def solution() -> Solution:
     return Fddp(scenario().problem).solve(scenario().guess)
 
 
-def test_standing_still_is_as_far_from_the_circle_as_its_end() -> None:
+def test_the_error_of_standing_still_is_the_chord() -> None:
     figures = scenario().figures(scenario().guess)
     assert figures["com_error_m"] == pytest.approx(2.0 * 0.065 * np.sin(0.2 * np.pi))  # the chord of a fifth of a turn
     assert figures["foot_displacement_m"] == 0.0
@@ -66,7 +66,7 @@ def test_contact_forces_explain_pinocchios_acceleration(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_circle_is_drawn_within_friction_and_with_feet_that_stay() -> None:
+def test_the_circle_is_tracked_within_friction_without_slip() -> None:
     found = solution()
     assert found.status is Status.CONVERGED, found.explain()
     assert np.abs(found.defects()).max() < 1e-9
@@ -83,7 +83,7 @@ def test_a_robot_without_feet_is_refused() -> None:
         build_com_circle(load_robot(RobotSpec(model="panda")))
 
 
-def test_what_does_not_fit_the_problem_is_refused() -> None:
+def test_inconsistent_arguments_are_refused() -> None:
     s = scenario()
     with pytest.raises(InputError, match="durations"):
         Scenario("x", s.robot, s.problem, s.guess, np.ones(3), s.figures)
@@ -95,7 +95,7 @@ def test_what_does_not_fit_the_problem_is_refused() -> None:
     assert Waypoint("x", 0.0, np.zeros(3)).rotation is None
 
 
-def test_a_control_is_held_against_the_limit_on_its_side() -> None:
+def test_a_control_is_compared_with_the_limit_on_its_side() -> None:
     controls = Controls(("a", "b"), "N", np.array([0.0, -4.0]), np.array([2.0, 1.0]))
     assert controls.ratio(np.array([[1.0, -2.0]])) == 0.5
     assert controls.ratio(np.array([[1.0, 1.5]])) == 1.5

@@ -75,7 +75,7 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
     assert solution.residual().largest < 1e-4 * max(1.0, np.abs(solution.costates).max())
 
 
-def test_the_thrusts_take_it_there_by_another_integrator_but_not_from_semi_implicit_steps() -> None:
+def test_an_independent_integrator_confirms_runge_kutta_but_not_semi_implicit_steps() -> None:
     """Why the default is Runge and Kutta's method: same grid, same solver."""
     assert loop()[1]["integration_error_m"] < 1e-3
     scenario = build_flight(iris(), LOOP.replace({"integrator": "semi_implicit_euler"}))
@@ -97,7 +97,7 @@ def test_an_independent_flight_is_a_fall_without_thrust_and_rest_at_hover() -> N
     assert flown(vehicle, np.concatenate([x0[:7], np.zeros(6)]), more[None], np.array([0.1]))[12] < 0.0
 
 
-def test_figures_show_a_flight_that_misses() -> None:
+def test_figures_of_a_flight_that_misses_its_waypoints() -> None:
     scenario = build_flight(iris(), LOOP)
     figures = scenario.figures(scenario.problem.rollout(scenario.guess.us))  # it just hovers at the start
     assert figures["waypoint_error_m"] == pytest.approx(4.0)
@@ -165,7 +165,7 @@ def test_recovers_from_random_attitudes() -> None:
         assert figures["attitude_step_deg"] < 45.0
 
 
-def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() -> None:
+def test_from_upside_down_at_rest_it_turns_in_the_sense_of_the_guess() -> None:
     """Without a guess that turns it is a saddle: no thrust is better than another, and a solver stays there."""
     scenario = build_recovery(
         iris(), TUMBLE.replace({"rotation_deg": (180.0, 0.0, 0.0), "angular_velocity_rad_s": NONE})
@@ -203,7 +203,7 @@ def test_exactly_upside_down_and_at_rest_is_left_the_way_that_the_guess_turns() 
         ({"rotors.frames.0": "iris__rotor_9"}, "rotors.frames.0: got iris__rotor_9; expected a frame of iris"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(changes: dict[str, object], message: str) -> None:
+def test_impossible_flights_are_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         build_flight(iris(), LOOP.replace(changes))
 

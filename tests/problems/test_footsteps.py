@@ -47,7 +47,7 @@ def test_a_path_that_turns_is_an_arc() -> None:
     np.testing.assert_allclose(np.hypot(x - centre[0], y - centre[1]), radius, atol=1e-12)
 
 
-def test_a_leap_falls_freely_and_lands_where_it_should() -> None:
+def test_a_leap_is_ballistic_and_lands_at_its_goal() -> None:
     t = np.linspace(0.31, 0.59, 29)
     height = LEAP.placements(t)[:, 2, 3]
     np.testing.assert_allclose(np.diff(height, 2) / (t[1] - t[0]) ** 2, -9.81, rtol=1e-9)

@@ -1,4 +1,4 @@
-"""Gaits and jumps: what is written into the problem, figures of motions made by hand, solutions against mechanics."""
+"""Gaits and jumps: the problem's data, figures of motions constructed by hand, solutions against mechanics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lgmpc.solvers import BoxFddp, FddpSettings, LineSearchSqp, LineSearchSqpSet
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STEP = GaitSettings(cycles=1, settle_s=0.1, ramp_s=0.1, pattern="trot", step_s=0.02)
-"""One cycle of a trot: short, yet with swings, touchdowns and impacts."""
+"""One cycle of a trot: short, with swings, touchdowns and impacts."""
 
 
 @lru_cache
@@ -65,7 +65,7 @@ def jump(step: float = 0.01) -> tuple[Scenario, Solution]:
 
 
 def standing() -> tuple[Scenario, Trajectory]:
-    """Half a second on four feet, and the motion that does nothing."""
+    """Half a second on four feet, and a motion at rest."""
     robot = solo12()
     gait = GaitSequence.stand(FEET, 0.5)
     scenario = build_legged("stand", robot, gait, BasePath.walking((0.0, 0.0), 0.0, 0.1, 0.4, 0.0), LeggedSettings())
@@ -141,7 +141,7 @@ def test_figures_of_standing_still() -> None:
     assert figures["effort_ratio"] == pytest.approx(np.abs(still.us).max() / 1.8)
 
 
-def test_figures_show_what_is_wrong() -> None:
+def test_figures_of_a_bad_motion() -> None:
     scenario, still = standing()
     moved = still.xs.copy()
     moved[10:, 0] += 0.013
@@ -191,7 +191,7 @@ def test_refusals() -> None:
 
 
 @pytest.mark.slow
-def test_a_trot_goes_where_it_should_within_all_limits() -> None:
+def test_a_trot_reaches_its_goal_within_all_limits() -> None:
     """Compiles the stage, once for all tests of this file."""
     assert trotted().status is Status.CONVERGED and trotted().iterations < 40
     figures = trot().figures(trotted().trajectory)
@@ -290,7 +290,7 @@ def test_a_disturbed_guess_leads_to_the_same_trot() -> None:
 
 @pytest.mark.slow
 def test_two_solvers_find_the_same_trot() -> None:
-    """Positions differ as the root of the cost that is left to gain: 2e-5 at the FDDP's standard tolerance, 1e-9."""
+    """Positions differ by the root of the remaining reduction of the cost: 2e-5 at FDDP's default tolerance, 1e-9."""
     fddp = BoxFddp(trot().problem, FddpSettings(tolerance=1e-14)).solve(trot().guess)
     sqp = LineSearchSqp(trot().problem, LineSearchSqpSettings(tolerance=1e-7)).solve(trot().guess)
     assert fddp.status is Status.CONVERGED and sqp.status is Status.CONVERGED

@@ -1,4 +1,4 @@
-"""Reaching arms: the trajectory against Pinocchio's own dynamics, and what a robot has to be."""
+"""Reaching arms: the trajectory against Pinocchio's dynamics, and refused robots."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def solved() -> tuple[Scenario, Solution]:
     return scenario, BoxFddp(scenario.problem).solve(scenario.guess)
 
 
-def test_it_arrives_and_rests_there() -> None:
+def test_it_reaches_the_target_at_rest() -> None:
     scenario, solution = solved()
     assert solution.status is Status.CONVERGED, solution.explain()
     figures = scenario.figures(solution.trajectory)

@@ -1,4 +1,4 @@
-"""The falling cat's problem: leg strokes turn a robot by holonomy alone, and only a real turn passes."""
+"""The falling cat's problem: leg strokes rotate a robot by holonomy, and integration errors do not pass."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_strokes_begin_and_end_at_rest_in_the_reference_posture() -> None:
     np.testing.assert_allclose(path(0.54)[[0, 3, 6, 9]], 1.2, atol=1e-12)
 
 
-def test_the_guess_falls_without_angular_momentum_and_turns_all_the_same() -> None:
+def test_the_guess_turns_without_angular_momentum() -> None:
     robot, motion = solo12(), fall(STROKES)
     assert np.abs(spins(robot, motion.xs)).max() < 1e-12
     com = com_positions(robot, motion.xs)
@@ -90,8 +90,8 @@ def test_the_guess_falls_without_angular_momentum_and_turns_all_the_same() -> No
     assert turned[0] == pytest.approx(-138.0, abs=1.0) and np.abs(turned[1:]).max() < 0.5
 
 
-def test_it_is_the_area_that_turns() -> None:
-    """In one posture the way there is the way back, and the sweep takes back what it turned: no turn."""
+def test_the_rotation_depends_on_the_enclosed_area() -> None:
+    """In one posture the path encloses no area: the rotation of the sweep is reversed."""
     reference = dict(zip(solo12().joint_names, solo12().q_reference[7:].tolist(), strict=True))
     swept = fall(STROKES.replace({"stretched_rad": reference, "folded_rad": reference}))
     assert np.ptp(swept.xs[:, 7]) > 2.0 and np.abs(turn_deg(swept)).max() < 1e-3
@@ -114,7 +114,7 @@ def test_a_flight_of_a_minute_is_refused() -> None:
         refly(solo12(), plan, 50.0 * TIMES, 3.0, 0.05)
 
 
-def test_a_robot_that_does_nothing_falls_as_it_is() -> None:
+def test_a_robot_without_torques_does_not_turn() -> None:
     robot = solo12()
     plan = Trajectory(np.tile(upside_down(robot), (241, 1)), np.zeros((240, 12)))
     flown = refly(robot, plan, TIMES, 3.0, 0.05, step=1e-3)
@@ -125,7 +125,7 @@ def test_a_robot_that_does_nothing_falls_as_it_is() -> None:
     assert flown.spin < 1e-12 and flown.path_error < 1e-9
 
 
-def test_a_turn_that_only_an_integrators_error_makes_shows() -> None:
+def test_a_turn_by_integration_errors_is_detected() -> None:
     """A plan whose base turns evenly while the legs rest: upright at the end, according to the plan."""
     cheat = scenario().problem.hold()
     turning = np.linspace(np.pi, 0.0, len(cheat.xs))
@@ -135,7 +135,7 @@ def test_a_turn_that_only_an_integrators_error_makes_shows() -> None:
     assert figures["reflown_tilt_deg"] > 179.9 and figures["reflown_spin_nms"] < 1e-9
 
 
-def test_clearances_of_straight_legs_are_read_off_the_robot() -> None:
+def test_clearances_of_straight_legs_follow_from_the_robots_geometry() -> None:
     robot = solo12()
     x = robot.x_reference.copy()
     x[:7], x[7:19] = [0.3, -0.2, 1.0, 0.0, 0.0, np.sin(0.4), np.cos(0.4)], 0.0
@@ -160,7 +160,7 @@ def test_refusals_name_the_setting(changes: dict[str, object], argument: str) ->
     assert caught.value.argument == argument
 
 
-def test_a_quadrotor_has_no_legs_to_turn_with() -> None:
+def test_a_robot_without_legs_is_refused() -> None:
     with pytest.raises(InputError, match="contact_frames"):
         build_righting(load_robot(RobotSpec(model="iris")), RightingSettings(strokes=STROKES))
 

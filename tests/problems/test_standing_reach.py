@@ -74,7 +74,7 @@ def test_wrenches_are_those_that_move_the_robot() -> None:
     np.testing.assert_allclose(found.wrenches[0], wrenches, rtol=0, atol=1e-7)
     assert found.misfit[0] < 1e-8
     less = reactions(robot, Trajectory(states, u[None]), np.array([h]), np.array([[True, False]]), 6)
-    assert less.misfit[0] > 1.0 and not less.wrenches[0, 1].any()  # one sole alone does not explain it
+    assert less.misfit[0] > 1.0 and not less.wrenches[0, 1].any()  # the wrench of one sole does not balance it
 
 
 def test_pressure_and_corners_by_hand() -> None:
@@ -98,7 +98,7 @@ def test_wrenches_in_a_soles_own_axes() -> None:
 
 
 def test_figures_of_standing_still() -> None:
-    """Under the guess's efforts the robot stands (to the integrator's error): what it does not do is reach."""
+    """Under the guess's efforts the robot stands (to the integrator's error) and does not reach the target."""
     robot = talos()
     start = scenario().guess
     still = Trajectory(np.tile(robot.x_reference, (31, 1)), start.us)
@@ -126,7 +126,7 @@ def test_talos_reaches_as_far_as_its_balance_allows() -> None:
     assert solution.status is Status.CONVERGED
     figures = scenario().figures(solution.trajectory)
     assert figures["position_error_m"] < 1e-3 and figures["rotation_error_deg"] < 0.1
-    # The margin of the soles is what holds it back, to what the soles' own motion makes of it.
+    # The margin of the soles is the active limit, up to the soles' own motion.
     assert figures["zmp_margin_m"] == pytest.approx(REACH.sole_margin_m, abs=1e-4)
     assert figures["cop_margin_m"] > REACH.sole_margin_m - 1e-4
     assert figures["friction_ratio"] < 1.0
@@ -135,7 +135,7 @@ def test_talos_reaches_as_far_as_its_balance_allows() -> None:
     assert (held >= talos().joint_lower - 1e-9).all() and (held <= talos().joint_upper + 1e-9).all()
     assert figures["joint_limit_violation_rad"] < 1e-4
     joints = np.abs(np.diff(solution.xs[:, talos().nq :], axis=0))[:, 6:].max(axis=1) / REACH.node_s
-    assert joints.max() < 2.0 * np.median(joints) + 2.0  # rad/s2: no braking in the last moment
+    assert joints.max() < 2.0 * np.median(joints) + 2.0  # rad/s2: no late deceleration
     assert (np.abs(solution.us) <= talos().effort_limit * (1 + 1e-6)).all()
     assert solution.residual().largest < 1e-5
 
@@ -165,7 +165,7 @@ def test_joint_limits_are_rows_of_the_constraint_open_only_at_the_given_state() 
         ({"node_s": 0.0}, "node_s"),
     ],
 )
-def test_what_cannot_be_reached_is_refused(change: dict[str, object], message: str) -> None:
+def test_unknown_frames_and_large_margins_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         build_standing_reach(talos(), REACH.replace(change))
 

@@ -39,7 +39,7 @@ def everything() -> pin.Model:
     """The URDF of all joints, plus what no URDF has: spherical, an inner free-flyer, and a second root."""
     model = pin.buildModelFromUrdf(str(DATA / "joints.urdf"), pin.JointModelFreeFlyer())
     pin.seed(7)
-    # After the last joint: Pinocchio's crba counts on depth-first order.
+    # After the last joint: Pinocchio's crba assumes depth-first order.
     ball = model.addJoint(model.njoints - 1, pin.JointModelSpherical(), pin.SE3.Random(), "ball")
     model.appendBodyToJoint(ball, pin.Inertia.Random(), pin.SE3.Random())
     satellite = model.addJoint(ball, pin.JointModelFreeFlyer(), pin.SE3.Random(), "satellite")
@@ -72,7 +72,7 @@ def assert_close(got: np.ndarray, expected: np.ndarray, relative: float = 1e-10)
 
 
 class Case:
-    """A model with every symbolic quantity of it as a function, built once."""
+    """A model with its symbolic quantities as functions, built once."""
 
     def __init__(self, name: str) -> None:
         self.model = everything() if name == "everything" else load_robot(SPECS[name]).model

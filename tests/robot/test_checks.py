@@ -1,4 +1,4 @@
-"""The checks name what a model lacks, all of it at once."""
+"""The checks report all problems of a model at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lgmpc.robot import RobotSpec, check_model, load_robot
 
 
 def problems(spec: RobotSpec) -> tuple[str, ...]:
-    """What the error of load_robot lists, which is what check_model reports."""
+    """The problems in the error of load_robot, equal to those of check_model."""
     with pytest.raises(ModelError) as caught:
         load_robot(spec)
     report = check_model(spec)
@@ -33,7 +33,7 @@ def test_limits_that_never_bind() -> None:
     )
 
 
-def test_only_the_joints_that_were_not_given_are_blamed(solo_spec) -> None:
+def test_only_the_joints_that_were_not_given_are_reported(solo_spec) -> None:
     (problem,) = problems(solo_spec.replace({"effort_limit_nm": {"?L_*": 1.8, "FR_*": 1.8, "HR_H??": 1.8}}))
     assert problem == "the URDF's effort limit of HR_KFE never binds (1000 N.m): give effort_limit_nm"
 
@@ -78,7 +78,7 @@ def test_bodies_that_cannot_exist(data_dir) -> None:
     assert problems(RobotSpec(urdf=data_dir / "impossible.urdf")) == (
         "link 'balloon': its mass is negative, -0.5 kg",
         "link 'saddle': its inertia is not positive definite; moments -0.01, 0.01, 0.03 kg.m2",
-        "link 'needle': its inertia violates the triangle inequality, as no body's can; moments 0.1, 0.1, 0.5 kg.m2",
+        "link 'needle': its inertia violates the triangle inequality; moments 0.1, 0.1, 0.5 kg.m2",
         "joints that move no inertia: j4; give the links after them an <inertial>, or the joints an armature",
     )
 
@@ -126,7 +126,7 @@ def test_unsupported_joints(tmp_path, data_dir) -> None:
 def test_what_is_unusual_is_noted(data_dir) -> None:
     robot = load_robot(RobotSpec(urdf=data_dir / "floating_root.urdf", floating_base=False))
     assert robot.notes == (
-        "joints that mimic another in the URDF move on their own here: right_finger",
+        "mimic joints of the URDF are independent joints here: right_finger",
         "position limits wider than a full turn: left_finger",
     )
 
@@ -159,7 +159,7 @@ def write_urdf(path, data_dir, old: str, new: str):
     ],
     ids=["entity", "entities that grow", "encoding"],
 )
-def test_a_urdf_that_other_parsers_read_differently(tmp_path, data_dir, head, words) -> None:
+def test_a_urdf_whose_meaning_depends_on_the_parser(tmp_path, data_dir, head, words) -> None:
     spec = write_urdf(tmp_path / "dtd.urdf", data_dir, '<?xml version="1.0"?>', head)
     assert any(problem.startswith(f"{spec.urdf}: ") and words in problem for problem in problems(spec))
 
@@ -194,5 +194,5 @@ def test_undeclared_namespaces_are_harmless(tmp_path, data_dir) -> None:
 def test_a_mesh_outside_its_package_is_noted(tmp_path, data_dir, path, noted) -> None:
     mesh = f'<visual><geometry><mesh filename="{path}"/></geometry></visual>'
     spec = write_urdf(tmp_path / "mesh.urdf", data_dir, "<inertial>", f"{mesh}<inertial>")
-    note = f"meshes outside the package that their path names, read from where the path leads: {path}"
+    note = f"meshes outside the package that their path names: {path}"
     assert (note in check_model(spec).notes) is noted

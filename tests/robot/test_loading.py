@@ -1,4 +1,4 @@
-"""Robots are loaded as their files and the config say, without a mesh, and complaints carry the evidence."""
+"""Robots are loaded by their files and the config, without meshes; errors name what was found."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_rotor_parameters_of_the_srdf_are_the_armature_unless_given() -> None:
     assert (load_robot(RobotSpec(model="talos", armature_kg_m2=0.0)).armature == 0).all()
 
 
-def test_base_as_the_named_model_has_it_unless_given() -> None:
+def test_base_is_that_of_the_named_model_unless_given() -> None:
     assert not load_robot(RobotSpec(model="panda")).floating_base
     assert load_robot(RobotSpec(model="panda", floating_base=True)).nu == 9
     assert load_robot(RobotSpec(model="iris")).nu == 0
@@ -179,6 +179,6 @@ def test_an_srdf_that_cannot_be_read(tmp_path, data_dir) -> None:
         ({"position_limit_rad": {"a": (0.0, float("inf"))}}, "position_limit_rad.a.1: got inf"),
     ],
 )
-def test_values_that_no_robot_could_have(changes: dict[str, object], message: str) -> None:
+def test_impossible_values_are_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         RobotSpec(**{"model": "solo12", **changes})

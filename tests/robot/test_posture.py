@@ -1,4 +1,4 @@
-"""The reference posture, and how it stands on the ground."""
+"""The reference posture, and its placement on the ground."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_two_feet_leave_the_base_upright(data_dir) -> None:
     assert robot.q_reference[6] == 1 and "differ by 200.0 mm" in robot.notes[0]
 
 
-def test_a_steep_plane_of_hands_and_feet_is_left_alone(data_dir, tmp_path) -> None:
+def test_a_steep_plane_of_hands_and_feet_is_not_levelled(data_dir, tmp_path) -> None:
     path = tmp_path / "wall.urdf"
     text = (data_dir / "tripod.urdf").read_text()
     path.write_text(

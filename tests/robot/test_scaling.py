@@ -2,7 +2,7 @@
 
 import pytest
 
-from lgmpc.robot.scaling import REFERENCE_MASS, normal_force_range, weight_factor
+from lgmpc.robot.scaling import REFERENCE_MASS, normal_force_range, turning_factor, weight_factor
 
 
 def test_weighted_squares_of_forces_are_the_same_for_a_heavier_copy() -> None:
@@ -10,6 +10,13 @@ def test_weighted_squares_of_forces_are_the_same_for_a_heavier_copy() -> None:
         mass = ratio * REFERENCE_MASS
         force = mass * 9.81  # of the same motion
         assert weight_factor(mass) * force**2 == pytest.approx((REFERENCE_MASS * 9.81) ** 2)
+
+
+def test_weighted_squares_of_angular_accelerations_are_the_same_for_a_larger_copy() -> None:
+    for length in (0.5, 1.0, 3.0):
+        mass = REFERENCE_MASS * length**3
+        angular = 9.81 / length  # of the same linear acceleration
+        assert turning_factor(mass) * angular**2 == pytest.approx(9.81**2)
 
 
 def test_force_limits_are_those_given_or_in_proportion_to_the_mass() -> None:

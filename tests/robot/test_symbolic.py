@@ -146,7 +146,7 @@ def test_common_parts_are_shared(case_named) -> None:
     assert both < foot + com - 20
 
 
-def test_a_result_changed_in_place_does_not_spoil_the_next(case_named) -> None:
+def test_a_result_changed_in_place_does_not_change_the_next(case_named) -> None:
     symbolic, q = SymbolicModel(case_named("iris").model), ca.SX.sym("q", 7)
     symbolic.crba(q)[0, 0] = -1
     assert float(symbolic.crba(q)[0, 0]) == pytest.approx(symbolic.mass)
@@ -170,7 +170,7 @@ def test_configurations_move_as_in_pinocchio(case_named, close) -> None:
     close(symbolic.difference(ca.DM(state.q), ca.DM(moved)).full().ravel(), pin.difference(model, state.q, moved))
 
 
-def test_numbers_go_through_without_a_function(case_named, close) -> None:
+def test_numeric_arguments_need_no_function(case_named, close) -> None:
     model, state = case_named("panda").model, case_named("panda").states(1)[0]
     got = SymbolicModel(model).rnea(ca.DM(state.q), ca.DM(state.v), ca.DM(state.a))
     assert isinstance(got, ca.DM)

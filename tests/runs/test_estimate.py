@@ -1,4 +1,4 @@
-"""The estimate in log and metrics: known by construction, absent where there was none, and in no way of old runs."""
+"""The estimate in log and metrics: known by construction, absent without an estimator and in older runs."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_runs_without_an_estimate_are_read_as_before(standing: RunLog) -> None:
     metrics = compute_metrics(again)
     assert metrics.estimator is None and metrics.estimator_ms is None
     content = json.loads(RunResult("old", judge(metrics, Gate()), metrics).to_json())
-    del content["metrics"]["estimator"], content["metrics"]["estimator_ms"]  # as the first lgmpc wrote it
+    del content["metrics"]["estimator"], content["metrics"]["estimator_ms"]  # as written by version 0.1
     assert RunResult.from_json(json.dumps(content)).metrics == metrics
 
 
@@ -100,7 +100,7 @@ def test_a_run_with_and_one_without_are_compared(estimated: RunLog, standing: Ru
     assert changes["estimator_ms.p50"].second == pytest.approx(0.05)
 
 
-def test_half_an_estimate_is_damage(estimated: RunLog) -> None:
+def test_an_incomplete_estimate_is_damage(estimated: RunLog) -> None:
     arrays = estimated.arrays()
     del arrays["estimate_v"]
     with pytest.raises(RunFolderError, match="log lacks estimate_v"):

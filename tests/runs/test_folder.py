@@ -35,7 +35,7 @@ def names(path: Path) -> list[str]:
     return sorted(child.name for child in path.iterdir())
 
 
-def test_what_is_written_is_read_back(folder, standing, result) -> None:
+def test_a_written_folder_is_read_back(folder, standing, result) -> None:
     assert folder.path.name == "20260301T120005Z-solo12_balance"
     assert names(folder.path) == ["config.yaml", "log.npz", "run.json"]
     run = RunFolder.load(folder.path)
@@ -61,7 +61,7 @@ def test_run_json_is_as_the_format_says(folder) -> None:
     assert set(content["metrics"]["mpc_ms"]) == {"p50", "p99", "max"}
 
 
-def test_what_is_not_finite_becomes_null(tmp_path, changed) -> None:
+def test_non_finite_values_become_null(tmp_path, changed) -> None:
     metrics = compute_metrics(changed(lambda arrays: arrays["com"].fill(np.nan)))
     folder = RunFolder.create(tmp_path, "x")
     folder.write_result(RunResult("x", judge(metrics, Gate()), metrics))
@@ -81,7 +81,7 @@ def test_two_runs_in_one_second_get_two_folders(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("name", "slug"), [("../../etc/x y", "etc-x-y"), ("", "run"), ("...", "run"), ("Größe 2", "Gr-e-2")]
 )
-def test_names_cannot_leave_the_folder(tmp_path, name, slug) -> None:
+def test_names_cannot_refer_to_other_folders(tmp_path, name, slug) -> None:
     path = RunFolder.create(tmp_path, name, NOON).path
     assert path == tmp_path / f"20260301T120005Z-{slug}"
 
@@ -94,9 +94,9 @@ def test_the_log_is_not_pickled(folder) -> None:
 def test_a_folder_that_cannot_be_made_says_why(tmp_path) -> None:
     blocker = tmp_path / "file"
     blocker.write_text("")
-    with pytest.raises(RunFolderError, match="cannot make a run folder in .*file/runs: not a directory.*--out"):
+    with pytest.raises(RunFolderError, match="cannot create a run folder in .*file/runs: not a directory.*--out"):
         RunFolder.create(blocker / "runs", "a")
-    with pytest.raises(RunFolderError, match="file is a file, not a folder to make runs in.*--out"):
+    with pytest.raises(RunFolderError, match="file is a file, not a folder for runs.*--out"):
         RunFolder.create(blocker, "a")
 
 
@@ -149,7 +149,7 @@ def test_a_written_file_is_as_readable_as_the_umask_says(tmp_path) -> None:
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
 
 
-def test_loading_what_is_not_there(tmp_path) -> None:
+def test_loading_missing_folders(tmp_path) -> None:
     with pytest.raises(RunFolderError, match="does not exist"):
         RunFolder.load(tmp_path / "nothing")
     (tmp_path / "file").write_text("")
@@ -158,7 +158,7 @@ def test_loading_what_is_not_there(tmp_path) -> None:
 
 
 def test_the_folder_above_names_its_newest_run(folder) -> None:
-    with pytest.raises(RunFolderError, match=r"holds 1 run folders; the newest is .*20260301T120005Z-solo12_balance"):
+    with pytest.raises(RunFolderError, match=r"contains 1 run folders; the newest is .*05Z-solo12_balance"):
         RunFolder.load(folder.path.parent)
 
 
@@ -200,7 +200,7 @@ def test_a_pickle_in_the_log_is_refused(folder, tmp_path) -> None:
         (lambda c: c.update(verdict="maybe"), "damaged.*maybe"),
     ],
 )
-def test_a_damaged_result_is_told(folder, change, message) -> None:
+def test_a_damaged_result_is_reported(folder, change, message) -> None:
     path = folder.path / "run.json"
     content = json.loads(path.read_text())
     change(content)
@@ -209,7 +209,7 @@ def test_a_damaged_result_is_told(folder, change, message) -> None:
         RunFolder.load(folder.path)
 
 
-def test_text_that_is_not_json_is_told(folder) -> None:
+def test_text_that_is_not_json_is_reported(folder) -> None:
     (folder.path / "run.json").write_text("{")
     with pytest.raises(RunFolderError, match="run.json is not JSON"):
         RunFolder.load(folder.path)

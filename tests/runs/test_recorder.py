@@ -25,7 +25,7 @@ def test_log_holds_what_was_recorded_with_its_axes() -> None:
     np.testing.assert_array_equal(log.contact_points[-1, 3], [-0.2, -0.15, 0.0])
 
 
-def test_buffers_grow_beyond_what_was_foreseen_without_losing_ticks() -> None:
+def test_buffers_grow_beyond_the_expected_size_without_losing_ticks() -> None:
     recorder = new_recorder(ticks=3, mpc_updates=0)
     record_standing(recorder, 50)
     log = recorder.log()

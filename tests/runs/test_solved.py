@@ -1,4 +1,4 @@
-"""Folders of solved problems: written and read back, told from closed loops, judged by bounds."""
+"""Folders of solved problems: written and read back, distinguished from closed loops, judged by bounds."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def folder(tmp_path: Path, result: SolveResult) -> RunFolder:
     return folder
 
 
-def test_what_is_written_is_read_back(folder: RunFolder, result: SolveResult) -> None:
+def test_a_written_folder_is_read_back(folder: RunFolder, result: SolveResult) -> None:
     run = RunFolder.load_solved(folder.path)
     for name, array in trajectory().arrays().items():
         np.testing.assert_array_equal(getattr(run.trajectory, name), array, err_msg=name)
@@ -67,13 +67,13 @@ def test_what_is_written_is_read_back(folder: RunFolder, result: SolveResult) ->
     assert run.result.figures["cost"] == 1.5 and math.isnan(run.result.figures["effort_ratio"])
 
 
-def test_the_file_tells_its_kind_and_has_null_where_nothing_was_measured(folder: RunFolder) -> None:
+def test_the_file_contains_its_kind_and_null_for_missing_figures(folder: RunFolder) -> None:
     content = json.loads((folder.path / "run.json").read_text(encoding="utf-8"))
     assert (content["schema"], content["kind"], content["verdict"]) == (1, "solve", "fail")
     assert content["figures"] == {"cost": 1.5, "effort_ratio": None}
 
 
-def test_each_kind_is_told_from_the_other(folder: RunFolder, result: SolveResult) -> None:
+def test_each_kind_is_distinguished_from_the_other(folder: RunFolder, result: SolveResult) -> None:
     assert RunFolder.load_any(folder.path).result.kind == "solve"
     with pytest.raises(RunFolderError, match="of a solved problem, not of a closed loop"):
         RunFolder.load(folder.path)
@@ -89,7 +89,7 @@ def test_the_first_files_had_no_kind_and_were_of_closed_loops(result: SolveResul
     assert RunResult.from_json(json.dumps(written)).name == "x"
 
 
-def test_an_incomplete_folder_is_told(folder: RunFolder) -> None:
+def test_an_incomplete_folder_is_reported(folder: RunFolder) -> None:
     (folder.path / "trajectory.npz").unlink()
     with pytest.raises(RunFolderError, match=r"no complete run folder|not a complete run folder"):
         RunFolder.load_solved(folder.path)
@@ -140,12 +140,12 @@ def test_bounds_hold_on_their_side_and_nan_breaks_them() -> None:
     assert over == "gap 2 mm, allowed at most 1 mm (max_gap_m)"
     assert under == "gap 2 mm, allowed at least 500 mm (min_gap_m)"
     assert judge_figures(figures, {"max_share": 1.0}) == ("share nan, allowed at most 1 (max_share)",)
-    # So close that three digits would read as a contradiction.
+    # So close that three digits would be equal.
     (close,) = judge_figures({"gap_m": 1.00001e-3}, {"max_gap_m": 1e-3})
     assert close == "gap 1.00001 mm, allowed at most 1 mm (max_gap_m)"
 
 
-def test_bounds_are_about_figures() -> None:
+def test_unknown_bounds_are_found() -> None:
     assert unknown_bounds(["max_gap_m", "min_gap_m", "max_gap"], ["gap_m"]) == ["max_gap"]
 
 
@@ -159,7 +159,7 @@ def test_bounds_are_about_figures() -> None:
         ("iterations", ("iterations", "", 1.0)),
     ],
 )
-def test_names_are_told_with_their_units(name: str, expected: tuple[str, str, float]) -> None:
+def test_names_are_shown_with_their_units(name: str, expected: tuple[str, str, float]) -> None:
     assert figure_words(name) == expected
 
 
@@ -177,5 +177,5 @@ def test_names_are_told_with_their_units(name: str, expected: tuple[str, str, fl
         (math.nan, "mm", 1.0, "-"),
     ],
 )
-def test_a_figure_reads_well(value: float, unit: str, limit: float | None, text: str) -> None:
+def test_figures_are_formatted_for_reading(value: float, unit: str, limit: float | None, text: str) -> None:
     assert figure_number(value, unit, limit) == text

@@ -14,7 +14,7 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, WalkingMetrics, compare, compute_metrics, judge
-from lgmpc.runs.log import CONTACT_STATES, STEP_CHANNELS
+from lgmpc.runs.log import CONTACT_STATES, MODES, STEP_CHANNELS
 from lgmpc.runs.walking import SETTLING_S, body_velocity, stride_mean
 
 from .conftest import FEET, new_recorder, record_standing
@@ -37,6 +37,7 @@ def walking_log(standing: RunLog, edit: Edit | None = None, yaw_rate: float = 0.
     arrays["time"] = TIME.copy()
     arrays["command"] = np.where(WALK[:, None], [0.5, 0.1, yaw_rate], 0.0)
     arrays["gait_period_s"] = np.full(1000, PERIOD)
+    arrays["mode"] = np.full(1000, MODES.index("locomote"), dtype=np.int8)
     walked = np.clip(TIME - 0.4, 0.0, 2.6)
     yaw = np.radians(60.0) + yaw_rate * walked
     # The integral of a velocity that is constant in a turning frame.
@@ -258,6 +259,13 @@ def test_what_comes_after_a_fall_does_not_count(standing) -> None:
     assert metrics.walking.velocity_rmse_m_s == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_fall_before_the_first_commanded_motion_has_no_end_of_it(standing) -> None:
+    log = walking_log(standing, lambda arrays: arrays["q"].__setitem__((slice(50, None), 2), 0.05))
+    metrics = compute_metrics(log)
+    assert metrics.walking is not None and metrics.survived_s == pytest.approx(50 * DT)
+    assert (metrics.walking.ends_standing, metrics.walking.stop_strides, metrics.walking.steps) == (None, None, 0)
+
+
 def test_displacement_and_final_errors_are_measured_from_where_the_command_leads(standing) -> None:
     def stray(arrays):
         arrays["q"][500, 0] += 0.03
@@ -269,11 +277,21 @@ def test_displacement_and_final_errors_are_measured_from_where_the_command_leads
     assert metrics.final_rotation_deg == pytest.approx(0.0, abs=1e-6)
 
 
+def test_steps_that_nobody_commanded_have_figures(standing) -> None:
+    def uncommanded(arrays):
+        arrays["command"][:] = 0.0
+
+    walking = compute_metrics(walking_log(standing, uncommanded)).walking
+    assert walking is not None and walking.steps > 0
+    assert walking.velocity_rmse_m_s is None and walking.stop_strides is None
+
+
 def test_a_standing_run_has_no_figures_of_walking(standing) -> None:
     assert compute_metrics(standing).walking is None
 
     def rest(arrays):
         arrays["command"][:] = 0.0
+        arrays["stance"][:] = 1
 
     assert compute_metrics(walking_log(standing, rest)).walking is None
     (reason,) = judge(compute_metrics(standing), Gate(max_cost_of_transport=1.0)).reasons
@@ -284,7 +302,7 @@ def test_broken_limits_of_walking_are_reported(standing) -> None:
     metrics = compute_metrics(walking_log(standing, lambda arrays: sway(arrays, np.where(WALK, 0.03, 0.0))))
     verdict = judge(metrics, Gate(max_velocity_bias_m_s=0.01, min_steps=20))
     assert verdict.reasons == (
-        "the mean velocity missed the command by 0.03 m/s, allowed at most 0.01 m/s (max_velocity_bias_m_s)",
+        "the mean velocity was off the command by 0.03 m/s, allowed at most 0.01 m/s (max_velocity_bias_m_s)",
         "steps taken: 13, allowed at least 20 (min_steps)",
     )
 
@@ -339,6 +357,7 @@ def test_recorded_steps_are_logged() -> None:
         recorder.record_steps(
             command=[0.1 * k, 0.0, 0.2],
             gait_period_s=0.24,
+            mode=2,
             stance=[True, k < 3, True, True],
             contact_states=[0, 0 if k < 3 else SWING, 0, 0],
             swing_targets=FEET,

@@ -55,6 +55,7 @@ def _robot(model: pin.Model, q: np.ndarray, feet: tuple[str, ...] = (), radius: 
         joint_lower=-wide,
         joint_upper=wide,
         armature=np.array(model.armature)[model.nv - nu :],
+        joint_friction=np.zeros(nu),
         source=ModelSource(Path("made-in-a-test.urdf")),
         given_shapes=(),
     )

@@ -17,7 +17,7 @@ STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
 
 @pytest.fixture(scope="session")
 def centroidal() -> Callable[..., ShootingProblem]:
-    """Makes the problem of a standing quadruped; its weight is carried when all forces are the reference."""
+    """Return the problem of a standing quadruped, whose weight is balanced by the reference forces."""
 
     def make(nodes: int = 20, facets: int = 8) -> ShootingProblem:
         problem = ShootingProblem(CentroidalAction(4, facets), nodes)
@@ -82,7 +82,7 @@ def cart() -> ShootingProblem:
 
 
 class Unconstrained(Action):
-    """What the actions below have in common."""
+    """The base of the actions below."""
 
     def constraint(self, x, u, p):
         return Bounded(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
@@ -131,7 +131,7 @@ class Unicycle(Unconstrained):
 
 
 class Satellite(Action):
-    """A free body on SE(3) that torques and forces turn and move; bounds on them, unless it is left free."""
+    """A free body on SE(3) controlled by torques and forces, bounded unless it is free."""
 
     nu = 6
 

@@ -1,4 +1,4 @@
-"""What holds for every solver of shooting problems: one problem, all of them."""
+"""The contract of all solvers of shooting problems, on one problem."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def lagrangian_slope(solution: Solution) -> float:
 def test_a_solution_satisfies_the_conditions_by_differences_of_values(
     satellite: Make, name: str, bounded: bool
 ) -> None:
-    """Nothing of the derivatives that the solvers use, nor of their own measurements."""
+    """Independent of the solvers' derivatives and residuals."""
     problem = satellite(bounded=bounded, nodes=5)
     solution = SOLVERS[name](problem).solve(problem.hold())
     assert solution.status is Status.CONVERGED
@@ -97,7 +97,7 @@ def test_a_solution_satisfies_the_conditions_by_differences_of_values(
 @pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.parametrize("where", ["xs", "us", "x0", "parameters"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_has_a_status(unicycle: ShootingProblem, name: str, where: str, value: float) -> None:
+def test_non_finite_values_have_a_status(unicycle: ShootingProblem, name: str, where: str, value: float) -> None:
     guess = unicycle.hold()
     solver = SOLVERS[name](unicycle)
     if where == "x0":
@@ -134,10 +134,10 @@ class Cliff(Action):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_steps_into_what_is_not_finite_end(linear: Callable[..., Action], name: str) -> None:
+def test_steps_to_non_finite_values_end(linear: Callable[..., Action], name: str) -> None:
     problem = ShootingProblem(Cliff(linear(np.eye(2), np.eye(2), np.zeros(2))), 6)
     problem.set("weight", 1e-4)
-    problem.set("goal", -0.5)  # beyond the brink
+    problem.set("goal", -0.5)  # beyond the domain
     problem.set_initial_state([1.0, 2.0])
     solution = SOLVERS[name](problem).solve(problem.rollout(np.zeros((6, 2))))
     assert solution.status is not Status.ITERATION_LIMIT
@@ -169,7 +169,7 @@ def test_the_time_limit_is_kept_to_an_iteration(unicycle: ShootingProblem, name:
 
     solution = solver.solve(time_limit=0.08, callback=slow)
     assert solution.status is Status.TIME_LIMIT
-    # Two calls take longer than the limit, however fast the machine: one iteration more at the most is begun.
+    # Two calls take longer than the limit on any machine: at most one more iteration starts.
     assert solution.iterations <= 3 < free.iterations
     assert all(time_s < 0.08 for time_s in elapsed[:-1])
     assert np.isfinite(solution.xs).all()

@@ -2,12 +2,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, Bounded
+from lgmpc.actions import Action, Bounded, FreeForwardDynamics, MultibodyAction
+from lgmpc.compile import find_compiler
+from lgmpc.costs import CostItem
+from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.reach import ReachSettings, build_reach
@@ -214,7 +219,7 @@ def bounded_linear_problem(linear: Callable[..., Action], growth: float, limit: 
 def test_bounded_linear_quadratic_problems_are_solved_in_one_step(
     linear: Callable[..., Action], growth: float, limit: float, rolled_out: bool
 ) -> None:
-    """Also unstable ones, where feedback moves controls to bounds that the steps without it are far from."""
+    """Also unstable ones, where feedback moves controls to bounds far from the feedforward steps."""
     problem = bounded_linear_problem(linear, growth, limit)
     guess = problem.hold()
     solution = BoxFddp(problem).solve(problem.rollout(guess.us) if rolled_out else guess, max_iterations=1)
@@ -225,7 +230,7 @@ def test_bounded_linear_quadratic_problems_are_solved_in_one_step(
     assert (solution.multipliers[held] != 0.0).all()
 
 
-def test_where_what_is_held_does_not_settle_regularisation_helps(linear: Callable[..., Action]) -> None:
+def test_regularisation_makes_the_active_set_converge(linear: Callable[..., Action]) -> None:
     reports: list[Progress] = []
     solution = BoxFddp(bounded_linear_problem(linear, 1.2, 0.25)).solve(callback=reports.append)
     assert reports[0].regularization > 0.1
@@ -270,14 +275,14 @@ def test_solutions_are_stationary_and_not_only_of_small_gain(
     assert solution.kkt.stationarity == pytest.approx(solution.residual().stationarity, rel=1e-3, abs=1e-9)
 
 
-def test_what_rounding_hides_is_no_solution(unicycle: ShootingProblem) -> None:
+def test_a_gradient_above_the_tolerance_at_rounding_is_no_solution(unicycle: ShootingProblem) -> None:
     solution = Fddp(unicycle, FddpSettings(stationarity=1e-30)).solve()
     assert solution.status is Status.PRECISION_LIMIT and not solution.status.solved
     assert solution.residual().stationarity < 1e-10
     assert "loosen the tolerance" in solution.explain()
 
 
-def test_constraints_that_a_solver_cannot_keep_are_refused(cart: ShootingProblem, satellite: Make) -> None:
+def test_unsupported_constraints_are_refused(cart: ShootingProblem, satellite: Make) -> None:
     with pytest.raises(InputError, match="path constraints"):
         Fddp(satellite(bounded=True))
     with pytest.raises(InputError, match="row 1 is no control"):
@@ -302,6 +307,29 @@ def test_interpreted_functions_give_the_same(unicycle: ShootingProblem, monkeypa
     interpreted = solver.solve()
     np.testing.assert_allclose(interpreted.xs, compiled.xs, atol=1e-9)
     assert interpreted.iterations == compiled.iterations
+
+
+def test_a_new_cost_compiles_nothing_of_the_dynamics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if find_compiler() is None:
+        pytest.skip("no C compiler is installed")
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(tmp_path / "cache"))
+    dynamics = FreeForwardDynamics(pin.buildSampleModelManipulator())
+    effort, posture = CostItem("effort", Control(dynamics.nu)), CostItem("posture", StateError(dynamics.state))
+    started: list[list[str]] = []
+    for name, costs in (("first", [effort]), ("second", [effort, posture])):
+        messages: list[str] = []
+        action = MultibodyAction(name, dynamics, costs)
+        Fddp(ShootingProblem(action, 3), progress=messages.append)
+        started.append([message.split("'")[1] for message in messages if "once, later runs load it" in message])
+    assert len(started[0]) > 6
+    # The difference of states has the terminal action's name.
+    assert sorted(started[1]) == [
+        "second_cost",
+        "second_costs",
+        "second_last_expansion",
+        "second_move",
+        "second_terminal_value",
+    ]
 
 
 def test_progress_is_reported_and_can_stop(unicycle: ShootingProblem) -> None:
@@ -345,7 +373,7 @@ def test_wrong_shapes_are_named(unicycle: ShootingProblem) -> None:
 
 @pytest.mark.parametrize("where", ["xs", "us", "x0", "parameters"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_is_found(unicycle: ShootingProblem, where: str, value: float) -> None:
+def test_non_finite_values_are_found(unicycle: ShootingProblem, where: str, value: float) -> None:
     guess = unicycle.hold()
     if where == "x0":
         unicycle.x0[1] = value
@@ -360,15 +388,20 @@ def test_what_is_not_finite_is_found(unicycle: ShootingProblem, where: str, valu
     assert ("first state" in text) if where == "x0" else ("node 7" in text)
 
 
-class Cliff(Action):
-    """An action whose step is the square root of a state that a long step makes negative."""
+class Derived(Action):
+    """An action with the costs of another and dynamics of its own."""
 
-    def __init__(self, base: Action) -> None:
-        self.name, self.state, self.nu, self.parameters = "cliff", base.state, base.nu, base.parameters
-        self.cost, self.terminal_cost, self.constraint = base.cost, base.terminal_cost, base.constraint
+    def __init__(self, base: Action, name: str, step: Callable[..., object]) -> None:
+        self.name, self.state, self.nu, self.parameters = name, base.state, base.nu, base.parameters
+        self.cost, self.terminal_cost, self.constraint, self._step = (
+            base.cost,
+            base.terminal_cost,
+            base.constraint,
+            step,
+        )
 
     def step(self, x, u, p):
-        return x + 0.1 * ca.sqrt(x) - 0.1 * u
+        return self._step(x, u)
 
     def cost(self, x, u, p):
         raise AssertionError
@@ -377,8 +410,9 @@ class Cliff(Action):
 
 
 def test_roll_outs_that_diverge_are_shortened(linear: Callable[..., Action]) -> None:
+    """The dynamics have the square root of a state that a long step makes negative."""
     base = linear(np.eye(2), np.eye(2), np.zeros(2))
-    problem = ShootingProblem(Cliff(base), 6)
+    problem = ShootingProblem(Derived(base, "cliff", lambda x, u: x + 0.1 * ca.sqrt(x) - 0.1 * u), 6)
     problem.set("weight", 1e-4)
     problem.set("goal", 0.01)
     problem.set_initial_state([1.0, 2.0])
@@ -387,6 +421,65 @@ def test_roll_outs_that_diverge_are_shortened(linear: Callable[..., Action]) -> 
     assert solution.status in (Status.CONVERGED, Status.STALLED, Status.ITERATION_LIMIT)
     assert np.isfinite(solution.xs).all() and np.isfinite(solution.cost)
     assert min(lengths) < 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_an_ascent_is_bounded_by_the_model_and_not_by_the_trial(linear: Callable[..., Action], seed: int) -> None:
+    """Closing the gaps makes this unstable trajectory blow up; an increase as expected along it would be accepted."""
+    base = linear(np.eye(1), np.eye(1), np.zeros(1))
+    problem = ShootingProblem(Derived(base, "cubic", lambda x, u: x + 0.1 * x**3 + 0.1 * u), 12)
+    problem.set("weight", 300.0)
+    problem.set_initial_state([1.0])
+    rng = np.random.default_rng(seed)
+    guess = Trajectory(rng.uniform(-3, 3, (13, 1)), rng.uniform(-1, 1, (12, 1)))
+    problem.set("goal", guess.xs)
+    costs: list[float] = []
+    solution = Fddp(problem).solve(guess, callback=lambda progress: costs.append(progress.cost))
+    assert solution.status is Status.CONVERGED
+    assert max(costs) < 1.1 * solution.cost
+
+
+def test_a_step_whose_derivatives_are_not_finite_is_taken_back(linear: Callable[..., Action]) -> None:
+    """The square root has a value at zero, where steps lead, and no derivative."""
+    base = linear(np.eye(1), np.eye(1), np.zeros(1))
+    problem = ShootingProblem(Derived(base, "root", lambda x, u: ca.sqrt(ca.fmax(x + u, 0.0))), 3)
+    problem.set("weight", 1e-6)
+    problem.set("goal", -1.0)
+    problem.set_initial_state([1.0])
+    solution = Fddp(problem).solve(problem.rollout(np.zeros((3, 1))))
+    assert solution.status in (Status.DIVERGED, Status.STALLED, Status.ITERATION_LIMIT)
+    assert np.isfinite(solution.residual().largest) and np.isfinite(solution.cost)
+    assert solution.cost <= Fddp(problem).solve(problem.rollout(np.zeros((3, 1))), max_iterations=0).cost
+
+
+def test_trials_that_all_diverge_are_called_so(linear: Callable[..., Action]) -> None:
+    base = linear(np.eye(1), np.eye(1), np.zeros(1))
+    problem = ShootingProblem(Derived(base, "edge", lambda x, u: x + u + ca.sqrt(1 - (1e20 * u) ** 2) - 1), 3)
+    problem.set_initial_state([1.0])
+    solution = Fddp(problem).solve()  # no control but zero has a next state
+    assert solution.status is Status.DIVERGED and not solution.status.solved
+    assert not solution.us.any() and "diverge" in solution.explain()
+
+
+def test_a_solve_can_start_from_more_regularisation(unicycle: ShootingProblem) -> None:
+    reports: list[Progress] = []
+    settings = FddpSettings(initial_regularization=10.0)
+    solution = Fddp(unicycle, settings).solve(callback=reports.append)
+    assert solution.status is Status.CONVERGED
+    assert reports[0].regularization in (1.0, 10.0, 100.0)
+    assert solution.cost == pytest.approx(Fddp(unicycle).solve().cost, rel=1e-9)
+    with pytest.raises(InputError, match="initial_regularization"):
+        FddpSettings(initial_regularization=1e-12)
+
+
+def test_regularisation_does_not_make_a_point_converged(unicycle: ShootingProblem) -> None:
+    """However large the regularisation makes the expected reduction small, the last sweep is without it."""
+    settings = FddpSettings(
+        initial_regularization=1e8, regularization=(1e-9, 1e9), decrease_above=1.0, tolerance=1e-2, stationarity=np.inf
+    )
+    solution = Fddp(unicycle, settings).solve(unicycle.rollout(np.zeros((20, 2))))
+    assert solution.status is Status.CONVERGED
+    assert solution.cost == pytest.approx(Fddp(unicycle).solve().cost, abs=1e-2)
 
 
 def test_explain_names_the_worst_node(unicycle: ShootingProblem) -> None:
@@ -431,6 +524,6 @@ def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
         ("stationarity", float("nan")),
     ],
 )
-def test_settings_that_cannot_work_are_refused(name: str, value: object) -> None:
+def test_invalid_settings_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         FddpSettings(**{name: value})

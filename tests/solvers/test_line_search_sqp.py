@@ -58,7 +58,7 @@ def test_sqp_box_fddp_and_ipopt_agree(satellite: Make) -> None:
 
 
 class Fenced(Action):
-    """A unicycle that has to stay outside a circle around the origin's corner."""
+    """A unicycle that must stay outside a circle around the origin."""
 
     name = "fenced"
 
@@ -83,7 +83,7 @@ class Fenced(Action):
 def test_intervals_with_other_constraints_and_controls(
     unicycle: ShootingProblem, linear: Callable[..., Action]
 ) -> None:
-    """A fence in the first half, none behind it, and one interval without controls."""
+    """A constraint in the first half only, and one interval without controls."""
     base = unicycle.action
     fenced, jump = Fenced(base), linear(np.diag([1.0, 1.0, 0.5]), np.zeros((3, 0)), np.zeros(3), "jump")
     problem = ShootingProblem([fenced] * 10 + [jump] + [base] * 9)
@@ -92,7 +92,7 @@ def test_intervals_with_other_constraints_and_controls(
     problem.set_initial_state([-1.0, -1.0, 1.0])
     solution = LineSearchSqp(problem).solve(max_iterations=200)
     assert solution.status is Status.CONVERGED, solution.explain()
-    assert (np.abs(solution.multipliers[:10, 0]) > 1e-2).any()  # the fence is in the way
+    assert (np.abs(solution.multipliers[:10, 0]) > 1e-2).any()  # the constraint is active
     assert not solution.multipliers[10:].any() and not solution.us[10].any()
     assert solution.residual().largest <= 1e-6
     reference = NlpSolver(problem).solve(solution.trajectory)
@@ -106,7 +106,7 @@ def test_without_constraints_it_agrees_with_fddp(unicycle: ShootingProblem) -> N
     np.testing.assert_allclose(solution.xs, swept.xs, atol=1e-6)
 
 
-def test_what_cannot_be_solved_has_its_status(cart: ShootingProblem) -> None:
+def test_infeasible_problems_have_their_status(cart: ShootingProblem) -> None:
     solver = LineSearchSqp(cart)
     assert solver.solve(max_iterations=1).status is Status.ITERATION_LIMIT
     assert solver.solve(time_limit=0.0).status is Status.TIME_LIMIT
@@ -125,7 +125,7 @@ def test_what_cannot_be_solved_has_its_status(cart: ShootingProblem) -> None:
 
 
 class Curved(Action):
-    """Residuals that curve upwards: the full Gauss-Newton step is three times too long."""
+    """Residuals of positive curvature: the full Gauss-Newton step is three times too long."""
 
     name, nu = "curved", 1
 
@@ -198,7 +198,7 @@ def test_the_penalty_is_set_to_twice_the_margin(margin: float, length: float) ->
     assert reports[0].step_length == length
 
 
-def test_what_rounding_hides_is_no_contradiction(cart: ShootingProblem, unicycle: ShootingProblem) -> None:
+def test_rounding_is_not_reported_as_infeasible(cart: ShootingProblem, unicycle: ShootingProblem) -> None:
     """The tightest tolerance is either met or beyond the precision; nothing is infeasible."""
     for problem in (cart, unicycle):
         solution = LineSearchSqp(problem, LineSearchSqpSettings(tolerance=1e-13)).solve()
@@ -225,6 +225,24 @@ def test_solves_are_repeatable_to_the_bit(cart: ShootingProblem) -> None:
         ("penalty_margin", 1.0),
     ],
 )
-def test_settings_that_cannot_work_are_refused(name: str, value: float) -> None:
+def test_invalid_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
         LineSearchSqpSettings(**{name: value})
+
+
+def test_a_solution_as_the_guess_brings_its_multipliers(cart: ShootingProblem) -> None:
+    solver = LineSearchSqp(cart)
+    first = solver.solve()
+    assert first.status is Status.CONVERGED and (np.abs(first.multipliers) > 1e-3).any()
+    again = solver.solve(first)
+    assert again.status is Status.CONVERGED and again.iterations == 0
+    np.testing.assert_array_equal(again.multipliers, first.multipliers)
+    cart.set_initial_state(cart.x0 + 1e-3)
+    sweeps: dict[bool, list[int]] = {True: [], False: []}
+    found = {}
+    for warm, seen in sweeps.items():
+        guess = first if warm else first.trajectory
+        found[warm] = solver.solve(guess, callback=lambda _, seen=seen: seen.append(solver.qp_solver.iterations))
+    assert sweeps[True][0] < sweeps[False][0]  # factorisations of the first quadratic programme
+    assert found[True].status is found[False].status is Status.CONVERGED
+    np.testing.assert_allclose(found[True].us, found[False].us, atol=1e-6)

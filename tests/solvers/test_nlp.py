@@ -46,7 +46,7 @@ def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable
     cart.x0[0] = np.nan
     result = NlpSolver(cart).solve(guess)
     assert result.status is Status.NOT_FINITE
-    assert "first state holds NaN" in result.explain()
+    assert "first state contains NaN" in result.explain()
 
 
 @pytest.mark.parametrize(("plugin", "compiled"), [("ipopt", True), ("fatrop", False)])

@@ -37,12 +37,11 @@ FORCE_ACCURACY = {
 def expand(problem: ShootingProblem) -> OcpQp:
     """Expand around standing still at the first state, with its gaps."""
     functions = HorizonFunctions(problem.action, problem.nodes)
-    linearize = functions.linearize
-    linearize.input("xs")[:] = problem.x0[:, None]
-    linearize.input("us")[:] = 0.0
-    linearize.input("parameters")[:] = problem.parameters.T
-    linearize.run()
-    return OcpQp(functions.structure, linearize.output("values").T, linearize.output("terminal_values"))
+    functions.xs[:] = problem.x0
+    functions.us[:] = 0.0
+    functions.parameters[:] = problem.parameters
+    functions.linearize()
+    return functions.qp
 
 
 def dense_solution(qp: OcpQp, dx0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,29 +211,47 @@ def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem
     np.testing.assert_allclose(dus.T, us, atol=1e-8)
 
 
-def test_right_active_set_takes_one_sweep_and_a_hard_problem_another_solver(
-    centroidal: Callable[..., ShootingProblem],
-) -> None:
+HARD = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
+"""First step of a robot that falls: a hundred rows are at their bounds."""
+
+
+@pytest.fixture
+def moving(centroidal: Callable[..., ShootingProblem]) -> OcpQp:
     problem = centroidal()
     problem.set_initial_state([0.0, 0.0, 0.24, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0])
-    qp = expand(problem)
-    solver = RiccatiSolver(qp)
+    return expand(problem)
+
+
+def test_right_active_set_takes_one_sweep(moving: OcpQp) -> None:
+    solver = RiccatiSolver(moving)
     solver.prepare()
     assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
     solver.prepare()
     assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
     assert solver.iterations <= 2  # the multipliers identify the active rows
-    hard = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])
-    assert solver.solve(hard) is QpStatus.SOLVED and solver.took_over
-    assert solver.solution.residual().largest < ACCURACY["piqp"]
-    none = RiccatiSolver(qp, RiccatiSettings(max_sweeps=0))
-    none.prepare()
-    assert none.solve(np.zeros(9)) is QpStatus.SOLVED and none.took_over
-    other = PiqpSolver(qp)
-    patient = RiccatiSolver(qp, RiccatiSettings(max_sweeps=60), fallback=lambda _: other)
-    patient.prepare()
-    assert patient.solve(hard) is QpStatus.SOLVED and patient.took_over
-    assert patient.iterations == other.iterations + 2  # the second sweep raises phi: no third is taken
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.15])
+def test_steps_that_raise_the_augmented_lagrangian_are_shortened(moving: OcpQp, share: float) -> None:
+    """The same point as an interior point method's, where full steps alone do not converge."""
+    solver, other = RiccatiSolver(moving), PiqpSolver(moving, PiqpSettings(tolerance=1e-9))
+    for each in (solver, other):
+        each.prepare()
+        assert each.solve(share * HARD) is QpStatus.SOLVED
+    assert not solver.took_over
+    assert np.count_nonzero(solver.solution.multipliers) > 5
+    assert solver.solution.residual().largest < ACCURACY["riccati"]
+    np.testing.assert_allclose(solver.solution.dus, other.solution.dus, atol=1e-4)
+
+
+def test_another_solver_takes_over_where_the_sweeps_are_used_up(moving: OcpQp) -> None:
+    for most in (0, 3):
+        other = PiqpSolver(moving)
+        solver = RiccatiSolver(moving, RiccatiSettings(max_sweeps=most), fallback=lambda _, other=other: other)
+        solver.prepare()
+        assert solver.solve(HARD) is QpStatus.SOLVED and solver.took_over
+        assert solver.iterations == other.iterations + most
+        assert solver.solution.residual().largest < ACCURACY["piqp"]
 
 
 def test_unknown_names_are_named(cart: ShootingProblem) -> None:

@@ -1,14 +1,18 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import FreeForwardDynamics, MultibodyAction
+from lgmpc.actions import ContactForwardDynamics, FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, StateError
+from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import BoxFddp, LineSearchSqp, Status
+from lgmpc.robot import RobotSpec, load_robot
+from lgmpc.solvers import BoxFddp, History, LineSearchSqp, Progress, Solution, Status
 
 
 @pytest.fixture
@@ -78,3 +82,88 @@ def test_bounds_on_a_difference_from_a_reference_are_bounds_on_the_control(swing
 def test_every_status_has_a_remedy() -> None:
     assert all(len(status.remedy) > 10 for status in Status)
     assert {status for status in Status if status.solved} == {Status.CONVERGED, Status.ACCEPTABLE}
+
+
+def test_solutions_are_saved_and_loaded_with_their_problems_data(swing: ShootingProblem, tmp_path: Path) -> None:
+    solution = BoxFddp(swing).solve()
+    path = solution.save(tmp_path / "swing.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["swing.npz"]
+    other = swing.copy()
+    other.set("goal_weight", 3.0)
+    loaded = Solution.load(path, other)
+    for name in ("xs", "us", "feedback", "feedforward", "costates", "multipliers", "gaps"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(solution, name))
+    for name in ("status", "iterations", "cost", "kkt", "timings", "criterion"):
+        assert getattr(loaded, name) == getattr(solution, name)
+    assert loaded.residual() == solution.residual()  # against the data that it was solved for
+    assert (other.view("goal_weight") == 3.0).all()
+    assert not loaded.xs.flags.writeable
+
+
+def test_trajectories_are_saved_and_loaded(swing: ShootingProblem, tmp_path: Path) -> None:
+    guess = swing.rollout(np.ones((10, 1)))
+    loaded = Trajectory.load(guess.save(tmp_path / "guess.npz"))
+    np.testing.assert_array_equal(loaded.xs, guess.xs)
+    np.testing.assert_array_equal(loaded.us, guess.us)
+
+
+def test_files_that_are_no_solution_are_named(swing: ShootingProblem, tmp_path: Path) -> None:
+    solution = BoxFddp(swing).solve()
+    path = solution.save(tmp_path / "swing.npz")
+    with pytest.raises(InputError, match="with 'lgmpc solution 1'; expected a file with 'lgmpc trajectory 1'"):
+        Trajectory.load(path)
+    with pytest.raises(InputError, match="one with actions"):
+        Solution.load(path, ShootingProblem(swing.action, 9))
+    with pytest.raises(InputError, match="cannot be read"):
+        Solution.load(tmp_path / "none.npz", swing)
+    (tmp_path / "text.npz").write_text("text")
+    with pytest.raises(InputError, match="cannot be read"):
+        Trajectory.load(tmp_path / "text.npz")
+    with pytest.raises(InputError, match="cannot be written"):
+        solution.save(tmp_path / "nowhere" / "swing.npz")
+
+
+def test_callbacks_receive_the_iterate(swing: ShootingProblem) -> None:
+    seen: list[np.ndarray] = []
+
+    def look(progress: Progress) -> None:
+        assert progress.iterate is not None
+        seen.append(progress.iterate.us.copy())
+        with pytest.raises(ValueError, match="read-only"):
+            progress.iterate.xs[0] = 0.0
+
+    history = History(look)
+    for solver in (BoxFddp(swing), LineSearchSqp(swing)):
+        seen.clear()
+        solution = solver.solve(callback=history)
+        assert len(seen) == solution.iterations
+        np.testing.assert_array_equal(seen[-1], solution.us)
+    assert history.column("cost")[-1] == solution.cost
+    assert history.reports[0].iterate is None
+    with pytest.raises(InputError, match="Did you mean gap"):
+        history.column("gaps")
+
+
+def test_quasi_static_controls_hold_the_robot(swing: ShootingProblem) -> None:
+    xs = np.array([[0.1 * k, 3.0] for k in range(10)])
+    us = swing.quasi_static(xs)
+    model = swing.action.dynamics.model
+    expected = [pin.computeGeneralizedGravity(model, model.createData(), x[:1]) for x in xs]
+    np.testing.assert_allclose(us, expected, rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="xs: got shape"):
+        swing.quasi_static(xs[:4])
+
+
+def test_quasi_static_efforts_carry_a_robot_on_its_feet() -> None:
+    feet = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+    robot = load_robot(
+        RobotSpec(
+            model="solo12", contact_frames=feet, effort_limit_nm=1.8, velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.0, 3.0),
+        )
+    )  # fmt: skip
+    problem = ShootingProblem(MultibodyAction("stands", ContactForwardDynamics(robot.model, feet)), 2)
+    us = problem.quasi_static(np.tile(robot.x_reference, (3, 1)))
+    there = problem.evaluate(0, robot.x_reference, us[0]).x_next
+    np.testing.assert_allclose(problem.state.diff(robot.x_reference, there), 0.0, atol=1e-10)
+    assert np.abs(us).max() > 0.1

@@ -161,7 +161,7 @@ def test_nearby_problems_take_few_sweeps() -> None:
 
 
 @pytest.mark.parametrize("kind", ["bounds", "rows", "nan", "no control weight"])
-def test_what_it_cannot_solve_has_a_status_and_no_later_effect(kind: str) -> None:
+def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: str) -> None:
     qp = random_problem(np.random.default_rng(1), 3.0)
     solver = StructuredSolver(qp)
     expected = solved(solver, qp.x0).dus.copy()
@@ -207,7 +207,7 @@ def test_the_next_solver_is_tried_where_one_fails() -> None:
             Cascade(solvers)
 
 
-def test_the_active_rows_of_another_solver_are_finished_exactly() -> None:
+def test_the_active_rows_of_another_solver_are_solved_exactly() -> None:
     """An interior point method leaves multipliers and distances whose products are small, not they themselves."""
     qp = random_problem(np.random.default_rng(0), 10.0)
     settings = StructuredSettings(tolerance=1e-9, max_iterations=0)  # no interior point method of its own
@@ -267,12 +267,12 @@ def test_without_compiler_it_is_piqp(monkeypatch: pytest.MonkeyPatch) -> None:
     assert solver.took_over
 
 
-def test_size_decides_which_of_our_own_it_is() -> None:
+def test_the_default_solver_depends_on_the_size() -> None:
     assert isinstance(make_qp_solver("riccati", OcpQp(structure())), RiccatiSolver)
     assert isinstance(make_qp_solver("riccati", OcpQp(structure(nx=LARGE_STAGE))), StructuredSolver)
 
 
-def test_settings_that_cannot_work_are_refused() -> None:
+def test_invalid_settings_are_refused() -> None:
     for name in ("tolerance", "penalty"):
         with pytest.raises(InputError, match=name):
             StructuredSettings(**{name: 0.0})

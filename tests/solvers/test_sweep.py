@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,6 +12,10 @@ from lgmpc.solvers.compiled_sweep import CompiledSweep, make_sweep
 from lgmpc.solvers.sweep import BackwardSweep
 
 Make = Callable[..., ShootingProblem]
+
+needs_compiler = pytest.mark.skipif(
+    all(shutil.which(name) is None for name in ("cc", "gcc", "clang")), reason="no C compiler is installed"
+)
 
 
 def expanded(problem: ShootingProblem) -> ShootingFunctions:
@@ -45,8 +51,56 @@ def test_machine_code_and_numpy_agree(satellite: Make, unicycle: ShootingProblem
     np.testing.assert_array_equal(compiled.value_hessian, compiled.value_hessian.transpose(0, 2, 1))
 
 
+@dataclass
+class Numbers:
+    """An expansion of random numbers, whose Hessians are positive definite."""
+
+    nodes: int
+    ndx: int
+    nu: int
+    compiled: bool = True
+
+    def __post_init__(self) -> None:
+        rng, n, width = np.random.default_rng(0), self.nodes, self.ndx + self.nu
+        roots = rng.standard_normal((n + 1, width, width))
+        self.hessian = roots[:-1] @ roots[:-1].transpose(0, 2, 1) / width + np.eye(width)
+        self.last_hessian = roots[-1, : self.ndx] @ roots[-1, : self.ndx].T
+        self.jacobian = rng.standard_normal((n, width, self.ndx)) / np.sqrt(self.ndx)
+        self.gradient, self.last_gradient = rng.standard_normal((n, width)), rng.standard_normal(self.ndx)
+        self.gaps = rng.standard_normal((n + 1, self.ndx))
+        self.feedback, self.feedforward = np.zeros((n, self.nu, self.ndx)), np.zeros((n, self.nu))
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize(("ndx", "nu"), [(1, 1), (3, 0), (2, 5), (8, 4), (13, 7), (36, 12), (29, 30)])
+def test_machine_code_and_numpy_agree_at_any_size(ndx: int, nu: int, closed: bool) -> None:
+    f = Numbers(6, ndx, nu)
+    plain, compiled = BackwardSweep(f), make_sweep(f)
+    results = []
+    for sweep in (plain, compiled):
+        assert sweep.run(1e-6, closed=closed)
+        parts = (f.feedback, f.feedforward, sweep.value_hessian, sweep.value_gradient, sweep.control_gradient)
+        results.append([part.copy() for part in parts])
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-11, atol=1e-11 * np.abs(one).max(initial=1.0))
+    np.testing.assert_array_equal(compiled.value_hessian, compiled.value_hessian.transpose(0, 2, 1))
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", ["-DLANES=1", "-DLANES=2", "-DLANES=8"])
+def test_any_number_of_lanes_gives_the_same_sweep(flags: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    f = Numbers(4, 13, 5)
+    assert make_sweep(f).run(1e-6, closed=False)
+    expected = f.feedback.copy()
+    monkeypatch.setenv("LGMPC_CFLAGS", flags)
+    assert make_sweep(f).run(1e-6, closed=False)
+    np.testing.assert_allclose(f.feedback, expected, rtol=1e-12, atol=1e-13)
+
+
 @pytest.mark.parametrize("kind", [BackwardSweep, make_sweep])
-def test_what_cannot_be_swept_is_reported(unicycle: ShootingProblem, kind: Callable[..., BackwardSweep]) -> None:
+def test_indefinite_and_non_finite_data_are_reported(
+    unicycle: ShootingProblem, kind: Callable[..., BackwardSweep]
+) -> None:
     functions = expanded(unicycle)
     sweep = kind(functions)
     functions.hessian[4, 3, 3] = -1e6

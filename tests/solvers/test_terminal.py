@@ -16,7 +16,7 @@ from lgmpc.solvers import Fddp, LineSearchSqp, NlpSettings, NlpSolver, Status
 
 @pytest.fixture
 def reach(monkeypatch: pytest.MonkeyPatch) -> ShootingProblem:
-    """An arm of two joints with bounded motors, whose hand has to be at a place at the end, at rest."""
+    """An arm of two joints with bounded motors, whose hand must be at a target at the end, at rest."""
     monkeypatch.setenv("LGMPC_JIT", "0")
     model = pin.Model()
     for k, joint in enumerate((pin.JointModelRY(), pin.JointModelRY())):
@@ -45,7 +45,7 @@ def reach(monkeypatch: pytest.MonkeyPatch) -> ShootingProblem:
     return problem
 
 
-def test_sqp_ipopt_and_fatrop_keep_to_it(reach: ShootingProblem) -> None:
+def test_sqp_ipopt_and_fatrop_satisfy_it(reach: ShootingProblem) -> None:
     assert check_derivatives(reach).passed
     solution = LineSearchSqp(reach).solve(max_iterations=200)
     assert solution.status is Status.CONVERGED, solution.explain()
@@ -67,7 +67,7 @@ def test_sqp_ipopt_and_fatrop_keep_to_it(reach: ShootingProblem) -> None:
         np.testing.assert_allclose(solution.multipliers[15], reference.multipliers[15], atol=1e-3)
 
 
-def test_the_last_cost_is_paid_once(reach: ShootingProblem) -> None:
+def test_the_last_cost_is_counted_once(reach: ShootingProblem) -> None:
     x = np.array([0.3, 0.2, 1.0, -2.0])
     arrive = reach.actions[-1]
     p = reach.parameters[-1, : arrive.parameters.size]
@@ -75,14 +75,14 @@ def test_the_last_cost_is_paid_once(reach: ShootingProblem) -> None:
     assert float(arrive.terminal_value_function(x, p)) == pytest.approx(0.05 * 5.0)
 
 
-def test_what_cannot_be_reached_is_named(reach: ShootingProblem) -> None:
+def test_unreachable_targets_are_named(reach: ShootingProblem) -> None:
     reach.set("hand_reference", [0.9, 0.0, 0.0])  # longer than the arm
     solution = LineSearchSqp(reach).solve(max_iterations=100)
     assert not solution.status.solved
     assert "at node 15, 'hand' row" in solution.explain()
 
 
-def test_it_is_refused_where_it_could_not_hold(reach: ShootingProblem) -> None:
+def test_it_is_refused_where_it_has_no_effect(reach: ShootingProblem) -> None:
     with pytest.raises(InputError, match="'arrive', which has path constraints"):
         Fddp(ShootingProblem([MultibodyAction("free", reach.actions[0].dynamics)] * 3 + [reach.actions[-1]]))
     model = reach.actions[0].dynamics.model

@@ -1,4 +1,4 @@
-"""The contract of a state space, on every kind of state: laws, Jacobians, batches, CasADi twins, refusals."""
+"""The contract of a state space, on every kind of state: laws, Jacobians, batches, CasADi functions, refusals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_diff_inverts_integrate(state, points) -> None:
     for seed, x in enumerate(points):
         for scale in (0.0, 1e-12, 1e-8, 1e-4, 1e-2, 1.0):
             dx = step(state, seed, scale)
-            # Absolute to rounding of the coordinates, which are of order 1 and hold the small step.
+            # Absolute, to rounding of the coordinates, which are of order 1.
             np.testing.assert_allclose(state.diff(x, state.integrate(x, dx)), dx, rtol=1e-14, atol=2e-14)
 
 
@@ -52,7 +52,7 @@ def test_zero_steps(state, points) -> None:
         np.testing.assert_allclose(state.diff(x, x), zero, atol=1e-15)
 
 
-def test_arguments_are_left_alone_and_results_are_new(state, points) -> None:
+def test_arguments_are_unchanged_and_results_are_new(state, points) -> None:
     x0, x1 = points[0].copy(), points[1].copy()
     dx = state.diff(x0, x1)
     kept = dx.copy()
@@ -126,7 +126,7 @@ def test_batches_equal_single_states(state) -> None:
 
 
 @SYMBOLS
-def test_casadi_twins(state, points, symbol) -> None:
+def test_casadi_functions(state, points, symbol) -> None:
     x, y, dx = symbol.sym("x", state.nx), symbol.sym("y", state.nx), symbol.sym("dx", state.ndx)
     integrate = ca.Function("integrate", [x, dx], [state.integrate_symbolic(x, dx)])
     diff = ca.Function("diff", [x, y], [state.diff_symbolic(x, y)])

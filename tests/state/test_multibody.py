@@ -116,7 +116,7 @@ def test_jacobians_equal_those_of_the_matrix_exponential(multibody, angle) -> No
 def test_jdiff_against_central_differences_near_half_a_turn(multibody, gap) -> None:
     x0 = start(multibody, 0)
     x1 = multibody.integrate(x0, tangent(multibody, math.pi - gap, 0))
-    step = 0.02 * gap  # the cut must stay out of the stencil
+    step = 0.02 * gap  # the stencil must not cross half a turn
     for flipped in quaternions(multibody):
         x1[flipped] *= -1.0
         j0, j1 = multibody.Jdiff(x0, x1)
@@ -146,7 +146,7 @@ def test_both_signs_of_quaternions_are_the_same_state(multibody, angle) -> None:
                 twin(first, second).full().ravel(),
             ):
                 turn = [slice(j.idx_v, j.idx_v + j.nv) for j in multibody.model.joints[1:] if j.nv in (1, 3)]
-                for k in turn:  # vectors and rotations: the way back is minus the way there
+                for k in turn:  # vectors and rotations: the reverse difference is the negative
                     np.testing.assert_allclose(got[k], sign * expected[k], atol=3e-14)
                 if sign > 0:
                     np.testing.assert_allclose(got, expected, atol=3e-14)
@@ -222,7 +222,7 @@ SMALL = one_of_each_group()
 
 @settings(deadline=None)  # a loaded machine is no failure
 @given(vectors, vectors)
-def test_the_way_there_leads_there(first: np.ndarray, second: np.ndarray) -> None:
+def test_integrating_the_difference_reaches_the_target(first: np.ndarray, second: np.ndarray) -> None:
     state = SMALL
     x0, x1 = state.integrate(state.neutral(), first), state.integrate(state.neutral(), second)
     d = state.diff(x0, x1)
@@ -270,7 +270,7 @@ def test_random_fills_whole_groups_where_bounds_are_infinite(multibody) -> None:
     assert np.all(np.abs(d[:, 6]) <= 2.0)
 
 
-def test_random_boxes_that_stick_out_of_the_ball(multibody) -> None:
+def test_random_boxes_partly_outside_the_ball(multibody) -> None:
     lower, upper = np.full(multibody.ndx, -1.0), np.full(multibody.ndx, 1.0)
     lower[3:6], upper[3:6] = 1.7, 3.0  # its nearest corner is at 2.94, its farthest at 5.2
     for seed in range(50):
@@ -318,7 +318,7 @@ def test_unsupported_joints_are_all_named(make_model) -> None:
         assert [problem.split("'")[1] for problem in caught.value.problems] == ["floor", "screw", "hub"]
 
 
-def test_the_configuration_twins_are_pinocchio_s(multibody) -> None:
+def test_symbolic_configuration_functions_are_pinocchios(multibody) -> None:
     """Including the hemisphere of quaternions that turn by more than pi."""
     model = multibody.model
     q, r, v = ca.SX.sym("q", model.nq), ca.SX.sym("r", model.nq), ca.SX.sym("v", model.nv)

@@ -11,7 +11,7 @@ import pytest
 
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Gate, Recorder, Run, RunFolder, RunLog, RunResult, compute_metrics, judge
-from lgmpc.runs.log import CONTACT_STATES
+from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.simulation.mujoco import MujocoPlant
 
 PUSH_START, PUSH_END = 0.3, 0.5
@@ -137,6 +137,7 @@ def stepping_log(pushed_log: RunLog) -> RunLog:
         pushed_log,
         command=command,
         gait_period_s=np.full(n, 0.24),
+        mode=np.full(n, MODES.index("locomote"), dtype=np.int8),
         stance=stance,
         contact_states=states,
         swing_targets=targets,

@@ -40,8 +40,8 @@ def test_joints_are_where_pinocchio_has_them(solo12) -> None:
             np.testing.assert_allclose(rotation, data.oMi[joint].rotation, atol=1e-4)
 
 
-def test_quaternions_never_jump_to_their_other_sign(solo12) -> None:
-    """A full turn passes every chart of the quaternion; the keys have to stay on one side."""
+def test_quaternions_are_continuous_in_sign(solo12) -> None:
+    """A full turn passes all signs of the quaternion's entries; the keys must be continuous."""
     turns = np.linspace(0.0, 2.0 * np.pi, 40)
     q = np.tile(solo12.q_reference, (40, 1))
     q[:, 3:7] = np.column_stack((0 * turns, 0 * turns, np.sin(turns / 2), np.cos(turns / 2)))

@@ -1,4 +1,4 @@
-"""What a browser shows: pictures of a real pushed run, looked at pixel by pixel."""
+"""Screenshots of the replay of a pushed run, evaluated by pixels."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def test_the_robot_has_moved_under_the_push(pictures) -> None:
     assert moved.sum() > 0.05 * before.robot.sum()
 
 
-def test_what_was_taken_for_the_robot_is_the_robot(browser, page) -> None:
-    """Without the robot, hardly any of its pixels are left; and nothing is asked from a network."""
+def test_the_robots_pixels_vanish_with_the_robot(browser, page) -> None:
+    """Without the robot hardly any of its pixels remain; the page makes no network request."""
     asked: list[str] = []
     tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
     tab.on("request", lambda request: asked.append(request.url))
@@ -157,7 +157,7 @@ def test_a_page_that_is_no_replay_is_refused(browser, tmp_path) -> None:
         snapshots(browser, page, (0.0,))
 
 
-def test_a_damaged_page_tells_the_reader(browser, page, tmp_path) -> None:
+def test_a_damaged_page_shows_an_error(browser, page, tmp_path) -> None:
     damaged = tmp_path / "damaged.html"
     text = page.read_text(encoding="utf-8")
     middle = text.index('<script id="payload"') + 5000

@@ -114,7 +114,7 @@ def test_the_prediction_is_the_latest_one(pushed_log) -> None:
 
 
 def test_a_prediction_is_gone_when_no_new_one_follows(pushed_log) -> None:
-    """As after a fall: the last plan is no prediction any more."""
+    """After a fall, the last plan is no valid prediction."""
     kept = pushed_log.mpc_time < 0.5
     arrays = {
         name: getattr(pushed_log, name)[kept]
@@ -125,8 +125,8 @@ def test_a_prediction_is_gone_when_no_new_one_follows(pushed_log) -> None:
     np.testing.assert_array_equal(visible, pushed_log.time[frames.ticks] < 0.5)
 
 
-def test_an_arrow_that_vanishes_stays_where_it_was(pushed_log) -> None:
-    """What is drawn glides between pictures, so the end of a push must not pull its arrow to the world's origin."""
+def test_a_hidden_arrow_does_not_move(pushed_log) -> None:
+    """Poses are interpolated between pictures: the end of a push must not move its arrow to the origin."""
     log = replace(pushed_log, push_point=np.where(pushed_log.push[:, 1:2] != 0.0, pushed_log.push_point, 0.0))
     content, frames, _ = overlay(log)
     visible = shown(content, "/overlay/push/force", frames.times)
@@ -136,7 +136,7 @@ def test_an_arrow_that_vanishes_stays_where_it_was(pushed_log) -> None:
     np.testing.assert_allclose(tail[last + 1 :], np.tile(tail[last], (len(tail) - last - 1, 1)), atol=1e-9)
 
 
-def test_without_mpc_and_push_nothing_of_them_is_shown(pushed_log) -> None:
+def test_without_mpc_and_push_their_overlays_are_absent(pushed_log) -> None:
     bare = replace(
         pushed_log,
         push=np.zeros_like(pushed_log.push),

@@ -26,7 +26,7 @@ def count(image: np.ndarray, color: tuple[int, int, int]) -> int:
 
 
 def only(monkeypatch, *names: str) -> None:
-    """Draw these figures alone: the others take their time and are looked at elsewhere."""
+    """Draw these figures alone: the others take time and are tested elsewhere."""
     monkeypatch.setattr(plots, "FIGURES", {name: plots.FIGURES[name] for name in names})
 
 
@@ -143,10 +143,10 @@ def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkey
     assert count(pixels(path), ORANGE) > 200
 
 
-def test_what_cannot_be_drawn_or_written_is_reported(pushed_run, tmp_path) -> None:
+def test_errors_of_drawing_and_writing_are_reported(pushed_run, tmp_path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    with pytest.raises(RunFolderError, match="cannot make .*file"):
+    with pytest.raises(RunFolderError, match="cannot create .*file"):
         plot_run(pushed_run, file)
     empty = Recorder(
         nq=7, nv=6, effort_limit=[], contact_frames=(), friction=1.0, contact_radius=0.0, control_period_s=1.0, ticks=0

@@ -53,7 +53,7 @@ def test_the_picture_shows_the_push_and_the_calm_after_it(folder, tmp_path, monk
 def test_a_run_without_pushes_has_no_picture(folder, pushed_run, tmp_path, monkeypatch, capsys) -> None:
     folder.write_log(replace(pushed_run.log, push=np.zeros_like(pushed_run.log.push)))
     assert run_script(monkeypatch, folder.path, tmp_path / "picture.png") == 2
-    assert "nobody pushed" in capsys.readouterr().err
+    assert "was not pushed in this run" in capsys.readouterr().err
     assert run_script(monkeypatch, tmp_path / "nothing", tmp_path / "picture.png") == 2
     assert "does not exist" in capsys.readouterr().err
     assert not (tmp_path / "picture.png").exists()

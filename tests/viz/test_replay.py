@@ -40,7 +40,7 @@ def test_the_page_is_one_file_of_moderate_size(page) -> None:
     assert "@import" not in page and "url(http" not in page
 
 
-def test_the_page_tells_the_run(page, pushed_run) -> None:
+def test_the_page_describes_the_run(page, pushed_run) -> None:
     content = content_of(page)
     assert content["name"] == "solo12_pushed"
     assert content["verdict"] == "pass"
@@ -129,7 +129,7 @@ def test_a_port_that_cannot_be_is_refused() -> None:
         PageServer("x", 70000)
 
 
-def test_serving_tells_the_address_and_ends_with_ctrl_c() -> None:
+def test_serving_prints_the_address_and_ends_with_ctrl_c() -> None:
     told: list[str] = []
     pages: list[bytes] = []
 

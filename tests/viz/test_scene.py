@@ -35,7 +35,7 @@ def tracks(content: dict[str, Any], path: str) -> dict[str, Any]:
     return {track["name"]: track for track in clip["tracks"]}
 
 
-def test_a_mesh_arrives_whole() -> None:
+def test_a_mesh_is_unpacked_unchanged() -> None:
     scene, mesh = Scene(), box(np.array([0.1, 0.2, 0.3]))
     scene.add_mesh("/a", mesh, Material(0x112233, opacity=0.5))
     (command,) = unpack(scene.pack({}))["commands"]
@@ -98,7 +98,7 @@ def test_every_clip_lasts_as_long_as_the_longest() -> None:
     assert clips == [3.0, 3.0]
 
 
-def test_showing_and_hiding_is_told_at_its_changes() -> None:
+def test_visibility_has_keys_at_its_changes() -> None:
     scene, times = Scene(), np.arange(6.0)
     scene.animate("/a", times, visible=np.array([False, False, True, True, False, False]))
     track = tracks(unpack(scene.pack({})), "/a")[".visible"]

@@ -1,4 +1,4 @@
-"""Where the camera looks: it follows what leaves the picture, sideways always, upwards only what flies."""
+"""The camera: it follows robots that leave the picture, vertically only in flight."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_robot_that_stays_is_not_followed() -> None:
         ([2.0, 0.0, 3.0], [2.0, 0.0, 3.0]),
     ],
 )
-def test_the_camera_goes_along(travel: list[float], followed: list[float]) -> None:
+def test_the_camera_follows_the_robot(travel: list[float], followed: list[float]) -> None:
     moves = follow(STEPS * travel)
     # The viewer has y up.
     assert moves[0].tolist() == [0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""Figures and replay of steps and commands: what is drawn is what the log holds."""
+"""Figures and replay of steps and commands, compared with the log."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def test_velocity_is_drawn_against_the_command(draw, stepping_log) -> None:
     for axes, column in zip(draw("velocity").axes, range(3), strict=True):
         curves = {line.get_label(): line for line in axes.lines}
         np.testing.assert_array_equal(curves["limited command"].get_ydata(), stepping_log.command[:, column])
-        raw, mean = curves["momentary"], curves["mean over a gait cycle"]
-        # The mean at a time is that of the momentary velocity half a cycle before and after it.
+        raw, mean = curves["instantaneous"], curves["mean over a gait cycle"]
+        # The mean at a time is that of the instantaneous velocity half a cycle before and after it.
         time, middle = stepping_log.time, float(mean.get_xdata()[300])
         around = np.abs(time - middle) < 0.12
         assert np.mean(raw.get_ydata()[around]) == pytest.approx(mean.get_ydata()[300], abs=1e-9)
@@ -82,7 +82,7 @@ def test_the_gait_diagram_has_a_bar_for_each_stance(draw, stepping_log) -> None:
     assert begin < SWING_START < SWING_END < end
 
 
-def test_contact_states_are_told_apart_by_colour(draw, stepping_log) -> None:
+def test_contact_states_have_different_colours(draw, stepping_log) -> None:
     states = stepping_log.contact_states.copy()
     states[stepping_log.time > SWING_END, FOOT] = 3  # late, as it would be in the air
     labels = [
@@ -139,12 +139,12 @@ def test_the_command_is_an_arrow_of_its_size_and_direction(overlay, stepping_log
     np.testing.assert_allclose(direction, [0.6, 0.8, 0.0], atol=0.02)  # the base hardly turns
 
 
-def test_a_standing_run_has_none_of_it(overlay, pushed_log) -> None:
+def test_a_standing_run_has_no_walking_overlays(overlay, pushed_log) -> None:
     content, _, _ = overlay(pushed_log)
     assert not any(command["path"].startswith("/overlay") for command in content["commands"])
 
 
-def test_the_page_says_how_the_robot_walked(solo12, pushed_run, stepping_log) -> None:
+def test_the_page_contains_the_metrics_of_walking(solo12, pushed_run, stepping_log) -> None:
     metrics = compute_metrics(stepping_log)
     walked = replace(pushed_run, log=stepping_log, result=replace(pushed_run.result, metrics=metrics))
     content = content_of(replay_page(solo12, walked))

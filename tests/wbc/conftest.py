@@ -10,7 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+import piqp
 import pytest
+from scipy.optimize import lsq_linear
 
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -53,6 +55,11 @@ def robot_named(name: str) -> Robot:
 @pytest.fixture(scope="session")
 def solo12() -> Robot:
     return robot_named("solo12")
+
+
+@pytest.fixture
+def solo12_spec() -> RobotSpec:
+    return SPECS["solo12"]
 
 
 @pytest.fixture(scope="session", params=list(SPECS))
@@ -119,3 +126,52 @@ class Rows:
 @pytest.fixture(scope="session")
 def rows_of() -> Callable[[Robot, SymbolicTask], Rows]:
     return Rows
+
+
+class Qp:
+    """What a QP's point is measured by, from the data in the memory of ``qp``: attributes as of a WholeBodySolver."""
+
+    @staticmethod
+    def cost(qp: Any, z: np.ndarray) -> float:
+        return float(0.5 * z @ qp.hessian @ z + qp.gradient @ z)
+
+    @staticmethod
+    def violation(qp: Any, z: np.ndarray) -> float:
+        rows = qp.inequality @ z
+        outside = [rows - qp.upper, qp.lower - rows, z - qp.box_upper, qp.box_lower - z]
+        return float(np.concatenate([np.abs(qp.equality @ z - qp.equality_rhs), *outside]).max())
+
+    @staticmethod
+    def stationarity(qp: Any, z: np.ndarray, near: float = 1e-5) -> float:
+        """What multipliers of the right sign, of the constraints that hold at z, leave of the gradient."""
+        rows, identity = qp.inequality @ z, np.eye(z.size)
+        normals = np.vstack(
+            [
+                qp.inequality[rows > qp.upper - near],
+                -qp.inequality[rows < qp.lower + near],
+                identity[z > qp.box_upper - near],
+                -identity[z < qp.box_lower + near],
+            ]
+        )
+        lowest = np.concatenate([np.full(qp.equality.shape[0], -np.inf), np.zeros(len(normals))])
+        columns, slope = np.vstack([qp.equality, normals]).T, qp.hessian @ z + qp.gradient
+        found = lsq_linear(columns, -slope, (lowest, np.inf), method="bvls", tol=1e-14)
+        return float(np.abs(found.fun).max())
+
+    @staticmethod
+    def solve_by_interior_point(qp: Any) -> np.ndarray:
+        solver = piqp.DenseSolver()
+        solver.settings.eps_abs = 1e-8
+        solver.settings.eps_rel = 0.0
+        bounds = [np.where(np.abs(b) > 1e19, np.copysign(np.inf, b), b) for b in (qp.box_lower, qp.box_upper)]
+        lower = np.where(qp.lower < -1e19, -np.inf, qp.lower)
+        solver.setup(
+            qp.hessian, qp.gradient, qp.equality, qp.equality_rhs, qp.inequality, lower, qp.upper, bounds[0], bounds[1]
+        )
+        assert solver.solve() == piqp.PIQP_SOLVED
+        return np.array(solver.result.x)
+
+
+@pytest.fixture(scope="session")
+def measures() -> type[Qp]:
+    return Qp

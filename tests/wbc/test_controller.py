@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc.robot import load_robot
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
 
@@ -139,6 +140,22 @@ def test_same_inputs_after_a_reset_give_the_same_bits(solo12, random_state):
     np.testing.assert_array_equal(commands(other, states), first)
 
 
+def test_stepping_replaces_weights_and_standing_restores_them(controller):
+    weights = {name: task.weight.copy() for name, task in controller.tasks.items()}
+    stepping = controller.settings.scaled(controller.robot).stepping_weights
+    controller.weigh(stepping=True)
+    for name in ("com", "base_orientation", "angular_momentum", "posture"):
+        np.testing.assert_array_equal(
+            controller.tasks[name].weight, np.broadcast_to(getattr(stepping, name), weights[name].shape)
+        )
+        assert (controller.tasks[name].weight != weights[name]).any()
+    for name in ("stance", "swing", "base_position"):
+        np.testing.assert_array_equal(controller.tasks[name].weight, weights[name])
+    controller.weigh(stepping=False)
+    for name, task in controller.tasks.items():
+        np.testing.assert_array_equal(task.weight, weights[name])
+
+
 def test_after_a_failed_tick_the_solver_starts_anew(controller):
     """As at the first tick: with torques at their limits, so that ProxQP is called, and its warm start counts."""
     acceleration = controller.tasks["com"].target.acceleration
@@ -190,3 +207,21 @@ def test_a_lateral_push_is_survived(solo12):
     assert tilt < 5.0
     assert abs(aside[-1]) < 0.01 and np.abs(samples[-1].v).max() < 0.05
     assert max(np.abs(s.tau).max() for s in samples) <= 1.8
+
+
+def test_known_joint_friction_is_supplied_on_top_within_the_torque_limits(solo12, solo12_spec):
+    """The same accelerations and forces as without friction; the torques differ by it, in closed form."""
+    rough = load_robot(solo12_spec.replace({"joint_friction_nm": {"*_KFE": 0.1, "*_HFE": 0.05}}))
+    rates = 0.2 * np.random.default_rng(5).normal(size=solo12.nu)
+    v = np.concatenate([np.zeros(6), rates])
+    smooth, compensating = (WholeBodyController(robot, WholeBodySettings(tolerance=1e-9)) for robot in (solo12, rough))
+    for controller in (smooth, compensating):
+        controller.sense(solo12.q_reference, v)
+        assert controller.solve() is TickStatus.SOLVED
+    friction = np.tile([0.0, 0.05, 0.1], 4)
+    np.testing.assert_allclose(compensating.tau - smooth.tau, friction * np.tanh(rates / 0.1), atol=1e-6)
+    np.testing.assert_allclose(compensating.acceleration, smooth.acceleration, atol=1e-4)
+    for controller in (smooth, compensating):
+        controller.tasks["com"].target.acceleration[2] = 200.0
+        assert controller.solve() is TickStatus.SOLVED
+        assert np.abs(controller.tau).max() == pytest.approx(1.8, abs=1e-3)  # the limit binds, friction included

@@ -1,4 +1,4 @@
-"""The residuals that problems are usually made of."""
+"""Residuals for costs and constraints."""
 
 from lgmpc.costs.library.dynamics import (
     CentroidalMomentum,

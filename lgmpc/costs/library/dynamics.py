@@ -118,7 +118,7 @@ class JointEffort(_Difference):
 
 
 class ControlGravity(Residual):
-    """Efforts of the actuated joints minus those that hold the robot against gravity without contacts (nu,).
+    """Efforts of the actuated joints minus those that balance gravity without contacts (nu,), N.m (N).
 
     Args:
         nu: number of actuated joints.

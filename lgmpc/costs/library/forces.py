@@ -1,4 +1,4 @@
-"""Residuals of contact forces; finite, with finite derivatives, at zero force."""
+"""Residuals of contact forces; values and derivatives are finite at zero force."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ContactForce(Residual):
 class _Cone(Residual):
     def __init__(self, frame: str, friction: float, surface: ArrayLike | None) -> None:
         self.frame = frame
-        self.parameters = (Parameter("friction", 1, "friction coefficient", friction),)
+        self.parameters = (Parameter("friction", 1, "friction coefficient", friction, "not negative"),)
         rotation = np.eye(3) if surface is None else np.asarray(surface, dtype=np.float64)
         if rotation.shape != (3, 3) or not np.allclose(rotation.T @ rotation, np.eye(3), rtol=0, atol=1e-9):
             raise InputError("surface", "no rotation matrix", "a (3, 3) rotation whose third column is the normal")
@@ -83,7 +83,7 @@ class FrictionCone(_Cone):
 class SmoothFrictionCone(_Cone):
     """The friction cone as the polynomials ``mu^2 f_z^2 - f_x^2 - f_y^2`` (N^2) and ``f_z`` (N), both positive inside.
 
-    Without a root, and so differentiable at zero force.
+    Free of square roots, hence differentiable at zero force.
 
     Args:
         frame: name of the contact.
@@ -109,7 +109,7 @@ class CenterOfPressure(Residual):
     """Centre of pressure within a rectangle about the frame's origin (4,), N.m: positive strictly inside.
 
     With the wrench in the frame's own axes, z being the surface's normal and the rectangle 2 a by 2 b:
-    ``a f_z - m_y, a f_z + m_y, b f_z - m_x, b f_z + m_x``. Finite where no force presses.
+    ``a f_z - m_y, a f_z + m_y, b f_z - m_x, b f_z + m_x``. Finite at zero force.
 
     Args:
         frame: name of a surface contact.
@@ -130,7 +130,7 @@ class CenterOfPressure(Residual):
         """
         wrench, back = s.force(self.frame), s.placement(self.frame).rotation.T
         if wrench.shape[0] != 6:
-            raise InputError("frame", f"{self.frame}, a point contact", "a surface contact: a point has no pressure")
+            raise InputError("frame", f"{self.frame}, a point contact", "a surface contact")
         normal, moment = (back @ wrench[:3])[2], back @ wrench[3:]
         reach_y, reach_x = s["half_size"][0] * normal, s["half_size"][1] * normal
         return ca.vertcat(reach_y - moment[1], reach_y + moment[1], reach_x - moment[0], reach_x + moment[0])

@@ -151,7 +151,7 @@ class FrameVelocity(Residual):
 
 
 class FramePairDistance(Residual):
-    """Distance between the origins of two frames (1,), m. Its derivative where they meet is taken as zero.
+    """Distance between the origins of two frames (1,), m. Its derivative at distance zero is taken as zero.
 
     Args:
         first: name of a frame.

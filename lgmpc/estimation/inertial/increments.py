@@ -1,4 +1,4 @@
-r"""What one IMU sample adds: an element of SE_2(3), in the two forms of the literature.
+r"""The increment of one IMU sample: an element of SE_2(3), in the two forms of the literature.
 
 With ``phi = w dt`` and the integrals of the rotation ``Gamma_m(phi) = sum_k Phi^k / (k + m)!``:
 
@@ -26,12 +26,12 @@ __all__ = ["Increment", "IncrementRule", "exponential_increment", "zero_order_ho
 
 @dataclass(frozen=True)
 class Increment:
-    """What one sample adds.
+    """The increment of one sample.
 
     Attributes:
         pose: (5, 5) element of SE_2(3): rotation, velocity, position.
         jacobian: (9, 6) its dependence on the sample: ``pose(w + dw, a + da) = pose exp(jacobian [dw; da])`` to first
-            order. Noise enters by it, and, with the opposite sign, biases.
+            order. It also maps noise and, with the opposite sign, biases.
     """
 
     pose: Array
@@ -43,7 +43,7 @@ IncrementRule = Callable[[Array, Array, float], Increment]
 
 
 def exponential_increment(gyro: Array, accelerometer: Array, duration: float) -> Increment:
-    """Return the increment of body rates that are constant over ``duration``: exact.
+    """Return the exact increment of body rates that are constant over ``duration``.
 
     Args:
         gyro: (3,) angular velocity, body axes, rad/s.
@@ -71,7 +71,7 @@ def exponential_increment(gyro: Array, accelerometer: Array, duration: float) ->
 
 
 def zero_order_hold_increment(gyro: Array, accelerometer: Array, duration: float) -> Increment:
-    """Return the increment of a specific force that is constant in world axes over ``duration``; else as the other."""
+    """Return the increment of a specific force that is constant in world axes over ``duration``."""
     gyro, force, dt = _checked(gyro, accelerometer, duration)
     phi = dt * gyro
     pose = _pose(phi, dt * force, 0.5 * dt**2 * force)

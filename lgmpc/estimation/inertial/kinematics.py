@@ -1,13 +1,13 @@
 r"""Inertial kinematics on SE_2(3) and SE_{2+k}(3): columns velocity, position, then k points at rest in the world.
 
-``R' = R [w]x,  v' = R a + g,  p' = v`` (chapter 4.11.2) with the angular velocity ``w`` (rad/s) and the specific force
+``R' = R [w]x,  v' = R a + g,  p' = v`` with the angular velocity ``w`` (rad/s) and the specific force
 ``a`` (m/s2) in body axes, gravity ``g`` in world axes. The field is group affine (Barrau and Bonnabel, IEEE TAC 2017),
-``f(X Y) = f(X) Y + X f(Y) - X f(I) Y``, so over any time, exactly,
+``f(X Y) = f(X) Y + X f(Y) - X f(I) Y``, so that over any time, exactly,
 
     X(t) = Gamma(t) phi_t(X(0)) Upsilon(t)                                   (Brossard et al., IEEE TRO 2021)
 
 with gravity's ``Gamma``, the free flow ``phi_t: p -> p + t v`` (an automorphism of the group) and ``Upsilon``, which
-depends on the measurements alone: what preintegration integrates.
+depends on the measurements alone and is the result of preintegration.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["error_dynamics", "flow_differential", "free_flow", "gravity_incremen
 
 
 def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array) -> Array:
-    """Return the time derivative (3 + k, 3 + k) of ``pose`` in SE_k(3), k >= 2 (chapter 4.11.2).
+    """Return the time derivative (3 + k, 3 + k) of ``pose`` in SE_k(3), k >= 2.
 
     Args:
         pose: (3 + k, 3 + k); columns velocity, position, then points at rest.
@@ -46,7 +46,7 @@ def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array)
 
 
 def free_flow(pose: Array, duration: float) -> Array:
-    """Return ``phi_t(pose)``: the position moves on with the velocity. ``phi_t(X Y) = phi_t(X) phi_t(Y)``.
+    """Return ``phi_t(pose)``: the position moves with constant velocity. ``phi_t(X Y) = phi_t(X) phi_t(Y)``.
 
     Raises:
         InputError: ``pose`` is no extended pose with two columns or more, or ``duration`` is not finite.
@@ -57,7 +57,7 @@ def free_flow(pose: Array, duration: float) -> Array:
 
 
 def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Array:
-    """Return ``Gamma(t)``, (3 + columns, 3 + columns): what gravity (3,) adds to velocity and position.
+    """Return ``Gamma(t)``, (3 + columns, 3 + columns): the effect of gravity (3,) on velocity and position.
 
     Raises:
         InputError: gravity is no finite 3-vector, or fewer than 2 columns.
@@ -98,7 +98,7 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
 
     With ``exp(xi) = X_estimate X_true^{-1}`` and neither noise nor biases, ``xi(t) = expm(A t) xi(0)`` for errors of
     any size along any motion, where A depends on gravity alone (Barrau and Bonnabel, IEEE TAC 2017; Hartley et al.,
-    IJRR 2020; chapter 4.11.3, of whose statement this is the precise form).
+    IJRR 2020).
 
     Raises:
         InputError: gravity is no finite 3-vector, or fewer than 2 columns.

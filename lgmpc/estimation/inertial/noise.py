@@ -1,4 +1,4 @@
-"""How noisy an inertial measurement unit is."""
+"""Noise densities of an inertial measurement unit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["ImuNoise"]
 class ImuNoise(Settings):
     """Densities of white noise, as data sheets have them; a sample over ``dt`` has variance ``density^2 / dt``.
 
-    The walk of a bias integrates white noise: it adds ``density^2 dt`` to the bias's variance.
+    The random walk of a bias integrates white noise: it adds ``density^2 dt`` to the bias's variance.
     """
 
     gyro_noise_rad_s_rt_hz: Noise = Field(
@@ -30,7 +30,7 @@ class ImuNoise(Settings):
 
     @property
     def densities(self) -> tuple[float, float, float, float]:
-        """Gyro, accelerometer, walk of the gyro's bias, walk of the accelerometer's bias."""
+        """Densities of gyro, accelerometer, random walk of the gyro's bias and of the accelerometer's."""
         return (
             self.gyro_noise_rad_s_rt_hz,
             self.accelerometer_noise_m_s2_rt_hz,

@@ -16,7 +16,7 @@ __all__ = ["Preintegration"]
 
 
 class Preintegration:
-    r"""The product of IMU increments between two instants, independent of where the motion began (chapter 4.11).
+    r"""The product of IMU increments between two instants, independent of the initial state.
 
     From ``X_j = Gamma phi(X_i) Upsilon_ij`` (see :mod:`lgmpc.estimation.inertial.kinematics`) follow, for a sample with
     increment ``u`` and Jacobian ``J``, and the error ``Upsilon_true = Upsilon exp(xi)``::
@@ -60,11 +60,11 @@ class Preintegration:
         self._rule = rule
 
     def integrate(self, gyro: Array, accelerometer: Array, duration: float) -> None:
-        """Take one sample.
+        """Integrate one sample.
 
         Args:
-            gyro: (3,) angular velocity as measured, rad/s.
-            accelerometer: (3,) specific force as measured, m/s2.
+            gyro: (3,) measured angular velocity, rad/s.
+            accelerometer: (3,) measured specific force, m/s2.
             duration: until the next sample, s.
 
         Raises:
@@ -85,7 +85,7 @@ class Preintegration:
         return sek3.compose(self.pose, sek3.exp(self.bias_jacobian @ change))
 
     def predict(self, start: Array, gravity: Array) -> Array:
-        """Return (5, 5) the pose at the end of a motion that began at ``start``; gravity (3,) in world axes, m/s2.
+        """Return (5, 5) the pose at the end of a motion from ``start``; gravity (3,) in world axes, m/s2.
 
         Raises:
             InputError: ``start`` is not in SE_2(3), or gravity no finite 3-vector.
@@ -94,7 +94,7 @@ class Preintegration:
         return end
 
     def residual(self, start: Array, end: Array, gravity: Array, gyro_bias: Array, accelerometer_bias: Array) -> Array:
-        """Return (9,) how far ``end`` is from what was integrated, in the tangent whose covariance is known.
+        """Return (9,) the difference of ``end`` from the integrated motion, in the tangent space of :attr:`covariance`.
 
         ``log(corrected^-1 phi(start)^-1 Gamma^-1 end)``: the error of a preintegration factor.
 

@@ -1,4 +1,4 @@
-"""Contact-aided invariant extended Kalman filter on SE_{2+k}(3), and the quaternion filter beside it."""
+"""Contact-aided invariant extended Kalman filter on SE_{2+k}(3), and the quaternion filter for comparison."""
 
 from lgmpc.estimation.invariant_ekf.filter import InvariantEkf
 from lgmpc.estimation.invariant_ekf.forms import FORMS, LEFT, MULTIPLICATIVE, RIGHT, ErrorForm

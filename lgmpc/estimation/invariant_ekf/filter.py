@@ -1,4 +1,4 @@
-"""The contact-aided invariant extended Kalman filter, on memory that is allocated once."""
+"""The contact-aided invariant extended Kalman filter, on preallocated memory."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ __all__ = ["InvariantEkf"]
 
 
 class InvariantEkf:
-    r"""Base motion, contact points, landmarks and IMU biases from an IMU, leg kinematics and a camera (chapter 4.11.4).
+    r"""Base motion, contact points, landmarks and IMU biases from an IMU, leg kinematics and a camera.
 
     The state is an extended pose in SE_{2+k+m}(3), columns velocity, position, k contact points and m landmarks (world
     axes), with a gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
-    Prediction is exact for body rates that are constant over a sample, and so are its error dynamics. Feet in contact
-    rest but for slip, a white velocity noise, and the rolling of ball feet. Landmarks rest; a camera or another sensor
-    measures their positions relative to the base.
+    Prediction and error dynamics are exact for body rates that are constant over a sample. Contact points are at rest
+    except for slip, a white velocity noise, and the rolling of spherical feet. Landmarks are at rest; a camera or
+    another sensor measures their positions relative to the base.
 
     Position and yaw are not observable from feet and landmarks of unknown position, which are mapped as the base moves:
-    they drift, and the invariant forms gain no false information about them (Barrau and Bonnabel, "An EKF-SLAM
+    they drift, and the invariant forms add no false information about them (Barrau and Bonnabel, "An EKF-SLAM
     algorithm with consistency properties", 2015). Landmarks of known position make them observable.
 
-    All memory is allocated once: feet and landmarks that come and go set flags, and no array changes its size.
+    All memory is allocated once: contacts and landmarks are added and removed by flags, and no array changes its size.
 
     Args:
-        contacts: k, how many feet can be in contact.
+        contacts: k, number of feet.
         noise: densities of the IMU's noise.
-        landmarks: m, how many landmarks of unknown position the state has room for.
+        landmarks: m, largest number of landmarks of unknown position.
         slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
         gravity: (3,) world axes, m/s2.
         contact_offset: (3,) from a contact point to the frame that the kinematics measure, world axes, m: (0, 0, r) for
-            ball feet of radius r.
+            spherical feet of radius r.
         form: :data:`RIGHT`, :data:`LEFT`, or :data:`MULTIPLICATIVE` for the quaternion filter.
         progress: called with a description of what is being compiled. The corrections by landmarks are compiled at
             their first use.
@@ -73,7 +73,7 @@ class InvariantEkf:
             landmarks, gyro bias, accelerometer bias; zero rows for points that are not in use.
 
     Raises:
-        InputError: an argument that cannot be.
+        InputError: an argument that is not valid.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class InvariantEkf:
         densities = (*noise.densities, slip)
         self._parameters = np.concatenate([[0.0], three("gravity", gravity), offset, np.square(densities)])
 
-        # A symmetric matrix is the same column by column and row by row; the pose is the one that is not.
+        # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
         self._after = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
         self._predict = StageKernel(prediction(form, contacts, landmarks), progress).bind(
@@ -160,7 +160,7 @@ class InvariantEkf:
         gyro_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         accelerometer_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Begin anew, no foot in contact and no landmark mapped.
+        """Set the state, with no foot in contact and no landmark mapped.
 
         Args:
             pose: (5, 5) rotation, velocity, position.
@@ -190,14 +190,14 @@ class InvariantEkf:
         self._flags[:] = 0.0
 
     def predict(self, gyro: Array, accelerometer: Array, duration: float, foot_rates: Array | None = None) -> None:
-        """Move on by one IMU sample.
+        """Predict over one IMU sample.
 
         Args:
             gyro: (3,) mean angular velocity over the sample, body axes, rad/s.
             accelerometer: (3,) mean specific force, body axes, m/s2.
             duration: of the sample, s.
-            foot_rates: (k, 3) angular velocities of the feet relative to the base, base axes, rad/s: what makes ball
-                feet roll. Zero if not given.
+            foot_rates: (k, 3) angular velocities of the feet relative to the base, base axes, rad/s, for the
+                rolling of spherical feet. Zero unless given.
 
         Raises:
             InputError: a vector that is not finite or of another shape, or a duration that is not positive.
@@ -212,10 +212,10 @@ class InvariantEkf:
         self._state[:] = self._scratch
 
     def begin_contact(self, foot: int, measured: Array, covariance: Array) -> None:
-        """Add the contact point of ``foot`` to the state, at the place that the kinematics measure.
+        """Add the contact point of ``foot`` to the state, at its measured position.
 
         Args:
-            foot: which one, 0 to k - 1.
+            foot: index, 0 to k - 1.
             measured: (3,) from the base to its contact frame, body axes, m.
             covariance: (3, 3) of ``measured``, m2.
 
@@ -237,10 +237,10 @@ class InvariantEkf:
         self._flags[foot] = 0.0
 
     def add_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
-        """Add a landmark of unknown position to the state, at the place that it is measured at.
+        """Add a landmark of unknown position to the state, at its measured position.
 
         Args:
-            landmark: which one, 0 to m - 1; one that is mapped already is replaced.
+            landmark: index, 0 to m - 1; one that is mapped is replaced.
             measured: (3,) from the base to the landmark, body axes, m.
             covariance: (3, 3) of ``measured``, m2.
 
@@ -251,7 +251,7 @@ class InvariantEkf:
         self._add(self.contacts + landmark, measured, covariance, np.zeros(3))
 
     def remove_landmark(self, landmark: int) -> None:
-        """Marginalise a landmark: its place in the state is free for another.
+        """Marginalise a landmark, whose index can be used again.
 
         Raises:
             InputError: no such landmark.
@@ -278,7 +278,7 @@ class InvariantEkf:
         """Correct the estimate with the position of a mapped landmark.
 
         Args:
-            landmark: which one, 0 to m - 1.
+            landmark: index, 0 to m - 1.
             measured: (3,) from the base to the landmark, body axes, m.
             covariance: (3, 3) of ``measured``, m2; positive definite.
 
@@ -295,7 +295,7 @@ class InvariantEkf:
         self._state[:] = self._scratch
 
     def correct_known_landmark(self, position: Array, measured: Array, covariance: Array) -> None:
-        """Correct the estimate with the position of a landmark whose place in the world is known.
+        """Correct the estimate with a measured landmark of known position in the world.
 
         Args:
             position: (3,) of the landmark, world axes, m; exact.
@@ -310,8 +310,13 @@ class InvariantEkf:
         self._known_landmark_correction()
         self._state[:] = self._scratch
 
+    @property
+    def velocity_variance(self) -> float:
+        """Sum of the variances of the velocity's three components in the form's error, m2/s2."""
+        return float(self._covariance[3, 3] + self._covariance[4, 4] + self._covariance[5, 5])
+
     def error(self, pose: Array, biases: Array) -> Array:
-        """Return (15 + 3k + 3m,) the error of the estimate against a truth, that which :attr:`covariance` is of.
+        """Return (15 + 3k + 3m,) the error of the estimate, whose covariance is :attr:`covariance`.
 
         Args:
             pose: (5 + k + m, 5 + k + m) true pose, with the true points of the feet in contact and mapped landmarks.
@@ -375,17 +380,17 @@ class InvariantEkf:
 
 def _check_index(name: str, index: int, count: int) -> None:
     if not 0 <= index < count:
-        raise InputError(name, index, f"a number from 0 to {count - 1}" if count else "a filter with room for one")
+        raise InputError(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one")
 
 
 def _views(memory: Array, columns: int, size: int) -> tuple[Array, Array, Array]:
-    """Return pose, biases and covariance within one piece of memory, so that one copy copies all."""
+    """Return pose, biases and covariance as views of one array, so that one copy copies all."""
     pose, bias, covariance = np.split(memory, [columns**2, columns**2 + 6])
     return pose.reshape((columns, columns), order="F"), bias, covariance.reshape(size, size)
 
 
 def _memory(matrix: Array) -> Array:
-    """Return the memory of a matrix that is stored column after column, flat."""
+    """Return the flat memory of a matrix in column-major order."""
     return matrix.T.reshape(-1)
 
 
@@ -396,7 +401,7 @@ def _read_only(array: Array) -> Array:
 
 
 def _write(name: str, value: Array, buffer: Array) -> None:
-    """Copy into a buffer what has its shape and is finite; cheap, because it runs at every tick."""
+    """Copy a finite array into a buffer of its shape; called at every tick."""
     if np.shape(value) != buffer.shape:
         raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
     if not math.isfinite(np.add.reduce(value, axis=None)):

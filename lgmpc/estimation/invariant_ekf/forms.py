@@ -1,7 +1,7 @@
-r"""Definitions of the error of an extended Kalman filter: right-invariant, left-invariant, of the quaternion filter.
+r"""Error definitions of extended Kalman filters: right-invariant, left-invariant, and the quaternion filter's.
 
-The three filters are one programme (:mod:`lgmpc.estimation.invariant_ekf.programme`); they differ only in the
-error ``xi`` between estimate and truth, hence the linearisations of one motion and one measurement (biases aside):
+The three filters are one programme (:mod:`lgmpc.estimation.invariant_ekf.programme`); they differ only in the error
+``xi`` between estimate and truth, hence in the linearisations of motion and measurement (without biases):
 
 ============== ============================================ ==================== =======================
 form           error of the extended pose                   transition           observation matrix
@@ -11,10 +11,10 @@ left           ``exp(xi) = X_true^-1 X_est`` (body axes)    of the IMU alone    
 multiplicative ``R_est = R_true exp(xi)``, else difference  of both              of the estimate
 ============== ============================================ ==================== =======================
 
-Both invariant forms: Barrau and Bonnabel (IEEE TAC 2017), with contacts Hartley et al. (IJRR 2020), chapter 4.11.4. The
-multiplicative one is the standard "quaternion" error-state filter (Bloesch et al., RSS 2012), for comparison.
-Everything here is symbolic (CasADi); poses are in SE_{2+k}(3), columns velocity, position and
-k points: contacts, then landmarks.
+Both invariant forms: Barrau and Bonnabel (IEEE TAC 2017), with contacts Hartley et al. (IJRR 2020). The multiplicative
+one is the standard "quaternion" error-state filter (Bloesch et al., RSS 2012), for comparison.
+All expressions are CasADi's; poses are in SE_{2+k}(3), columns velocity, position and k points: contacts, then
+landmarks.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Motion:
     Attributes:
         before: (5 + k, 5 + k) pose.
         after: the pose after the step.
-        rolled: (3, k) how far the points moved meanwhile as feet rolled, world axes, m: known, and part of ``after``.
-        increment: (5 + k, 5 + k) what the IMU added, Upsilon.
+        rolled: (3, k) displacements of the points by rolling feet, world axes, m: known, and part of ``after``.
+        increment: (5 + k, 5 + k) the IMU's increment Upsilon.
         jacobian: (9, 6) of the increment, see :class:`lgmpc.estimation.inertial.Increment`.
         gravity: (3,) world axes, m/s2.
         duration: s.
@@ -73,20 +73,20 @@ class Observation:
 
 
 class ErrorForm(Protocol):
-    """A choice of error, as a filter needs it."""
+    """The protocol of an error definition."""
 
     @property
     def name(self) -> str:
-        """One word, also in the name of what is compiled."""
+        """Name, part of the names of compiled functions."""
 
     def transition(self, motion: Motion) -> Any:
-        """Return (9 + 3k, 9 + 3k) how the error goes on during a step."""
+        """Return (9 + 3k, 9 + 3k) the transition matrix of the error over a step."""
 
     def disturbance(self, motion: Motion) -> Any:
-        """Return (9 + 3k, 6) how an error of the IMU sample enters the error."""
+        """Return (9 + 3k, 6) the derivative of the error by an error of the IMU sample."""
 
     def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
-        """Compare a point with its measurement.
+        """Return the linearised measurement of a point.
 
         Args:
             pose: the estimate.
@@ -96,27 +96,28 @@ class ErrorForm(Protocol):
         """
 
     def from_differences(self, pose: Any) -> Any:
-        """Return (9 + 3k, 9 + 3k) what turns plain differences between estimate and truth into this error.
+        """Return (9 + 3k, 9 + 3k) the map from plain differences between estimate and truth to this error.
 
-        Plain are: the rotation ``exp(d) = R_est R_true^-1``, world axes, then the columns' differences. First order.
+        Plain differences are the rotation ``exp(d) = R_est R_true^-1``, world axes, and the columns' differences; to
+        first order.
         """
 
     def error(self, estimate: Any, truth: Any) -> Any:
-        """Return (9 + 3k,) the error of one pose against another, exactly."""
+        """Return (9 + 3k,) the exact error of one pose relative to another."""
 
     def retract(self, pose: Any, error: Any) -> Any:
-        """Return the pose without the error (9 + 3k,): what was estimated, corrected."""
+        """Return the pose corrected by the error (9 + 3k,)."""
 
 
 @dataclass(frozen=True)
 class _RightInvariant:
-    """World axes: the transition depends on gravity alone, the observation on nothing."""
+    """World axes: the transition depends on gravity alone, the observation matrix is constant."""
 
     name: str = "right"
 
     def transition(self, motion: Motion) -> Any:
         fall = ca.horzcat(motion.duration * motion.gravity, 0.5 * motion.duration**2 * motion.gravity)
-        # What is added to columns from the left is carried by the same adjoint, be it gravity's fall or a rolled way.
+        # Columns added from the left transform by the same adjoint, those of gravity and of rolling alike.
         return _shift(ca.horzcat(fall, motion.rolled)) @ _flow(motion)
 
     def disturbance(self, motion: Motion) -> Any:
@@ -204,7 +205,7 @@ class _Multiplicative:
 
 
 RIGHT: ErrorForm = _RightInvariant()
-"""The right-invariant error, in world axes: the one to use with contacts."""
+"""The right-invariant error, in world axes, suited to contacts."""
 LEFT: ErrorForm = _LeftInvariant()
 """The left-invariant error, in body axes."""
 MULTIPLICATIVE: ErrorForm = _Multiplicative()
@@ -214,20 +215,20 @@ FORMS: dict[str, ErrorForm] = {form.name: form for form in (RIGHT, LEFT, MULTIPL
 
 
 def _flow(motion: Motion) -> Any:
-    """Return the differential of the free flow: the position's error moves on with the velocity's."""
+    """Return the differential of the free flow: the position's error grows by the velocity's."""
     matrix = ca.SX.eye(9 + 3 * motion.points)
     matrix[6:9, 3:6] = motion.duration * ca.SX.eye(3)
     return matrix
 
 
 def _shift(columns: Any) -> Any:
-    """Return the adjoint of the pose that is nothing but these columns."""
+    """Return the adjoint of a pose with these columns and no rotation."""
     arms = ca.vertcat(*(so3.hat(columns[:, j]) for j in range(columns.shape[1])))
     return _blocks(ca.SX.eye(3), arms, ca.SX.eye(3))
 
 
 def _padded(jacobian: Any, motion: Motion) -> Any:
-    """Return the (9, 6) Jacobian with rows of zeros for the points: an IMU does not move them."""
+    """Return the (9, 6) Jacobian with rows of zeros for the points, which do not depend on the IMU."""
     return ca.vertcat(jacobian, ca.SX(3 * motion.points, 6))
 
 

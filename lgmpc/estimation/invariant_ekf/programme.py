@@ -20,15 +20,15 @@ _CORRECTED = ["pose_next", "bias_next", "covariance_next"]
 
 
 def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Function:
-    """Return one step under an IMU sample that is constant over it: exact for mean and covariance.
+    """Return one step under an IMU sample that is constant over it, exact for mean and covariance.
 
     Inputs: ``pose``, ``bias`` (6,) gyro first, ``covariance``, ``sample`` (6,) gyro and accelerometer, ``rolling``
     (3, contacts) angular velocity of each foot relative to the base, base axes, ``contact`` (contacts,) 0 or 1,
     ``parameters`` (12,): duration, gravity (3), offset (3) from the contact points to the contact frames in world axes,
     and the squared densities of gyro, accelerometer, their biases' walks, and slip.
 
-    A foot that is a ball rolls: its contact point moves with ``omega_foot x offset``. That motion counts as
-    known; what it depends on attitude and bias, 16 mm of a small angle on Solo12, is left to the slip noise.
+    A spherical foot rolls: its contact point moves with ``omega_foot x offset``. That motion is treated as known; its
+    dependence on attitude and bias (16 mm times a small angle on Solo12) is part of the slip noise.
     """
     pose, bias, covariance = _state(contacts + landmarks)
     size, sample = 9 + 3 * (contacts + landmarks), ca.SX.sym("sample", 6)
@@ -66,7 +66,7 @@ def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
 
 
 def augmentation(form: ErrorForm, points: int) -> ca.Function:
-    """Return the state with one more point, a contact or a landmark, at the place that it is measured at.
+    """Return the state with one more point, a contact or a landmark, at its measured position.
 
     Inputs: ``pose``, ``covariance``, ``measured`` (3,) base to the measured frame, body axes, ``noise`` (3, 3) its
     covariance, ``selected`` (p,) 1 for the new point, ``offset`` (3,) from the point to the measured frame, world axes.
@@ -104,7 +104,7 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3, contacts) base to contact frames, body axes, ``noise``
     (3, 3 contacts) their covariances side by side, ``contact`` (contacts,) 0 or 1, ``offset`` (3,).
 
-    Feet are taken one after the other with one linearisation, which is the same as all at once because their noises are
+    Feet are processed sequentially with one linearisation, equivalent to a joint update because their noises are
     independent; ``V V^T`` with ``V = P H^T L^-T`` and ``L L^T = H P H^T + N`` keeps the covariance symmetric.
     """
     pose, bias, covariance = _state(contacts + landmarks)
@@ -117,7 +117,7 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
         matrix = ca.horzcat(observation.matrix, ca.SX(3, 6))
         gain = moved @ matrix.T
         spread = matrix @ gain + observation.axes @ noise[:, 3 * i : 3 * i + 3] @ observation.axes.T
-        # An open contact has no rows in the covariance, but its measurement would still move the others.
+        # An open contact has no rows in the covariance, but its measurement would affect the others.
         factor = _cholesky(ca.if_else(contact[i], spread, ca.SX.eye(3)))
         scaled = contact[i] * _solve_lower(factor, gain.T).T
         surprise = _solve_lower(factor, ca.if_else(contact[i], observation.innovation - matrix @ error, 0.0))
@@ -159,13 +159,13 @@ def landmark_correction(form: ErrorForm, contacts: int, landmarks: int) -> ca.Fu
 
 
 def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
-    """Return the Kalman update with the measured position of a landmark whose place in the world is known.
+    """Return the Kalman update with the measured position of a landmark of known position in the world.
 
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
     covariance, ``landmark`` (3,) world axes.
 
-    The landmark is observed as a point of the state would be. Its plain difference from the truth is zero, but not its
-    error in every form: the right-invariant one is that of the estimate's attitude, turned about the world's origin.
+    The landmark is observed like a point of the state. Its plain difference from the truth is zero, but not its error
+    in every form: the right-invariant one depends on the attitude's error about the world's origin.
     """
     pose, bias, covariance = _state(points)
     measured, noise, landmark = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3), ca.SX.sym("landmark", 3)
@@ -214,7 +214,7 @@ def _corrected(form: ErrorForm, before: Any, bias: Any, error: Any) -> list[Any]
 
 
 def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) -> Motion:
-    """Return the step of a pose under body rates that are constant over it, and of its points."""
+    """Return the step of a pose and its points under body rates that are constant over it."""
     variables = ca.SX.sym("sample", 6)
     phi, force = duration * variables[:3], variables[3:]
     velocity, position = duration * so3.left_jacobian(phi) @ force, duration**2 * _second_integral(phi) @ force
@@ -242,7 +242,7 @@ def _second_integral(phi: Any) -> Any:
 
 
 def _assume_group(pose: Any) -> Any:
-    """Return the pose with constants in the rows that are constant, so that no product is made with them."""
+    """Return the pose with constants in its constant rows, which simplifies products."""
     return _pack(pose[:3, :3], pose[:3, 3:])
 
 
@@ -252,12 +252,12 @@ def _pack(rotation: Any, columns: Any) -> Any:
 
 
 def _symmetric(matrix: Any) -> Any:
-    """Return the matrix with its upper triangle mirrored: half the work, and exactly symmetric."""
+    """Return the exactly symmetric matrix of the upper triangle."""
     return ca.triu2symm(ca.triu(ca.densify(matrix)))
 
 
 def _orthonormal(rotation: Any) -> Any:
-    """Return a nearly orthonormal matrix with the square of its defect: rounding does not grow over hours."""
+    """Return a nearly orthonormal matrix with its defect squared, so that rounding errors do not accumulate."""
     return rotation @ (1.5 * ca.SX.eye(3) - 0.5 * rotation.T @ rotation)
 
 

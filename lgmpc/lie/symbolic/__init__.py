@@ -1,7 +1,6 @@
-"""CasADi twins of the groups: same names and conventions as :mod:`lgmpc.lie`, for SX, MX and DM, one element a call.
+"""The groups on CasADi expressions (SX, MX, DM), one element a call; names and conventions of :mod:`lgmpc.lie`.
 
-Nothing is checked: arguments are expressions. Branches are guarded, so derivatives of any order are exact at the
-identity.
+Arguments are not validated. Branches are guarded, so that derivatives of any order are exact at the identity.
 """
 
 from lgmpc.lie.symbolic import quaternion, se3, sek3, so3

@@ -1,8 +1,8 @@
-"""CasADi twins of :mod:`lgmpc.lie.coefficients`, as functions of the squared angle ``t = theta^2``.
+""":mod:`lgmpc.lie.coefficients` as CasADi expressions, functions of the squared angle ``t = theta^2``.
 
-Taking ``t`` instead of the angle leaves no square root below the seam: there, every coefficient is a polynomial (or a
-rational function without a pole nearby), so first and higher derivatives are exact at 0. Beyond the seam, where only
-vectors longer than pi lead, the closed forms stand; each branch is fed an argument inside its own domain, because
+As functions of ``t`` they have no square root below the seam: every coefficient is there a polynomial (or a rational
+function without a pole nearby), so that derivatives of any order are exact at 0. Beyond the seam, which only vectors
+longer than pi exceed, the closed forms hold; the argument of each branch stays within that branch's domain, because
 ``if_else`` differentiates both.
 """
 

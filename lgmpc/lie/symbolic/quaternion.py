@@ -1,4 +1,4 @@
-"""CasADi twin of :mod:`lgmpc.lie.quaternion`: unit quaternions, x y z w. Arguments are columns (SX, MX or DM)."""
+""":mod:`lgmpc.lie.quaternion` on CasADi expressions: unit quaternions, x y z w, as columns (SX, MX or DM)."""
 
 from __future__ import annotations
 

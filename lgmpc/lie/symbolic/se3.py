@@ -1,4 +1,4 @@
-"""CasADi twin of :mod:`lgmpc.lie.se3`: homogeneous matrices (4, 4), twists (linear 3, angular 3)."""
+""":mod:`lgmpc.lie.se3` on CasADi expressions: homogeneous matrices (4, 4), twists (linear 3, angular 3)."""
 
 from __future__ import annotations
 
@@ -7,24 +7,6 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.lie.symbolic import coefficients, so3
-
-__all__ = [
-    "act",
-    "ad",
-    "adjoint",
-    "coadjoint",
-    "compose",
-    "exp",
-    "force_cross",
-    "hat",
-    "inverse",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "log",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "vee",
-]
 
 
 def hat(xi: Any) -> Any:
@@ -79,7 +61,7 @@ def act(placement: Any, point: Any) -> Any:
 
 
 def adjoint(placement: Any) -> Any:
-    """Return the 6 by 6 matrix that carries twists, ``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
+    """Return the 6 by 6 matrix of the adjoint action on twists, ``hat(adjoint(g) x) = g hat(x) g^{-1}``."""
     rotation = placement[:3, :3]
     return _upper(rotation, so3.hat(placement[:3, 3]) @ rotation)
 

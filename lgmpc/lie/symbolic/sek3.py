@@ -1,4 +1,4 @@
-"""CasADi twin of :mod:`lgmpc.lie.sek3`: matrices (3 + k, 3 + k), tangent (rotation 3, then one 3-vector a column)."""
+""":mod:`lgmpc.lie.sek3` on CasADi expressions: matrices (3 + k, 3 + k), tangents (rotation 3, 3 a column)."""
 
 from __future__ import annotations
 
@@ -7,24 +7,6 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.lie.symbolic import se3, so3
-
-__all__ = [
-    "act",
-    "ad",
-    "adjoint",
-    "coadjoint",
-    "compose",
-    "exp",
-    "force_cross",
-    "hat",
-    "inverse",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "log",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "vee",
-]
 
 
 def hat(xi: Any) -> Any:

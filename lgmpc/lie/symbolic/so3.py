@@ -1,4 +1,4 @@
-"""CasADi twin of :mod:`lgmpc.lie.so3`: rotation matrices (3, 3), tangent the rotation vector (3), rad."""
+""":mod:`lgmpc.lie.so3` on CasADi expressions: rotation matrices (3, 3), rotation vectors (3), rad."""
 
 from __future__ import annotations
 
@@ -7,24 +7,6 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.lie.symbolic import coefficients, quaternion
-
-__all__ = [
-    "act",
-    "ad",
-    "adjoint",
-    "coadjoint",
-    "compose",
-    "exp",
-    "force_cross",
-    "hat",
-    "inverse",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "log",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "vee",
-]
 
 
 def hat(phi: Any) -> Any:

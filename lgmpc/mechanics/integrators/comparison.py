@@ -1,4 +1,4 @@
-"""Drift of what the motion conserves, measured for each integrator (chapter 4.18)."""
+"""Comparison of the drifts of conserved quantities among integrators (chapter 4.18)."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Drift:
 
     Attributes:
         method: its name.
-        motion: what it computed.
-        energy: (n,) energy over its first value, less 1; a plain difference (J) where that is 0.
-        momentum: (n,) norm of the change of the spatial angular momentum over that of its first value; of its vertical
-            part alone where gravity breaks the rest of the symmetry.
+        motion: the computed motion.
+        energy: (n,) relative change of the energy; the change (J) if the initial energy is 0.
+        momentum: (n,) norm of the change of the spatial angular momentum over the initial norm; of its vertical
+            component under gravity.
         orthogonality: (n,) Frobenius norm of ``R^T R - I``.
-        seconds: that it took; the first time, compilation included.
+        seconds: elapsed time, s, including compilation at the first call.
     """
 
     method: str
@@ -55,18 +55,18 @@ def compare_integrators(
     step: float,
     steps: int,
 ) -> tuple[Drift, ...]:
-    """Run RK4 on matrix entries, RK4 with projection, discrete Euler-Poincare and discrete Moser-Veselov alike.
+    """Return the drifts of RK4 on matrix entries, RK4 with projection, discrete Euler-Poincare and Moser-Veselov.
 
     Args:
-        system: on SO(3): free, or with gravity, which a turn about the vertical does not change.
+        system: on SO(3): free, or under gravity, which is invariant under rotations about the vertical.
         rotation: (3, 3) at the start.
         velocity: (3,) body angular velocity at the start, rad/s.
-        advected: (m,) at the start, if the system has any.
+        advected: (m,) at the start, if the system has advected quantities.
         step: s.
         steps: their number.
 
     Raises:
-        InputError: a system on another group, or as its :meth:`~lgmpc.mechanics.EulerPoincare.simulate`.
+        InputError: a system on another group, or as for :meth:`~lgmpc.mechanics.EulerPoincare.simulate`.
     """
     if system.group.size != 3:
         raise InputError("system", f"on {system.group.name}", "a body that turns, on SO(3)")
@@ -80,7 +80,7 @@ def compare_integrators(
 
 def _measure(name: str, system: LeftEulerPoincare, motion: Motion, seconds: float) -> Drift:
     energy = system.energies(motion)
-    # From the matrices as they are, so that what is lost of orthogonality shows.
+    # From the matrices without projection, so that they include the loss of orthogonality.
     momentum = np.einsum("nij,nj->ni", motion.poses, system.momenta(motion))
     kept = momentum if system.advected is None and system.potential is None else momentum[:, 2:]
     change = (energy - energy[0]) / (abs(energy[0]) or 1.0)

@@ -1,4 +1,4 @@
-"""Runge-Kutta methods on the entries of a group's matrices, to compare those that stay on the group with."""
+"""Runge-Kutta methods on matrix entries, for comparison with methods on the group."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lgmpc.mechanics.rollout import runge_kutta4
 __all__ = ["matrix_runge_kutta", "projected_runge_kutta"]
 
 _PROJECTIONS = 3
-"""Newton-Schulz iterations; the error of each is the square of the one before."""
+"""Number of Newton-Schulz iterations, which converge quadratically."""
 
 
 def matrix_runge_kutta(system: EulerPoincare) -> ca.Function:
-    """The classical fourth-order method on the entries of the pose, as if they were numbers (chapter 4.18).
+    """Return the classical fourth-order step on the entries of the pose, ignoring the group (chapter 4.18).
 
     Args:
         system: any.
@@ -27,10 +27,10 @@ def matrix_runge_kutta(system: EulerPoincare) -> ca.Function:
 
 
 def projected_runge_kutta(system: EulerPoincare) -> ca.Function:
-    """The same, the rotation replaced after each step by the nearest one (chapter 4.18, "SVD projection").
+    """Return the same step with the rotation projected to the nearest one (chapter 4.18, "SVD projection").
 
-    That is the orthogonal polar factor, the product U V^T of its singular vectors; here by Newton-Schulz iterations,
-    which find it to rounding. The advected quantity is carried along from pose to pose.
+    The nearest rotation is the orthogonal polar factor, the product U V^T of the singular vectors, computed to rounding
+    by Newton-Schulz iterations. The advected quantity follows from the poses.
 
     Args:
         system: on a group whose elements begin with a rotation.

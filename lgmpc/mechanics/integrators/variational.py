@@ -1,12 +1,12 @@
-r"""Variational integrators: steps that follow from a discrete Hamilton's principle (chapter 4.18).
+r"""Variational integrators, derived from a discrete Hamilton's principle (chapter 4.18).
 
 For a left-reduced system with ``l = 1/2 xi . G xi - U(a)``, or with a potential V(g) in place of the advected a. Both
-keep what Noether's theorem keeps, to rounding, and the energy within a bound of second order in the step.
+conserve the momenta of Noether's theorem to rounding; their energy error is bounded and of second order in the step.
 
 Moser and Veselov, "Discrete versions of some classical integrable systems and factorization of matrix polynomials",
 Comm. Math. Phys. 139 (1991); Marsden, Pekarsky and Shkoller, "Discrete Euler-Poincare and Lie-Poisson equations",
 Nonlinearity 12 (1999); Bobenko and Suris, "Discrete Lagrangian reduction, discrete Euler-Poincare equations, and
-semidirect products", Lett. Math. Phys. 49 (1999), for what is advected; Bou-Rabee and Marsden, "Hamilton-Pontryagin
+semidirect products", Lett. Math. Phys. 49 (1999), for advected quantities; Bou-Rabee and Marsden, "Hamilton-Pontryagin
 integrators on Lie groups", Found. Comput. Math. 9 (2009); Lee, Leok and McClamroch, "Lie group variational integrators
 for the full body problem", Comput. Methods Appl. Mech. Engrg. 196 (2007).
 """
@@ -24,7 +24,7 @@ from lgmpc.mechanics.reduction.terms import Symbols, state_of
 __all__ = ["cayley", "discrete_euler_poincare", "moser_veselov"]
 
 NEWTON_STEPS = 5
-"""The first guess is off by O(h^2); the error squares with each step."""
+"""Number of Newton steps: the error of the first guess is O(h^2), and each step squares it."""
 
 
 def moser_veselov(system: EulerPoincare) -> ca.Function:
@@ -35,11 +35,11 @@ def moser_veselov(system: EulerPoincare) -> ca.Function:
         h hat(mu + h/2 F_k) = F J_d - J_d F^T,        mu+ = F^T (mu + h/2 F_k) + h/2 F_k+1
 
     The equation is for the rotation F itself. Newton's method solves it in the Cayley vector f of F, in which it is
-    quadratic: ``(1 + f.f) h m = 2 (J f + f x J f)``. Rotations by pi in a step are out of reach. Without forces it
-    keeps the spatial momentum and the energy, too, to rounding: it moves along the true orbit, at another pace.
+    quadratic: ``(1 + f.f) h m = 2 (J f + f x J f)``. A step cannot rotate by pi. Without forces it conserves
+    the spatial momentum and also the energy to rounding: the orbit is exact, the time along it is not.
 
     Args:
-        system: left-reduced, on SO(3), under no forces but a potential's.
+        system: left-reduced, on SO(3), without forces other than a potential's.
 
     Raises:
         InputError: another system.
@@ -99,7 +99,7 @@ def discrete_euler_poincare(system: EulerPoincare) -> ca.Function:
     momentum = group.adjoint(turned).T @ mu + h / 2 * system.loads(s.time + h, pose, xi, advected, s.parameters)
     velocity = ca.ldl_solve(momentum, *ca.ldl(inertia))
 
-    # Calls, not copies: one iteration is compiled, and run as often as it takes.
+    # Calls, not copies: one iteration is compiled once and called several times.
     inputs = ["xi", "time", "step", "x", "p"]
     arguments = [xi, s.time, h, s.state, s.parameters]
     improve = ca.Function("improve", arguments, [newton], inputs, ["xi_next"])
@@ -130,7 +130,7 @@ def _inertia(system: EulerPoincare, s: Symbols) -> Any:
 
 
 def _solve3(matrix: Any, right: Any) -> Any:
-    """Return the solution of three equations, by Cramer's rule."""
+    """Return the solution of three linear equations by Cramer's rule."""
     a, b, c = (matrix[:, i] for i in range(3))
     bc = ca.cross(b, c)
     return ca.vertcat(ca.dot(bc, right), ca.dot(ca.cross(c, a), right), ca.dot(ca.cross(a, b), right)) / ca.dot(a, bc)

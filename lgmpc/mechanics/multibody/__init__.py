@@ -1,6 +1,6 @@
-"""Robots: their equations of motion from energies, centroidal momentum, and Featherstone's spatial vectors.
+"""Robots: equations of motion derived from energies, centroidal momentum, Featherstone's spatial vectors.
 
-:mod:`lgmpc.mechanics.multibody.featherstone` is full of short names: import it by its own.
+:mod:`lgmpc.mechanics.multibody.featherstone` is imported by its own name.
 """
 
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody, Kinematics, Link

@@ -1,7 +1,7 @@
 """A tree of rigid bodies on SE(3) x T^n, as expressions: placements, body velocities, kinetic and potential energy.
 
-Nothing of Pinocchio's algorithms is used, only its models' constants, so that what follows from the energies by
-Euler-Poincare and Euler-Lagrange equations (:mod:`lgmpc.mechanics.multibody.floating_base`) can be held against them.
+Only the constants of Pinocchio's models are used, none of its algorithms, so that the equations derived from the
+energies (:mod:`lgmpc.mechanics.multibody.floating_base`) are an independent check of these.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _TURNS, _SLIDES = "JointModelR", "JointModelP"
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid body and the joint, of one degree of freedom, that carries it.
+    """A rigid body and its joint to the parent, of one degree of freedom.
 
     Attributes:
         parent: index of the body before it; -1 is the world, or the free base's own frame.
         placement: (4, 4) of the joint in the parent's frame.
         axis: (3,) unit axis in the joint's frame.
-        slides: whether it slides along the axis rather than turning about it.
+        slides: whether the joint is prismatic rather than revolute.
         inertia: (6, 6) spatial inertia in the joint's frame, linear first.
         armature: inertia of its rotor, reflected to the joint, kg.m2 (kg).
     """
@@ -63,7 +63,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Expressions of where all bodies are and how they move.
+    """Expressions of the placements and velocities of all bodies.
 
     Attributes:
         placements: (4, 4) each, world from body; the free base first if there is one.
@@ -80,7 +80,7 @@ class ArticulatedBody:
 
     Attributes:
         name: of the robot.
-        base_inertia: (6, 6) of the free base; none if the robot is bolted to the world.
+        base_inertia: (6, 6) of the free base; none if the base is fixed.
         links: the other bodies, parents before children.
         gravity: (3,) world axes, m/s2.
     """
@@ -92,7 +92,7 @@ class ArticulatedBody:
 
     @classmethod
     def from_model(cls, model: pin.Model) -> ArticulatedBody:
-        """Read a Pinocchio model: an optional free-flyer first, then joints that turn about or slide along an axis.
+        """Return the tree of a Pinocchio model: an optional free-flyer first, then revolute and prismatic joints.
 
         Raises:
             ModelError: another kind of joint; all are listed.
@@ -141,9 +141,9 @@ class ArticulatedBody:
         return links if self.base_inertia is None else (self.base_inertia, *links)
 
     def kinematics(self, pose: Any, joints: Any, velocity: Any) -> Kinematics:
-        """Return where the bodies are and how they move.
+        """Return the placements and velocities of the bodies.
 
-        The body velocity of a child is its parent's, seen from it, plus the joint's own:
+        The body velocity of a child is its parent's, in the child's frame, plus the joint's:
         ``xi_i = Ad(T_i^-1) xi_parent + S_i q'_i`` (chapter 4.9; Featherstone 2008, 4.3).
 
         Args:
@@ -161,7 +161,7 @@ class ArticulatedBody:
         return Kinematics(tuple(placements[skip:]), tuple(twists[skip:]))
 
     def kinetic_energy(self, pose: Any, joints: Any, velocity: Any) -> Any:
-        """Return the kinetic energy, J, rotors included: left-invariant, so the pose does not enter (chapter 4.2.4)."""
+        """Return the kinetic energy, J, rotors included: left-invariant, so independent of the pose (chapter 4.2.4)."""
         twists = self.kinematics(pose, joints, velocity).twists
         bodies = sum(ca.dot(xi, ca.DM(inertia) @ xi) for xi, inertia in zip(twists, self.inertias, strict=True))
         rates = velocity[6:] if self.floating else velocity
@@ -173,7 +173,7 @@ class ArticulatedBody:
         placements = self.kinematics(pose, joints, ca.SX.zeros(self.nv)).placements
         total = 0
         for placement, inertia in zip(placements, self.inertias, strict=True):
-            # A spatial inertia holds the mass, and mass times the centre's position as a cross product.
+            # A spatial inertia contains the mass, and mass times the centre's position as a cross product.
             mass, moment = inertia[0, 0], np.array([inertia[5, 1], inertia[3, 2], inertia[4, 0]])
             total -= ca.dot(ca.DM(self.gravity), mass * placement[:3, 3] + placement[:3, :3] @ ca.DM(moment))
         return total

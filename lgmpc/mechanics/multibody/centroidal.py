@@ -1,11 +1,11 @@
-"""Centroidal momentum read off the mass matrix, and its balance (chapter 4.8).
+"""Centroidal momentum from the mass matrix, and its balance (chapter 4.8).
 
 Orin, Goswami and Lee, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35 (2013); Wensing and Orin,
 "Improved computation of the humanoid centroidal dynamics and application for whole-body control", Int. J. Humanoid
 Robotics 13 (2016).
 
-Wrenches and momenta are [linear; angular] about the centre of mass, world axes, as Pinocchio's ``hg`` and ``Ag``; the
-chapter writes [angular; linear].
+Wrenches and momenta are [linear; angular] about the centre of mass, world axes, as Pinocchio's ``hg`` and ``Ag``; in
+the chapter they are [angular; linear].
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["CentroidalTerms", "centroidal_terms", "wrench_about"]
 
 @dataclass(frozen=True)
 class CentroidalTerms:
-    """Momentum, its rate and gravity of the whole robot, from the base's six rows.
+    """Momentum, its rate and gravity of the whole robot, from the six rows of the base.
 
     Attributes:
         mass: of the robot, kg.
@@ -66,12 +66,12 @@ class CentroidalTerms:
 def centroidal_terms(equations: EquationsOfMotion, q: ArrayLike, v: ArrayLike) -> CentroidalTerms:
     """Return A_G and its rate from the first six rows of M and C (Wensing and Orin 2016; chapter 4.8.3).
 
-    ``A_G = Phi^T M_b``, where Phi^T carries a wrench from the base's frame to the centre of mass. The chapter's
-    ``dA_G/dt = Phi^T C_b`` holds only once both sides are multiplied by v. The matrix itself is
+    ``A_G = Phi^T M_b``, where Phi^T maps a wrench from the base's frame to the centre of mass. ``dA_G/dt = Phi^T C_b``
+    holds only for the products with v (unlike in the chapter). The matrix itself is
 
         dA_G/dt = Phi^T (M_b' - ad*_zeta M_b),        M' = C + C^T,
 
-    with zeta the twist of the base as seen from the centre of mass: the base's axes turn, and its origin moves.
+    with zeta the twist of the base relative to the centre of mass.
 
     Args:
         equations: of a floating robot at a state.
@@ -79,17 +79,17 @@ def centroidal_terms(equations: EquationsOfMotion, q: ArrayLike, v: ArrayLike) -
         v: (nv,) its velocity.
 
     Raises:
-        InputError: the robot's base is bolted, or the state does not fit.
+        InputError: a fixed base, or a state of another shape.
     """
     if len(equations.mass) - len(equations.selection) != 6:
-        raise InputError("equations", "a robot with a bolted base", "a robot whose first joint is a free-flyer")
+        raise InputError("equations", "a robot with a fixed base", "a robot whose first joint is a free-flyer")
     configuration = check_vector("q", q, len(equations.mass) + 1)
     velocity = check_vector("v", v, len(equations.mass))
     locked = equations.locked_inertia
     mass = float(locked[0, 0])
     rotation = quaternion.to_matrix(configuration[3:7])
     from_base = rotation @ (np.array([locked[5, 1], locked[3, 2], locked[4, 0]]) / mass)
-    # The base's frame as seen from the centre of mass, world axes.
+    # The base's frame relative to the centre of mass, world axes.
     base = se3.from_parts(rotation, -from_base)
     carry = se3.adjoint(se3.inverse(base)).T
     matrix = carry @ equations.mass[:6]
@@ -115,7 +115,7 @@ def wrench_about(com: ArrayLike, points: ArrayLike, forces: ArrayLike, moments: 
         moments: (k, 3) world axes, N.m; none if omitted.
 
     Raises:
-        InputError: shapes that do not fit, or numbers that are not finite.
+        InputError: inconsistent shapes, or numbers that are not finite.
     """
     places, pulls = checks.finite("points", points), checks.finite("forces", forces)
     if places.ndim != 2 or places.shape[1] != 3:

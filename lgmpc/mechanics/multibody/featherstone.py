@@ -1,8 +1,8 @@
-"""Featherstone's spatial vectors beside the geometry of SE(3): table 4.9.1 of the chapter, as things to evaluate.
+"""Featherstone's spatial vectors and the geometry of SE(3): table 4.9.1 of the chapter, evaluated on both sides.
 
-Spatial vectors are written as in Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2: angular first, and the
-transform X from frame A to frame B takes the placement of B in A apart into E = R^T and r. lgmpc and Pinocchio write
-linear first; :func:`swap` goes from one to the other.
+Spatial vectors are those of Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2: angular first, and the
+transform X from frame A to frame B consists of E = R^T and r of the placement of B in A. In lgmpc and Pinocchio linear
+parts are first; :func:`swap` converts.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Correspondence:
     Attributes:
         featherstone: name on the left.
         geometry: name on the right.
-        left: (6, 6) or (6,) by Featherstone's formula, turned to linear first.
+        left: (6, 6) or (6,) by Featherstone's formula, converted to linear first.
         right: the same by the Lie group's.
     """
 
@@ -57,7 +57,7 @@ class Correspondence:
 
 
 def swap(value: ArrayLike) -> Array:
-    """Turn a spatial vector (6,) or matrix (6, 6) from angular first to linear first, or back.
+    """Convert a spatial vector (6,) or matrix (6, 6) from angular first to linear first, or back.
 
     Raises:
         InputError: another shape.
@@ -149,7 +149,7 @@ def correspondences(
     pose, twist = SE3.check_element("placement", placement), check_vector("xi", xi, 6)
     back = se3.inverse(pose)
     body = spatial_inertia(mass, com, inertia)
-    # The kinetic energy's quadratic form, from the velocity of the centre of mass: no spatial algebra in it.
+    # The kinetic energy's quadratic form, from the velocity of the centre of mass, without spatial algebra.
     to_com = np.hstack([np.eye(3), -so3.hat(np.asarray(com, dtype=np.float64))])
     turning = np.hstack([np.zeros((3, 3)), np.eye(3)])
     energy = mass * to_com.T @ to_com + turning.T @ np.asarray(inertia) @ turning
@@ -169,17 +169,17 @@ def correspondences(
 def static_torques(body: ArticulatedBody, joints: ArrayLike, link: int, wrench: ArrayLike) -> Array:
     """Return (n,) the load ``J^T f`` of every joint under a wrench on a link (exercise H.1).
 
-    Each joint bears the component of the wrench along its axis; on its parent the wrench is
-    ``Ad(T^-1)^T f``: RNEA's backward pass, at rest and without gravity.
+    The load of a joint is the component of the wrench along its axis; on its parent the wrench is ``Ad(T^-1)^T f``: the
+    backward pass of RNEA, at rest and without gravity.
 
     Args:
         body: the tree.
         joints: (n,) joint positions, rad (m).
-        link: index of the link that is pushed.
+        link: index of the link on which the wrench acts.
         wrench: (6,) [force; moment] at the link's joint frame, its axes, N and N.m.
 
     Raises:
-        InputError: no such link, or misshapen arrays.
+        InputError: no such link, or arrays of wrong shape.
     """
     positions, f = check_vector("joints", joints, len(body.links)), check_vector("wrench", wrench, 6)
     if not 0 <= link < len(body.links):

@@ -1,6 +1,6 @@
-"""Equations of motion of a floating-base robot from its energies: Euler-Poincare for the base, Euler-Lagrange beside.
+"""Equations of motion of a floating-base robot: Euler-Poincare for the base, Euler-Lagrange for the joints.
 
-    d/dt dT/dxi - ad*_xi dT/dxi = -(T_e L_g)^* dV        the base, on SE(3)           (chapter 4.7.5, with its erratum)
+    d/dt dT/dxi - ad*_xi dT/dxi = -(T_e L_g)^* dV        the base, on SE(3)           (chapter 4.7.5, sign corrected)
     d/dt dT/dq' - dT/dq + dV/dq = tau                    the joints, on T^n
 
 Together ``M(q) v' + C(q, v) v + g(q) = S^T tau + J^T lambda`` (chapter 4.7.2). The derivatives are CasADi's.
@@ -38,7 +38,7 @@ class EquationsOfMotion:
         mass: (nv, nv) M; its blocks are the locked inertia, the coupling and the joints' own (chapter 4.7.3).
         coriolis: (nv, nv) C, of the Levi-Civita connection of M: ``M' - 2 C`` is skew.
         gravity: (nv,) g.
-        selection: (n, nv) S, from velocities to those that have a motor.
+        selection: (n, nv) S, from velocities to the actuated ones.
     """
 
     mass: Array
@@ -64,7 +64,7 @@ class EquationsOfMotion:
     def recoil(self, joint_acceleration: ArrayLike) -> Array:
         """Return (6,) the acceleration of a free base that joint accelerations (n,) alone cause.
 
-        ``-M_bb^-1 M_bj q''``: what lifting a leg does to the trunk (chapter 4.12.5).
+        ``-M_bb^-1 M_bj q''``, such as the reaction of the trunk to lifting a leg (chapter 4.12.5).
 
         Raises:
             InputError: another shape, or not finite.
@@ -76,13 +76,13 @@ class EquationsOfMotion:
 class FloatingBaseDynamics:
     """Mass matrix, Coriolis matrix and gravity of a robot, derived from its Lagrangian and compiled.
 
-    For a bolted robot the base's equations fall away and Lagrange's remain.
+    For a robot with a fixed base only the joints' equations remain.
 
     Args:
-        model: joints that turn about or slide along one axis; optionally a free-flyer first.
+        model: revolute and prismatic joints; optionally a free-flyer first.
 
     Attributes:
-        body: the tree that the energies come from.
+        body: the tree of which the energies are.
 
     Raises:
         ModelError: another kind of joint.
@@ -109,7 +109,7 @@ class FloatingBaseDynamics:
         return EquationsOfMotion(mass, coriolis, gravity, np.eye(self.nv)[self.nv - len(self.body.links) :])
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Return (nv,) the generalised forces that cause the acceleration ``a`` (nv,); the base's six first.
+        """Return (nv,) the generalised forces of an acceleration ``a`` (nv,); the base's six first.
 
         Raises:
             InputError: as :meth:`equations`.
@@ -132,7 +132,7 @@ class FloatingBaseDynamics:
             force: (nc,) contact forces, N.
 
         Raises:
-            InputError: as :meth:`equations`, or contacts that do not fit.
+            InputError: as :meth:`equations`, or contacts of another shape.
         """
         terms = self.equations(q, v)
         load: Array = terms.selection.T @ check_vector("tau", tau, len(terms.selection))

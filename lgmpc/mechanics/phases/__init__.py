@@ -1,8 +1,8 @@
-"""Geometric phases: bodies that turn by changing their shape, and the phase of a free rigid body (chapter 4.16).
+"""Geometric phases: rotation by changes of shape, and the phase of a free rigid body (chapter 4.16).
 
 cat = Cat()
 connection = cat.connection()
-connection.holonomy(flip(cat.flipping_bend()))      # half a turn about the spine, from nothing
+connection.holonomy(flip(cat.flipping_bend()))      # half a turn about the spine, without angular momentum
 """
 
 from lgmpc.mechanics.phases.cat import Cat, flip

@@ -1,12 +1,12 @@
-r"""The falling cat: two halves that bend but do not twist, turned over at zero angular momentum (chapter 4.16).
+r"""The falling cat: two halves that bend but do not twist, at zero angular momentum (chapter 4.16).
 
 Kane and Scher, "A dynamical explanation of the falling cat phenomenon", Int. J. Solids Structures 5 (1969); Montgomery,
 "Gauge theory of the falling cat", Fields Inst. Commun. 1 (1993).
 
 Two equal halves, round about their axes, are joined at a point. Their attitudes in a frame between them are
 ``exp(r/2)`` (front) and ``exp(-r/2)`` (rear), r = (r_x, r_y, 0) perpendicular to the spine z: a bend by ``|r|``, no
-twist. The shape is (r_x, r_y). Moving the direction of the bend once around, its size held, turns the cat about its
-spine, though every part of it is where it was.
+twist. The shape is (r_x, r_y). A full turn of the bend's direction at constant size returns to the same shape and
+rotates the cat about its spine.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["Cat", "flip"]
 
 @dataclass(frozen=True)
 class Cat:
-    """Two equal halves.
+    """A cat of two equal halves.
 
     Attributes:
         mass: of one half, kg.
@@ -39,7 +39,7 @@ class Cat:
         length: from the joint to the centre of mass of a half, m.
 
     Raises:
-        InputError: a value that is not positive, or an axial inertia above twice the transverse one: no body has it.
+        InputError: a value that is not positive, or an axial inertia above twice the transverse one, which no body has.
     """
 
     mass: float = 2.0
@@ -71,7 +71,7 @@ class Cat:
             omega = xi + own
             total += 0.5 * ca.sumsqr(ca.sqrt(local) @ (turn.T @ omega))
             velocities.append(ca.cross(omega, math.copysign(self.length, side) * (turn @ spine)))
-        # The halves weigh the same: each moves by half the difference of their velocities about the common centre.
+        # Equal masses: each half moves about the common centre by half of the difference of their velocities.
         return total + self.mass * ca.sumsqr((velocities[0] - velocities[1]) / 2)
 
     def connection(self) -> Connection:
@@ -79,16 +79,16 @@ class Cat:
         return Connection(self.energy, shapes=2, dimension=3)
 
     def turn(self, bend: float) -> float:
-        r"""Return the angle about the spine that one circuit of the bend's direction leaves, rad, in closed form.
+        r"""Return the rotation about the spine by one circuit of the bend's direction, rad, in closed form.
 
-        With c = cos(bend/2), s = sin(bend/2): ``2 pi (I c / (J s^2 + I c^2) - 1)``, I axial and J transverse. The
-        centres of mass do not move in a plane with the spine, so that neither mass nor length matters.
+        With c = cos(bend/2), s = sin(bend/2): ``2 pi (I c / (J s^2 + I c^2) - 1)``, I axial and J transverse. It
+        depends on neither mass nor length.
         """
         c, s = math.cos(bend / 2.0), math.sin(bend / 2.0)
         return 2.0 * math.pi * (self.axial * c / (self.transverse * s**2 + self.axial * c**2) - 1.0)
 
     def flipping_bend(self) -> float:
-        """Return the bend, rad, whose circuit turns the cat over, by 180 degrees: the inverse of :meth:`turn`."""
+        """Return the bend, rad, whose circuit rotates the cat by 180 degrees: the inverse of :meth:`turn`."""
         ratio = self.transverse / self.axial
         return 2.0 * math.acos(ratio / (1.0 + math.sqrt(1.0 - ratio * (1.0 - ratio))))
 
@@ -107,7 +107,7 @@ class Cat:
 
 
 def flip(bend: float) -> Loop:
-    """Return the loop that bends, swings the bend once around and straightens, a third of s each.
+    """Return the loop that bends, turns the bend's direction once and straightens, a third of s each.
 
     Each third starts and ends at rest, with continuous accelerations.
     """

@@ -1,9 +1,9 @@
-r"""Principal connections: how the shape of a body that keeps zero angular momentum turns it (chapter 4.16).
+r"""Principal connections: rotation by changes of shape at zero angular momentum (chapter 4.16).
 
 A body of shape r (n) and attitude g moves with ``g' = g hat(xi)``. Zero angular momentum is the horizontal distribution
-of the mechanical connection: ``xi = -A(r) r'``, ``A = I(r)^-1 m(r)``, from the locked inertia I and the momentum m that
-moving the shape brings. Kelly and Murray, "Geometric phases and robotic locomotion", J. Robotic Systems 12 (1995);
-Marsden, Montgomery and Ratiu, "Reduction, symmetry and phases in mechanics", Memoirs AMS 436 (1990).
+of the mechanical connection: ``xi = -A(r) r'``, ``A = I(r)^-1 m(r)``, from the locked inertia I and the momentum m of
+the change of shape. Kelly and Murray, "Geometric phases and robotic locomotion", J. Robotic Systems 12 (1995); Marsden,
+Montgomery and Ratiu, "Reduction, symmetry and phases in mechanics", Memoirs AMS 436 (1990).
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Loop = Callable[[Any], Any]
 """From the parameter s in [0, 1] to the shape (n), as a CasADi expression."""
 
 _NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
-"""Gauss and Legendre's three, on [0, 1]."""
+"""The three Gauss-Legendre nodes on [0, 1]."""
 
 
 class Connection:
-    """The mechanical connection of a kinetic energy that turning the whole body does not change.
+    """The mechanical connection of a kinetic energy that is invariant under rotations of the whole body.
 
     Args:
-        energy: quadratic in the velocities; about the centre of mass, which stays where it is.
+        energy: quadratic in the velocities; about the centre of mass, which is at rest.
         shapes: n, dimension of the shape.
         dimension: 1 for bodies in a plane (SO(2)), 3 for bodies in space (SO(3)).
 
@@ -74,20 +74,20 @@ class Connection:
         self.curvature = ca.Function("curvature", [r], [ca.densify(ca.horzcat(*columns))])
 
     def transport(self, loop: Loop, steps: int) -> Array:
-        """Carry the attitude along a curve of shapes, from the identity.
+        """Return the attitude along a curve of shapes, from the identity.
 
         Magnus' expansion of sixth order over equal steps of s (Blanes, Casas and Ros, "Improved high order integrators
         based on the Magnus expansion", BIT 40, 2000); in a plane it is Gauss-Legendre quadrature.
 
         Args:
-            loop: the curve; it may have corners where steps meet.
+            loop: the curve; it may have corners between steps.
             steps: their number.
 
         Returns:
             (steps + 1,) angles, rad, in a plane; (steps + 1, 3, 3) rotations in space.
 
         Raises:
-            InputError: no steps, or a loop that does not give shapes.
+            InputError: no steps, or a loop whose values are no shapes.
         """
         if steps < 1:
             raise InputError("steps", steps, "at least one")
@@ -97,7 +97,7 @@ class Connection:
         if self.dimension == 1:
             turn = (5.0 * first + 8.0 * middle + 5.0 * last)[:, 0] / 18.0
             return np.concatenate((np.zeros(1), np.cumsum(turn)))
-        # For g' = g xi the roles of left and right are swapped: every bracket changes its sign.
+        # For g' = g xi left and right are exchanged: every bracket changes its sign.
         a1, a2, a3 = middle, np.sqrt(15.0) / 3.0 * (last - first), 10.0 / 3.0 * (last - 2.0 * middle + first)
         c1 = -np.cross(a1, a2)
         c2 = np.cross(a1, 2.0 * a3 + c1) / 60.0
@@ -109,7 +109,7 @@ class Connection:
         return attitudes
 
     def holonomy(self, loop: Loop, steps: int = 200) -> Array:
-        """Return what a closed loop of shapes leaves behind: (3, 3) rotation in space, () angle in a plane, rad.
+        """Return the holonomy of a closed loop of shapes: (3, 3) rotation in space, () angle in a plane, rad.
 
         Raises:
             InputError: as :meth:`transport`, or a loop that does not close.
@@ -121,13 +121,13 @@ class Connection:
         return np.asarray(self.transport(loop, steps)[-1])
 
     def phase_by_area(self, loop: Loop, center: ArrayLike, nodes: int = 64) -> float:
-        """Return minus the integral of the curvature over what a loop encloses (Stokes), rad.
+        """Return minus the integral of the curvature over the area enclosed by a loop (Stokes), rad.
 
-        It equals the holonomy of a body in a plane with two shape variables, whatever the loop's size. Independent of
-        :meth:`transport`: quadrature over the region, Gauss-Legendre along rays and, around, the trapezoidal rule.
+        It equals the holonomy of a body in a plane with two shape variables for loops of any size. Independent of
+        :meth:`transport`: quadrature over the region, Gauss-Legendre in radius and the trapezoidal rule in angle.
 
         Args:
-            loop: smooth and periodic, seen from ``center`` in every direction once.
+            loop: smooth, periodic and star-shaped about ``center``.
             center: (2,) a shape inside.
             nodes: of either quadrature (four times as many around).
 
@@ -166,7 +166,7 @@ def circle(center: ArrayLike, radius: float) -> Loop:
         radius: positive.
 
     Raises:
-        InputError: not so.
+        InputError: a centre of another shape, or a radius that is not positive.
     """
     middle = ca.DM(checks.tangent(2)("center", center))
     check_positive("radius", radius, "in units of the shape")

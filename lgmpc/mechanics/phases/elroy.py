@@ -1,4 +1,4 @@
-r"""Elroy's beanie: two bodies in a plane on one pivot, the smallest example of a geometric phase.
+r"""Elroy's beanie: two bodies in a plane on one pivot, the simplest example of a geometric phase.
 
 Marsden, Montgomery and Ratiu, "Reduction, symmetry and phases in mechanics", Memoirs AMS 436 (1990), chapter 1; chapter
 4.16. theta is the angle of the first body, psi that of the second one relative to it; the angular momentum is
@@ -45,9 +45,9 @@ class Beanie:
         return Connection(self.energy, shapes=1, dimension=1)
 
     def geometric_phase(self, change: float) -> float:
-        """Return how far the first body turns while psi changes by ``change``, at zero momentum, rad."""
+        """Return the rotation of the first body while psi changes by ``change``, at zero momentum, rad."""
         return -self.second / (self.first + self.second) * change
 
     def dynamic_phase(self, momentum: float, duration: float) -> float:
-        """Return what the momentum (N.m.s) adds over ``duration`` (s), rad: the turning of the bodies locked."""
+        """Return the rotation of the locked bodies with a momentum (N.m.s) over ``duration`` (s), rad."""
         return momentum / (self.first + self.second) * duration

@@ -1,12 +1,12 @@
-r"""How far a free rigid body turns in a period of its angular velocity: Montgomery's formula.
+r"""The rotation of a free rigid body in a period of its angular velocity: Montgomery's formula.
 
-Montgomery, "How much does the rigid body rotate? A Berry's phase from the 18th century", Am. J. Phys. 59 (1991): when
-the body momentum Pi has come back, the body has turned about its fixed spatial momentum by
+Montgomery, "How much does the rigid body rotate? A Berry's phase from the 18th century", Am. J. Phys. 59 (1991): in a
+period of its body momentum Pi, the body rotates about its constant spatial momentum by
 
     2 E T / L - Omega        (mod 2 pi)
 
 E the energy, L = |Pi|, T the period, Omega the solid angle that Pi encloses on its sphere, signed by the sense of its
-motion: a dynamic phase less a geometric one (the sphere's curvature over the area). Chapter 4.16.
+motion: a dynamic phase minus a geometric one (the integral of the sphere's curvature). Chapter 4.16.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RigidBodyPhase:
     Attributes:
         period: T of the body momentum, s.
         dynamic: ``2 E T / L``, rad.
-        solid_angle: Omega, signed, of the cap around the axis that Pi circles, sr.
+        solid_angle: Omega, signed, of the cap around the axis about which Pi revolves, sr.
     """
 
     period: float
@@ -38,15 +38,14 @@ class RigidBodyPhase:
 
     @property
     def angle(self) -> float:
-        """``dynamic - solid_angle``: the turn about the spatial momentum, right-handed, up to full turns, rad."""
+        """``dynamic - solid_angle``: the rotation about the spatial momentum, right-handed, modulo 2 pi, rad."""
         return self.dynamic - self.solid_angle
 
 
 def rigid_body_phase(top: EulerTop, nodes: int = 2000) -> RigidBodyPhase:
     """Evaluate Montgomery's formula: the solid angle by quadrature along the orbit of the body momentum.
 
-    The orbit is in closed form, so that nothing is integrated step by step; the trapezoidal rule over a period
-    converges faster than any power of ``nodes``.
+    The orbit is in closed form; the trapezoidal rule over a period converges faster than any power of ``nodes``.
 
     Args:
         top: the body and its motion.

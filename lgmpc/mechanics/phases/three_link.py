@@ -1,4 +1,4 @@
-"""Three links in a plane that turn by wriggling, at zero angular momentum: a swimmer in space (chapter 4.16).
+"""Three links in a plane that rotate by changes of shape, at zero angular momentum (chapter 4.16).
 
 Kelly and Murray, "Geometric phases and robotic locomotion", J. Robotic Systems 12 (1995).
 
@@ -24,7 +24,7 @@ __all__ = ["ThreeLink"]
 
 @dataclass(frozen=True, eq=False)
 class ThreeLink:
-    """Links whose centres of mass are half way along them: first, middle, last.
+    """Three links (first, middle, last) with their centres of mass at half of their lengths.
 
     Args:
         masses: (3,) kg.
@@ -65,7 +65,7 @@ class ThreeLink:
         return total
 
     def connection(self) -> Connection:
-        """The mechanical connection, SO(2) over the plane (strictly, the torus) of the two angles."""
+        """The mechanical connection, SO(2) over the torus of the two angles."""
         return Connection(self.energy, shapes=2, dimension=1)
 
     def links(self, r: Array, theta: Array) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ class ThreeLink:
         return centers, theta[:, None] + np.stack((r[:, 0], zero, r[:, 1]), axis=1)
 
     def _centers(self, r: Any) -> list[tuple[Any, Any]]:
-        """Centres of the links in the middle link's frame, from its own."""
+        """Return the centres of the links in the middle link's frame, relative to its own."""
         cos, sin = (np.cos, np.sin) if isinstance(r, np.ndarray) else (ca.cos, ca.sin)
         first, middle, last = (float(length) / 2.0 for length in self.lengths)
         return [

@@ -1,6 +1,6 @@
-"""A quadrotor on SE(3): its equations, trajectories for it, and two controllers (chapter 4.12.3).
+"""A quadrotor on SE(3): equations of motion, trajectories, and two controllers (chapter 4.12.3).
 
-Everything takes leading batch axes, so that a Monte Carlo study over thousands of starts is one simulation.
+All functions support leading batch axes: a Monte Carlo study is one simulation.
 """
 
 from lgmpc.mechanics.quadrotor.euler_angles import EulerAnglePid, EulerGains

@@ -1,4 +1,4 @@
-"""The usual controller of small quadrotors, for comparison: PID on position, PD on roll, pitch and yaw.
+"""PID on position and PD on roll, pitch and yaw, for comparison.
 
 Chapter 4.12.3 and G.2; Bouabdallah, Noth and Siegwart, "PID vs LQ control techniques applied to an indoor micro
 quadrotor", IROS 2004.
@@ -21,7 +21,7 @@ __all__ = ["EulerAnglePid", "EulerGains"]
 
 @dataclass(frozen=True)
 class EulerGains:
-    """Gains per unit of mass and inertia, so that they are squared frequencies, 1/s2, and dampings, 1/s.
+    """Gains per unit of mass and inertia: squared frequencies, 1/s2, and dampings, 1/s.
 
     Attributes:
         position: of the position error.
@@ -29,7 +29,7 @@ class EulerGains:
         integral: of its integral, 1/s3.
         angle: of the errors of roll, pitch and yaw.
         angle_rate: of their derivatives.
-        tilt: largest roll and pitch that are commanded, rad.
+        tilt: largest commanded roll and pitch, rad.
 
     Raises:
         InputError: one that is not positive.
@@ -50,14 +50,14 @@ class EulerGains:
 class EulerAnglePid:
     """Thrust and moment from Euler angles (roll, pitch, yaw about z, y', x''), for small tilts.
 
-    Around hovering it is as good as the geometric controller; its gains are the same there. Far from it, angles are no
-    measure of attitude: their rates ``W(roll, pitch) Omega`` blow up at 90 degrees of pitch, and upside down
-    a roll of 179 degrees is far from one of -179.
+    Around hovering it equals the geometric controller with the same gains. Far from it the angles are singular: their
+    rates ``W(roll, pitch) Omega`` are unbounded at 90 degrees of pitch, and rolls of 179 and -179 degrees, close to
+    each other, differ by 358 degrees.
 
     Args:
         quadrotor: the model.
-        trajectory: what to follow; its heading gives the yaw.
-        gains: see there.
+        trajectory: the reference; the yaw is that of its heading.
+        gains: of the errors.
     """
 
     def __init__(self, quadrotor: Quadrotor, trajectory: FlatTrajectory, gains: EulerGains | None = None) -> None:
@@ -84,12 +84,12 @@ class EulerAnglePid:
         away[..., 2] = (away[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
         turn = gains.angle * away - gains.angle_rate * angle_rates(angles, state.rate)
         tilt = np.cos(angles[..., 0]) * np.cos(angles[..., 1])
-        # Tilted, it takes more thrust to stay up; upside down there is no such thrust.
+        # The thrust increases with the tilt; upside down no thrust balances the weight.
         thrust = quadrotor.mass * (GRAVITY + pull[..., 2]) / np.where(np.abs(tilt) < 0.2, 0.2, tilt)
         return thrust, turn @ quadrotor.inertia
 
     def _accumulate(self, time: float, error: Array) -> None:
-        if time < self._time:  # another flight
+        if time < self._time:  # a new flight
             self._sum, self._time = np.zeros(3), time
         self._sum = self._sum + error * (time - self._time)
         self._time = time

@@ -1,8 +1,8 @@
 """Geometric tracking control on SE(3): Lee, Leok and McClamroch, CDC 2010 (chapter 4.12.3 and appendix G).
 
-Attitude errors are differences of rotation matrices: no angles, no singularity. The desired attitude's angular velocity
-and acceleration are exact: they follow from the trajectory's derivatives and the state, through the closed loop's own
-acceleration and jerk.
+Attitude errors are differences of rotation matrices, without singularity. The desired attitude's angular velocity and
+acceleration are exact: they are computed from the trajectory's derivatives and from the closed loop's acceleration and
+jerk.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ __all__ = ["AttitudeCommand", "GeometricController", "GeometricGains", "attitude
 
 _E3 = np.array([0.0, 0.0, 1.0])
 _VANISHING = 1e-9
-"""Share of the weight, or of a unit vector, that counts as none."""
+"""Fraction of the weight, or of a unit vector, below which a vector is treated as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class GeometricGains:
-    """Gains of the four errors: a number for all axes alike, or three, one an axis.
+    """Gains of the four errors: one number for all axes, or three, one for each.
 
     Attributes:
         position: k_x, world axes, N/m.
@@ -62,7 +62,7 @@ class GeometricGains:
 
 @dataclass(frozen=True)
 class AttitudeCommand:
-    """An attitude to take, and how it moves; leading batch axes.
+    """A desired attitude with its rate and acceleration; leading batch axes.
 
     Attributes:
         rotation: (..., 3, 3) R_d, world from desired body.
@@ -76,15 +76,15 @@ class AttitudeCommand:
 
 
 def attitude_error(rotation: Array, desired: Array, stiffness: ArrayLike = 1.0) -> tuple[Array, Array]:
-    """Return the error function and its derivative's vector.
+    """Return the error function and its derivative.
 
         Psi = 1/2 tr(G (I - R_d^T R)),      e_R = 1/2 vee(G R_d^T R - R^T R_d G)
 
     With G = I, Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0. In
-    general ``G = tr(K) I - 2 K`` for a diagonal K > 0, the stiffness: e_R is K phi for small errors phi, and Psi grows
-    at the rate ``Omega . e_R`` however large they are (Bullo and Murray, "Tracking for fully actuated mechanical
-    systems: a geometric framework", Automatica 35, 1999). Half turns about
-    the three axes are the other equilibria where the three differ.
+    general ``G = tr(K) I - 2 K`` for a diagonal K > 0, the stiffness: e_R is K phi for small errors phi, and the time
+    derivative of Psi is ``Omega . e_R`` for any error (Bullo and Murray, "Tracking for fully actuated mechanical
+    systems: a geometric framework", Automatica 35, 1999). If the three stiffnesses differ, the other
+    equilibria are half turns about the three axes.
 
     Args:
         rotation: (..., 3, 3) R.
@@ -102,11 +102,11 @@ def attitude_error(rotation: Array, desired: Array, stiffness: ArrayLike = 1.0) 
 
 
 class GeometricController:
-    """Thrust and moment that follow a trajectory from almost every attitude.
+    """Thrust and moment that track a trajectory from almost every attitude.
 
     Args:
-        quadrotor: the model. Thrusts stay within its rotors' limits, which the desired attitude's rates account for.
-        trajectory: what to follow.
+        quadrotor: the model. Thrusts are clipped to its limits, which the desired attitude's rates account for.
+        trajectory: the reference.
         gains: of the errors; the paper's, scaled with the mass, unless given.
     """
 
@@ -119,14 +119,14 @@ class GeometricController:
         """Return thrusts (...), N, and moments (..., 3), body axes, N.m (eqs. 19 and 20 of the paper).
 
         Raises:
-            InputError: the desired force vanishes, or is parallel to the heading: no attitude follows then.
+            InputError: the desired force is zero or parallel to the heading, which leaves the attitude undefined.
         """
         force, command = self._command(self.trajectory.at(time), state)
         thrust = np.clip(np.sum(force * state.rotation[..., 2], axis=-1), *self.quadrotor.thrust)
         return thrust, self.moment(state, command)
 
     def moment(self, state: QuadrotorState, command: AttitudeCommand) -> Array:
-        """Return (..., 3) the moment that turns the body to an attitude and along with it, body axes, N.m.
+        """Return (..., 3) the moment that tracks an attitude, body axes, N.m.
 
         ``M = -e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
         """
@@ -139,7 +139,7 @@ class GeometricController:
         return moment
 
     def command(self, time: float, state: QuadrotorState) -> AttitudeCommand:
-        """Return the attitude that follows from the desired force.
+        """Return the attitude for the desired force and heading.
 
         Raises:
             InputError: as :meth:`control`.
@@ -160,7 +160,7 @@ class GeometricController:
         acceleration = thrust / mass * axis - GRAVITY * _E3
         force1 = gains.position * (v - state.velocity) + gains.velocity * (a - acceleration) + mass * j
         thrust1 = dot(force1, axis) + dot(force, axis_rate)
-        thrust1 = np.where(thrust == needed, thrust1, 0.0)  # a thrust at its limit stays there
+        thrust1 = np.where(thrust == needed, thrust1, 0.0)  # a saturated thrust is constant
         jerk = (thrust1 * axis + thrust * axis_rate) / mass
         force2 = gains.position * (a - acceleration) + gains.velocity * (j - jerk) + mass * s
 

@@ -20,14 +20,14 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["Controller", "Flight", "Quadrotor", "QuadrotorState", "fly"]
 
 _FASTEST = 0.5
-"""rad per step: a vehicle that turns more is lost, and so would be the method."""
+"""rad per step: a vehicle that rotates more is lost; the method would not resolve it."""
 _PROJECTED_EVERY = 500
-"""Steps: rounding leaves SO(3) by 1e-16 each."""
+"""Steps between projections to SO(3), from which rounding deviates by 1e-16 each."""
 
 
 @dataclass(frozen=True)
 class Quadrotor:
-    """A rigid body with a thrust along its z axis and a moment about each.
+    """A rigid body with a thrust along its z axis and moments about its three axes.
 
     ``m x'' = f R e3 - m g e3``, ``J Omega' = J Omega x Omega + M``, ``R' = R hat(Omega)`` (Lee, Leok and McClamroch
     2010, eqs. 2-5, with z up).
@@ -35,7 +35,7 @@ class Quadrotor:
     Attributes:
         mass: kg.
         inertia: (3, 3) about the centre of mass, body axes, kg.m2.
-        thrust: lowest and highest thrust, N. Rotors that turn one way only do not pull.
+        thrust: lowest and highest thrust, N; the lowest is 0 for rotors of fixed sense.
         moment: largest moment about each body axis, N.m.
 
     Raises:
@@ -63,18 +63,18 @@ class Quadrotor:
         return cls(4.34, np.diag([0.0820, 0.0845, 0.1377]))
 
     def limited(self, lift: float, moment: float) -> Quadrotor:
-        """Return the same vehicle with thrusts from 0 to ``lift`` times the weight, and moments up to N.m."""
+        """Return the same vehicle with thrusts from 0 to ``lift`` times the weight, and bounded moments, N.m."""
         return replace(self, thrust=(0.0, lift * self.weight), moment=moment)
 
     @property
     def weight(self) -> float:
-        """N."""
+        """Weight, N."""
         return self.mass * GRAVITY
 
 
 @dataclass(frozen=True)
 class QuadrotorState:
-    """Where it is and how it moves; all arrays have the same leading batch axes.
+    """Placement and velocity; all arrays have the same leading batch axes.
 
     Attributes:
         position: (..., 3) centre of mass, world, m.
@@ -102,7 +102,7 @@ class QuadrotorState:
         return cls(place, np.zeros_like(place), turns, np.zeros_like(place))
 
     def unless(self, chosen: BoolArray, other: QuadrotorState) -> QuadrotorState:
-        """Return this state, but the other one for those of the batch that are chosen."""
+        """Return this state, replaced by the other one for the selected elements of the batch."""
         if not chosen.any():
             return self
         each, turn = chosen[..., None], chosen[..., None, None]
@@ -115,7 +115,7 @@ class QuadrotorState:
 
 
 class Controller(Protocol):
-    """What decides thrust and moment."""
+    """A controller of thrust and moment."""
 
     def control(self, time: float, state: QuadrotorState) -> tuple[Array, Array]:
         """Return thrusts (...), N, and moments (..., 3), body axes, N.m."""
@@ -130,7 +130,7 @@ class Flight:
         states: arrays (n+1, ..., 3) and (n+1, ..., 3, 3).
         thrusts: (n+1, ...) applied, N.
         moments: (n+1, ..., 3) applied, N.m.
-        lost: (...) whether it spun faster than the step resolves; from then on its state stays what it was.
+        lost: (...) whether it rotated faster than the step resolves; its state is constant from then on.
     """
 
     times: Array
@@ -148,7 +148,7 @@ def fly(
     step: float = 2e-3,
     disturb: Callable[[float], Array] | None = None,
 ) -> Flight:
-    """Simulate by the Runge-Kutta-Munthe-Kaas method of order 4 (Munthe-Kaas 1999), the control continuous in time.
+    """Simulate by the Runge-Kutta-Munthe-Kaas method of order 4 (Munthe-Kaas 1999), with continuous-time control.
 
     Args:
         quadrotor: the vehicle.

@@ -1,4 +1,4 @@
-"""What a quadrotor is to follow: position and heading, with the derivatives that its flatness needs (chapter 4.12.3).
+"""Trajectories of a quadrotor's flat outputs: position and heading with derivatives (chapter 4.12.3).
 
 Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011.
 """
@@ -19,11 +19,11 @@ __all__ = ["FlatOutput", "Hover", "Lissajous", "FlatTrajectory"]
 
 @dataclass(frozen=True)
 class FlatOutput:
-    """Position and heading at one time. With four derivatives of one and two of the other all else follows.
+    """Position and heading at one time, with the derivatives that determine state and control.
 
     Attributes:
         position: (5, 3) position and its first four time derivatives, world axes, m/s^k.
-        heading: (3, 3) direction that the body's x axis is to point to as well as it can, and two derivatives.
+        heading: (3, 3) direction onto which the body's x axis is projected, and two derivatives.
     """
 
     position: Array
@@ -31,7 +31,7 @@ class FlatOutput:
 
 
 class FlatTrajectory(Protocol):
-    """A curve to follow."""
+    """A reference trajectory."""
 
     def at(self, time: float) -> FlatOutput:
         """Return position and heading at a time, s."""
@@ -39,7 +39,7 @@ class FlatTrajectory(Protocol):
 
 @dataclass(frozen=True)
 class Hover:
-    """Stay at a point.
+    """A constant reference point.
 
     Attributes:
         point: (3,) m.
@@ -58,7 +58,7 @@ class Hover:
             raise InputError("heading", self.heading, "a direction")
 
     def at(self, time: float) -> FlatOutput:
-        """Return the point, whatever the time."""
+        """Return the point at any time."""
         position, heading = np.zeros((5, 3)), np.zeros((3, 3))
         position[0], heading[0] = self.point, self.heading
         return FlatOutput(position, heading)
@@ -66,7 +66,7 @@ class Hover:
 
 @dataclass(frozen=True)
 class Lissajous:
-    """Sinusoids along the axes, and a heading that turns evenly.
+    """Sinusoids along the axes, and a heading that turns at a constant rate.
 
     Attributes:
         amplitude: (3,) m.

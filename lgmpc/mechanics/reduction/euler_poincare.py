@@ -1,16 +1,15 @@
 r"""Euler-Poincare equations on any matrix group, from a reduced Lagrangian written as an expression.
 
-A Lagrangian that does not change when the pose is multiplied by a constant element, from the left or from the right,
-is a function of one velocity in the Lie algebra. With ``s = 1`` for left and ``s = -1`` for right reduction, and a
-quantity ``a`` that the motion carries along (gravity's direction in body axes),
+A Lagrangian that is invariant under left or right multiplication of the pose by a constant element is a function of one
+velocity in the Lie algebra. With ``s = 1`` for left and ``s = -1`` for right reduction, and an advected quantity ``a``
+(such as gravity's direction in body axes),
 
     g' = g xi (left),  g' = xi g (right)
     mu' = s coadjoint(xi) mu - s K(a)^T dl/da + F,    mu = dl/dxi,    F the generalised force
     a'  = -s K(a) xi,                                 K(a) xi = d/de act(exp(e xi), a)
 
-``-K^T dl/da`` is the diamond product of dl/da and a: K, like every derivative here, is CasADi's. F comes from body and
-spatial forces and from a potential V, ``-(T_e L_g)^* dV`` on the left (chapter 4.7.5 with its sign put right),
-``-(T_e R_g)^* dV`` on the right.
+``-K^T dl/da`` is the diamond product of dl/da and a. Derivatives are CasADi's. F is the sum of body and spatial forces
+and of a potential's, ``-(T_e L_g)^* dV`` on the left (chapter 4.7.5, sign corrected), ``-(T_e R_g)^* dV`` on the right.
 
 Chapter 4.2 to 4.6 and 4.17; Poincare, "Sur une forme nouvelle des equations de la mecanique", C. R. Acad. Sci. 132
 (1901); Marsden and Ratiu, "Introduction to mechanics and symmetry" (1999), 13.5; Holm, Marsden, Ratiu, "The
@@ -44,10 +43,10 @@ Method = Callable[["EulerPoincare"], ca.Function]
 
 
 def munthe_kaas(system: EulerPoincare) -> ca.Function:
-    """The classical fourth-order method in the exponential chart around each step's first pose.
+    """Return the classical fourth-order step in the exponential chart around its initial pose.
 
-    With ``g = g0 exp(z)`` (left), ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is carried by exp(z) itself,
-    so that poses and advected quantities never leave the group and its orbit. Munthe-Kaas, "High order Runge-Kutta
+    With ``g = g0 exp(z)`` (left), ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is transformed by exp(z), so
+    that poses stay in the group and advected quantities in its orbit. Munthe-Kaas, "High order Runge-Kutta
     methods on manifolds", Applied Numerical Mathematics 29 (1999).
 
     Args:
@@ -68,17 +67,17 @@ def munthe_kaas(system: EulerPoincare) -> ca.Function:
 
 @dataclass(frozen=True, eq=False)
 class EulerPoincare(ABC):
-    """A mechanical system on a group, reduced by its translations; see the module for the equations.
+    """A mechanical system on a group, reduced by translations; see the module for the equations.
 
     Attributes:
-        name: a C identifier, unique for the expressions' shape (compiled code is cached by content).
+        name: a C identifier, part of the names of compiled functions.
         group: the configuration space.
         lagrangian: reduced Lagrangian l(velocity, advected; parameters), J.
-        advected: what the motion carries along, if anything.
-        potential: V(pose; parameters), J, for what no advected quantity expresses.
+        advected: the advected quantity, if any.
+        potential: V(pose; parameters), J.
         body_force: (dim,) generalised force on the body velocity.
         spatial_force: (dim,) generalised force on the spatial velocity.
-        parameters: (p,) constants; other values compile nothing anew.
+        parameters: (p,) constants, which can change without recompilation.
     """
 
     sign: ClassVar[int]
@@ -110,11 +109,11 @@ class EulerPoincare(ABC):
 
     @abstractmethod
     def force(self, symbols: Symbols) -> Any:
-        """Return (dim,) all generalised forces on the system's own velocity, the potential's not included."""
+        """Return (dim,) the generalised force in the system's trivialisation, without the potential's."""
 
     @abstractmethod
     def noether_momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) the momentum map of the translations that the Lagrangian is reduced by."""
+        """Return (n, dim) the momentum map of the translations of the reduction."""
 
     def symbols(self) -> Symbols:
         """Return fresh symbols of the system's sizes."""
@@ -147,7 +146,7 @@ class EulerPoincare(ABC):
         return ca.substitute(ca.jacobian(moved, xi), xi, 0)
 
     def generalised_force(self, symbols: Symbols) -> Any:
-        """Return (dim,) all generalised forces, the potential's included: ``-d/dz V(g exp(z))`` on the left."""
+        """Return (dim,) the generalised force, including the potential's: ``-d/dz V(g exp(z))`` on the left."""
         total = ca.SX.zeros(self.group.dim) + self.force(symbols)
         if self.potential is None:
             return total
@@ -156,14 +155,14 @@ class EulerPoincare(ABC):
         return total - ca.substitute(ca.gradient(self.potential(moved), z), z, 0)
 
     def carry(self, advected: Any, displacement: Any) -> Any:
-        """Return the advected quantity once the pose is displaced by exp(displacement): ``act(exp(-s z), a)``."""
+        """Return the advected quantity after a displacement of the pose by exp(displacement): ``act(exp(-s z), a)``."""
         if self.advected is None:
             return advected
         return self.advected.act(self.group.symbolic.exp(-self.sign * displacement), advected)
 
     @functools.cached_property
     def loads(self) -> ca.Function:
-        """(time, pose, velocity, advected, parameters) -> (dim,) ``-s K(a)^T dl/da + F``, mu' but for its bracket."""
+        """(time, pose, velocity, advected, parameters) -> (dim,) ``-s K(a)^T dl/da + F``, mu' without the bracket."""
         s = self.symbols()
         total = self.generalised_force(s)
         if self.advected is not None:
@@ -243,7 +242,7 @@ class EulerPoincare(ABC):
 
         Raises:
             InputError: an argument of the wrong shape, not finite, not in the group; a step that is not positive; a
-                system that the method is not made for; or a Lagrangian whose mass matrix at the start is not positive
+                system that the method does not support; or a Lagrangian whose mass matrix at the start is not positive
                 definite.
             SolverError: the motion did not stay finite.
         """
@@ -296,7 +295,7 @@ class EulerPoincare(ABC):
 
 
 class LeftEulerPoincare(EulerPoincare):
-    """Reduced by left translations: velocity and momentum in body axes (rigid bodies, chapter 4.4.7)."""
+    """A system reduced by left translations: velocity and momentum in body axes (rigid bodies, chapter 4.4.7)."""
 
     sign = 1
 
@@ -321,7 +320,7 @@ class LeftEulerPoincare(EulerPoincare):
 
 
 class RightEulerPoincare(EulerPoincare):
-    """Reduced by right translations: velocity and momentum in space (ideal fluids; chapter 4.4.7, spatial form)."""
+    """A system reduced by right translations: velocity and momentum in space (ideal fluids, chapter 4.4.7)."""
 
     sign = -1
 

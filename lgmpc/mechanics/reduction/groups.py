@@ -1,8 +1,7 @@
-"""The groups on which mechanics is written here: numbers and expressions of one group, side by side.
+"""Lie groups of mechanical systems, each with its numeric and its symbolic functions.
 
-Nothing is computed in this module that :mod:`lgmpc.lie` computes: a :class:`LieGroup` pairs a module of it with its
-CasADi twin and adds the dimension and the shape of an element. New here are the translations of
-R^n, the Abelian case in which every equation of mechanics falls back to Newton's.
+A :class:`LieGroup` combines a module of :mod:`lgmpc.lie` with its CasADi counterpart, the dimension and the shape of an
+element. The translations of R^n, the Abelian case, are defined here: their equations of motion are Newton's.
 
 ``ad(x) y`` is the bracket, ``coadjoint(x) = ad(x)^T`` (chapter 4.4.4), ``adjoint(g) x = g x g^{-1}``.
 """
@@ -28,7 +27,7 @@ __all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "SymbolicGroup", "extended_po
 
 
 class SymbolicGroup(Protocol):
-    """What the CasADi twin of a group offers: the same names as :class:`lgmpc.lie.Group`, on expressions."""
+    """The protocol of a group on CasADi expressions, with the names of :class:`lgmpc.lie.Group`."""
 
     def hat(self, xi: Any, /) -> Any:
         """Tangent vector to matrix of the algebra."""
@@ -69,9 +68,9 @@ class LieGroup:
         name: a C identifier.
         dim: of the algebra.
         size: rows (and columns) of an element.
-        numeric: exponential, adjoint, bracket and so on for arrays.
-        symbolic: the same for CasADi expressions.
-        check: converts what is claimed to be an element, or raises InputError naming the argument.
+        numeric: its functions on arrays.
+        symbolic: its functions on CasADi expressions.
+        check: converts an element, or raises InputError naming the argument.
     """
 
     name: str
@@ -123,7 +122,7 @@ def extended_poses(k: int) -> LieGroup:
 
 
 SEMIDIRECT = extended_poses(1)
-"""SO(3) x R^3, semidirect, rotation first: its dual holds (body angular momentum, advected direction) of a heavy top.
+"""SO(3) x R^3, semidirect, rotation first; elements of its dual are (body angular momentum, advected direction).
 
 Marsden, Ratiu, Weinstein, "Semidirect products and reduction in mechanics", Trans. AMS 281 (1984); chapter 4.17.
 """

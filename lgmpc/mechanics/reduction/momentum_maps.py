@@ -1,8 +1,8 @@
-"""Momentum maps of a group that acts on its own cotangent bundle by translations, and their use.
+"""Momentum maps of translations on the cotangent bundle of a group.
 
-A covector at g is known by its body momentum ``mu`` (pulled back along left translation) or by its spatial momentum
-``nu`` (along right translation), ``nu = Ad*_{g^-1} mu``, that is ``adjoint(g)^T nu = mu``. Which is the momentum map of
-which action is easily confused (the chapter's 4.13.2 does):
+A covector at g is represented by its body momentum ``mu`` (pulled back along left translation) or its spatial momentum
+``nu`` (along right translation), ``nu = Ad*_{g^-1} mu``, that is ``adjoint(g)^T nu = mu``. They are the momentum maps
+of (chapter 4.13.2 exchanges the two):
 
     left translation  h g:  J = T_e* R_g p = nu, the spatial momentum, which Noether conserves for left-invariant H
     right translation g h:  J = T_e* L_g p = mu, the body momentum, conserved for right-invariant H
@@ -24,14 +24,14 @@ from lgmpc.typing import Array
 __all__ = ["body_momentum", "conserved_dimension", "spatial_momentum"]
 
 CONSERVED = 1e-9
-"""What a conserved component may move, as a part of the largest momentum along the motion."""
+"""Tolerance of conserved components, relative to the largest momentum along the motion."""
 
 
 def spatial_momentum(group: LieGroup, pose: Array, body: Array) -> Array:
-    """Momentum map of left translation, ``Ad*_{g^-1} mu`` (..., dim): on SE(3), [p; L] about the world's origin.
+    """Return the momentum map of left translation, ``Ad*_{g^-1} mu`` (..., dim): on SE(3), [p; L] about the origin.
 
     Args:
-        group: on whose cotangent bundle.
+        group: acts on its own cotangent bundle.
         pose: (..., size, size) elements g.
         body: (..., dim) body momenta mu.
 
@@ -43,10 +43,10 @@ def spatial_momentum(group: LieGroup, pose: Array, body: Array) -> Array:
 
 
 def body_momentum(group: LieGroup, pose: Array, spatial: Array) -> Array:
-    """Momentum map of right translation, ``Ad*_g nu`` (..., dim): the inverse of :func:`spatial_momentum`.
+    """Return the momentum map of right translation, ``Ad*_g nu`` (..., dim): the inverse of :func:`spatial_momentum`.
 
     Args:
-        group: on whose cotangent bundle.
+        group: acts on its own cotangent bundle.
         pose: (..., size, size) elements g.
         spatial: (..., dim) spatial momenta nu.
 
@@ -57,14 +57,14 @@ def body_momentum(group: LieGroup, pose: Array, spatial: Array) -> Array:
 
 
 def conserved_dimension(momenta: Sequence[Array], tolerance: float = CONSERVED) -> int:
-    """Number of independent directions along which a momentum did not move in any of several motions.
+    """Return the number of independent directions along which a momentum is constant in several motions.
 
-    One motion is not enough: a body that falls keeps a fourth component of its spatial momentum, in a direction that
+    One motion is not enough: a falling body conserves a fourth component of its spatial momentum, in a direction that
     depends on the motion, because its centre of mass stays in a vertical plane.
 
     Args:
         momenta: for each motion, (n, dim) momentum along it.
-        tolerance: movement that counts as none, as a part of the largest momentum.
+        tolerance: largest change of a constant component, relative to the largest momentum.
 
     Raises:
         InputError: not tables of finite numbers, or none.

@@ -1,17 +1,14 @@
-"""Noether's theorem, checked: a system's symmetries, and the drift of its momentum map.
+"""Noether's theorem: a system's symmetries, and the rate of its momentum map.
 
-For a left-reduced system, moving the whole motion by ``exp(e zeta)`` from the left changes the Lagrangian at the rate
+For a left-reduced system, left multiplication of the motion by ``exp(e zeta)`` changes the Lagrangian at the rate
 ``dL . zeta``; along every motion without further forces
 
     d/dt <J, zeta> = dL . zeta,        J = Ad*_{g^-1} mu the spatial momentum,
 
-so J is conserved along exactly the directions that leave L alone: all six for a body in free space, and translation in
-the plane and rotation about the vertical, three, under gravity.
-
-The chapter's table 4.13.4 agrees, but for two entries: under gravity the vertical translation ("SE(2) x R") is no
-symmetry, p_z falls; and "gravity and a plane" keeps three (a frictionless plane is as symmetric as gravity). One, L_z,
-is what remains where the plane is replaced by a fixed point or by a bowl of revolution. Marsden and Ratiu (1999), 11.4;
-Noether, "Invariante Variationsprobleme" (1918); chapter 4.13.
+so that J is conserved exactly along the directions in which L is invariant: all six for a body in free space; under
+gravity, or on a frictionless level plane, the three of horizontal translation and rotation about the vertical; with a
+fixed point or in a bowl of revolution L_z alone. (Table 4.13.4 of the chapter counts the vertical translation under
+gravity, and one symmetry on a plane.) Marsden and Ratiu (1999), 11.4; Noether, "Invariante Variationsprobleme" (1918).
 """
 
 from __future__ import annotations
@@ -33,10 +30,10 @@ __all__ = ["LeftSymmetry"]
 
 @dataclass(frozen=True, eq=False)
 class LeftSymmetry:
-    """How a left-reduced system's Lagrangian answers to left translations.
+    """The rate of a left-reduced system's Lagrangian under left translations.
 
     Attributes:
-        system: whose Lagrangian, potential included; other forces are not considered.
+        system: Lagrangian and potential are considered, other forces are not.
     """
 
     system: LeftEulerPoincare
@@ -49,7 +46,7 @@ class LeftSymmetry:
         z = ca.SX.sym("z", group.dim)
         moved = replace(s, pose=group.symbolic.compose(group.symbolic.exp(z), s.pose))
         if system.advected is not None:
-            # a = act(g^-1, a0): what the world holds fixed stays where it is while the body is moved.
+            # a = act(g^-1, a0): quantities fixed in the world stay constant while the body is moved.
             seen = system.advected.act(s.pose, s.advected)
             moved = replace(moved, advected=system.advected.act(group.symbolic.inverse(moved.pose), seen))
         lagrangian = system.reduced(moved)
@@ -60,7 +57,7 @@ class LeftSymmetry:
         return ca.Function(f"{system.name}_symmetry", arguments, [ca.densify(slope)])
 
     def rates(self, motion: Motion) -> Array:
-        """Return (n, dim) the rate of change of the spatial momentum that Noether's theorem predicts on a motion."""
+        """Return (n, dim) the rate of the spatial momentum along a motion by Noether's theorem."""
         count, size = len(motion.times), self.system.group.size
         parameters = np.tile(self.system.parameters, (count, 1)).T
         poses = motion.poses.transpose(1, 0, 2).reshape(size, count * size)
@@ -71,9 +68,8 @@ class LeftSymmetry:
         """Return (k, dim) an orthonormal basis of the directions that are symmetries in all states of some motions.
 
         Args:
-            motions: whose states are examined: several, and general ones, as for
-                :func:`~lgmpc.mechanics.conserved_dimension`.
-            tolerance: rate that counts as none, as a part of the largest.
+            motions: several general motions, as for :func:`~lgmpc.mechanics.conserved_dimension`.
+            tolerance: largest rate along a symmetry, relative to the largest rate.
 
         Raises:
             InputError: no motions.

@@ -1,4 +1,4 @@
-"""The vocabulary of reduced systems: what their expressions are written in, and what a computed motion is."""
+"""Symbols of reduced systems, advected quantities, and computed motions."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["Advected", "Expression", "Motion", "Symbols", "state_of"]
 
 @dataclass(frozen=True)
 class Symbols:
-    """What Lagrangians, forces and potentials are written in; CasADi expressions.
+    """The arguments of Lagrangians, forces and potentials: CasADi expressions.
 
     Attributes:
         time: s.
         pose: (size, size) group element; not for the Lagrangian, which is reduced.
         velocity: (dim,) body velocity under left reduction, spatial under right.
-        advected: (m,) what the motion carries along.
+        advected: (m,) advected quantity.
         parameters: (p,) constants of the system.
     """
 
@@ -48,12 +48,12 @@ Expression = Callable[[Symbols], Any]
 
 @dataclass(frozen=True)
 class Advected:
-    """A quantity that is constant in the world (left reduction; in the body under right) and enters the Lagrangian.
+    """A quantity in the Lagrangian that is constant in the world (left reduction) or in the body (right reduction).
 
     Attributes:
         size: number of components.
-        act: (element, a) -> a, a linear action of the group from the left, as an expression. What is ``a0``
-            in the world is ``act(g^-1, a0)`` in the body.
+        act: (element, a) -> a, a linear left action of the group, as an expression: the quantity ``a0`` in the world
+            is ``act(g^-1, a0)`` in the body.
     """
 
     size: int

@@ -1,4 +1,4 @@
-"""Heavy tops that the literature measures integrators on, with a reference solution that is computed without groups.
+"""Heavy-top benchmarks of the literature, with a reference solution by quaternions.
 
 Their equations are those of chapter 4.17.
 """
@@ -22,11 +22,11 @@ __all__ = ["BRULS_TOP", "SIMO_WONG_TOP", "HeavyTopBenchmark"]
 
 @dataclass(frozen=True, eq=False)
 class HeavyTopBenchmark:
-    """A top and how it starts.
+    """A top and its initial state.
 
     Attributes:
         name: of the benchmark.
-        inertia: (3, 3) about the point that is held, body axes, kg.m^2.
+        inertia: (3, 3) about the fixed point, body axes, kg.m^2.
         moment: (3,) mass times centre of mass from that point, body axes, kg.m.
         gravity: m/s^2.
         rotation: (3, 3) world from body at the start.
@@ -86,7 +86,7 @@ SIMO_WONG_TOP = HeavyTopBenchmark(
     velocity=np.array([0.0, 0.0, 50.0]),
     duration=10.0,
 )
-"""Fast symmetric top, m g l = 20 N.m, released at a tilt of 0.3 rad: it nods in cusps.
+"""Fast symmetric top, m g l = 20 N.m, released at a tilt of 0.3 rad: nutation with cusps.
 
 Simo and Wong, "Unconditionally stable algorithms for rigid body dynamics that exactly preserve energy and momentum",
 Int. J. Numer. Methods Eng. 31 (1991); the tilt as in Krysl and Endres, "Explicit Newmark/Verlet algorithm for time
@@ -103,8 +103,8 @@ BRULS_TOP = HeavyTopBenchmark(
     velocity=np.array([0.0, 150.0, -4.61538]),
     duration=2.0,
 )
-"""Fast disc on a horizontal arm, pushed sideways.
+"""Fast disc on a horizontal arm with an initial precession.
 
 Bruls, Cardona, Arnold, "Lie group generalized-alpha time integration of constrained flexible multibody systems",
-Mechanism and Machine Theory 48 (2012), where the point is held by a constraint.
+Mechanism and Machine Theory 48 (2012), where a constraint fixes the point.
 """

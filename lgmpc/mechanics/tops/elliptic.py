@@ -1,7 +1,7 @@
-"""Elliptic functions as mechanics needs them: for arguments of any size, and accurate up to the separatrix.
+"""Elliptic functions for arguments of any size, accurate up to the separatrix.
 
-The parameter is ``m = k^2``, given with its complement ``m1 = 1 - m``, which near the separatrix carries the digits
-(``scipy.special.ellipj`` takes m alone, and is lost there at a quarter period).
+The parameter is ``m = k^2``, given with its complement ``m1 = 1 - m``, which determines the accuracy near the
+separatrix (``scipy.special.ellipj`` has m alone, and is inaccurate there near a quarter period).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lgmpc.typing import Array
 __all__ = ["Modulus"]
 
 _SMALLEST = 1e-100
-"""Arguments below it are zero: their cotangent's powers would overflow."""
+"""Smaller arguments are treated as zero: powers of their cotangent would overflow."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Modulus:
         return np.asarray(part, dtype=np.float64)
 
     def _reduced(self, u: Array) -> tuple[Array, Array]:
-        """Half periods 2 K nearest to the arguments, and what is left; none where the period is infinite."""
+        """Return the nearest multiples of 2 K and the remainders; zero multiples if the period is infinite."""
         array = np.asarray(u, dtype=np.float64)
         turns = np.rint(array / (2.0 * self.quarter_period))
         return turns, array - turns * 2.0 * self.quarter_period if self.m1 > 0.0 else array

@@ -1,4 +1,4 @@
-r"""Lagrange's top, a symmetric body held at a point of its axis under gravity: precession, nutation, sleep.
+r"""Lagrange's top, a symmetric body with a fixed point on its axis under gravity: precession, nutation, sleeping.
 
 With tilt theta from the upward vertical, axial angular velocity w3 (constant) and precession Omega,
 
@@ -6,11 +6,11 @@ With tilt theta from the upward vertical, axial angular velocity w3 (constant) a
     nutation:  u = cos(theta),  u'^2 = beta (u - u1) (u - u2) (u - u3),  -1 <= u1 <= u <= u2 <= 1,  beta = 2 m g l / I1
                u = u1 + (u2 - u1) sn^2(kappa t + phase | m)
                kappa = sqrt(beta (u3 - u1)) / 2,  m = (u2 - u1) / (u3 - u1)
-    asleep:    theta = 0 is stable for w3^2 > 4 m g l I1 / I3^2; slower, a tilt grows at the rate
+    sleeping:  theta = 0 is stable for w3^2 > 4 m g l I1 / I3^2; slower, a tilt grows at the rate
                sqrt(beta / 2 - (I3 w3 / (2 I1))^2)
 
 Lagrange, "Mecanique analytique" (1788); Goldstein, "Classical mechanics" (1980), 5.7; Whittaker, "Analytical dynamics"
-(1904), 71; chapter 4.17. Moments of inertia are about the point that is held.
+(1904), 71; chapter 4.17. Moments of inertia are about the fixed point.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = ["LagrangeTop", "Nutation"]
 
 @dataclass(frozen=True)
 class Nutation:
-    """Up and down of the axis, in closed form.
+    """The nutation of the axis, in closed form.
 
     Attributes:
         cosine: of the tilt at time 0.
@@ -59,7 +59,7 @@ class Nutation:
 
     @property
     def period(self) -> float:
-        """Of the tilt, s; infinite where the axis only approaches the vertical."""
+        """Period of the tilt, s; infinite for an axis that approaches the vertical asymptotically."""
         return 2.0 * self.modulus.quarter_period / self.rate
 
     def cosines(self, times: Array) -> Array:
@@ -74,7 +74,7 @@ class LagrangeTop:
     """A symmetric top.
 
     Attributes:
-        transverse: I1 = I2 about the point that is held, kg.m^2.
+        transverse: I1 = I2 about the fixed point, kg.m^2.
         axial: I3, kg.m^2.
         weight: m g l, weight times distance of the centre of mass along the third axis, N.m.
 
@@ -93,12 +93,12 @@ class LagrangeTop:
 
     @property
     def inertia(self) -> Array:
-        """(3, 3) about the point that is held, kg.m^2."""
+        """(3, 3) inertia about the fixed point, kg.m^2."""
         return np.diag([self.transverse, self.transverse, self.axial])
 
     @functools.cached_property
     def system(self) -> LeftEulerPoincare:
-        """The equations of motion, to be started with ``rotation.T @ UP`` as the advected direction."""
+        """The equations of motion; the initial advected direction is ``rotation.T @ UP``."""
         return heavy_top(self.inertia, np.array([0.0, 0.0, self.weight]), 1.0)
 
     def start(self, tilt: float, spin: float, precession: float = 0.0) -> tuple[Array, Array]:
@@ -113,7 +113,7 @@ class LagrangeTop:
         return rotation, np.array([0.0, precession * math.sin(tilt), spin])
 
     def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
-        """Slow and fast rate of precession at a constant tilt, rad/s; the fast one is infinite for a horizontal axis.
+        """Return the slow and the fast rate of precession at a constant tilt, rad/s; the fast one may be infinite.
 
         Args:
             tilt: from the upward vertical, rad.
@@ -133,11 +133,11 @@ class LagrangeTop:
         return 2.0 * self.weight / large, fast
 
     def nutation(self, rotation: Array, velocity: Array) -> Nutation:
-        """Return the closed form of the tilt that follows from a state.
+        """Return the closed form of the tilt from a state.
 
-        The cubic is expanded around the present tilt, where value and slope come from the state without cancellation;
-        so a steady precession has its double root to rounding. Tilts from 0 to pi are accurate to rounding, too: they
-        are computed from the distances of the roots to 1 and -1, not from cosines.
+        The cubic is expanded around the current tilt, where value and slope follow from the state without cancellation:
+        a steady precession has a double root to rounding. Tilts from 0 to pi are accurate to rounding because they are
+        computed from the distances of the roots to 1 and -1, not from cosines.
 
         Args:
             rotation: (3, 3) world from body.
@@ -156,10 +156,10 @@ class LagrangeTop:
         slope = 2.0 * a * turning - 2.0 * u * across - beta * sine**2
         cubic = [beta, 2.0 * beta * u - across - a**2, slope, climbing**2]
         s1, s2, s3 = sorted(float(root.real) for root in np.roots(cubic))
-        s1, s2 = min(0.0, s1), max(0.0, s2)  # rounding must not put the present tilt outside
+        s1, s2 = min(0.0, s1), max(0.0, s2)  # rounding must not exclude the current tilt
 
         # 1 - u2 and 1 + u1 by the cubic's values at 1 and -1, -(turning - a above)^2 and -(turning + a below)^2: the
-        # differences above - s2 and below + s1 cancel where the axis passes close to the vertical.
+        # differences above - s2 and below + s1 cancel if the axis passes close to the vertical.
         product = _share((turning - a * above) ** 2, beta * (above - s1))  # (1 - u2) (u3 - 1)
         highest = _positive_root(2.0 * above - s2 - s3, product)
         lowest = _share((turning + a * below) ** 2, beta * (below + s2) * (below + s3))
@@ -174,16 +174,16 @@ class LagrangeTop:
 
     @property
     def critical_spin(self) -> float:
-        """Spin above which the upright top sleeps stably, ``2 sqrt(m g l I1) / I3``, rad/s."""
+        """Spin above which the upright top is stable, ``2 sqrt(m g l I1) / I3``, rad/s."""
         return 2.0 * math.sqrt(self.weight * self.transverse) / self.axial
 
     def sleeping_growth(self, spin: float) -> float:
-        """Rate at which a small tilt of the upright top grows, 1/s: zero from the critical spin on."""
+        """Return the growth rate of a small tilt of the upright top, 1/s: zero from the critical spin on."""
         square = self.weight / self.transverse - (self.axial * spin / (2.0 * self.transverse)) ** 2
         return math.sqrt(max(0.0, square))
 
     def fall(self, spin: float) -> float:
-        """Largest tilt of an upright top under a vanishing disturbance, rad: zero from the critical spin on.
+        """Return the largest tilt of an upright top after an infinitesimal disturbance, rad: 0 above the critical spin.
 
         With the sleeping top's energy and momenta the cubic is ``(1 - u)^2 (beta (1 + u) - (I3 w3 / I1)^2)``.
         """

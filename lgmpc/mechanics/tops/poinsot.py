@@ -1,10 +1,11 @@
 """Poinsot's construction: a torque-free body's ellipsoid of inertia rolls, without slipping, on a fixed plane.
 
-The ellipsoid ``x^T J x = 1`` is fixed in the body and centred where the body is held. It touches at ``w / sqrt(2 E)``;
-its normal there is along the angular momentum, which is constant in space, and so is the plane's distance ``sqrt(2 E) /
-|pi|``. The point of contact lies on the instantaneous axis, so the body is at rest there. It draws the polhode on the
-ellipsoid, where this meets ``x^T J^2 x = |pi|^2 / (2 E)``, and the herpolhode on the plane. In momenta, the polhode is
-where the sphere ``|pi|`` = const, a coadjoint orbit, meets the ellipsoid of energy ``pi^T J^-1 pi = 2 E``.
+The ellipsoid ``x^T J x = 1`` is fixed in the body, with its centre at the fixed point. It touches the plane at
+``w / sqrt(2 E)``; its normal there is along the angular momentum, which is constant in space, as is the plane's
+distance ``sqrt(2 E) / |pi|``. The point of contact lies on the instantaneous axis: its velocity is zero. It traces the
+polhode on the ellipsoid, where this meets ``x^T J^2 x = |pi|^2 / (2 E)``, and the herpolhode on the plane. In momenta,
+the polhode is the intersection of the sphere ``|pi|`` = const, a coadjoint orbit, with the energy ellipsoid
+``pi^T J^-1 pi = 2 E``.
 
 Poinsot, "Theorie nouvelle de la rotation des corps" (1834); chapter 4.5.3 and 4.10.5. Lengths are in 1 / sqrt(kg.m^2).
 """
@@ -24,7 +25,7 @@ __all__ = ["Poinsot"]
 
 @dataclass(frozen=True, eq=False)
 class Poinsot:
-    """The construction for one motion.
+    """Poinsot's construction for one motion.
 
     Attributes:
         top: the motion.
@@ -47,7 +48,7 @@ class Poinsot:
 
     @property
     def distance(self) -> float:
-        """Of the plane from the centre."""
+        """Distance of the plane from the centre."""
         return math.sqrt(2.0 * self.top.energy) / self.top.momentum
 
     def polhode(self, times: Array) -> Array:

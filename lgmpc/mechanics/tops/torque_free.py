@@ -1,6 +1,6 @@
 r"""The torque-free body in closed form: velocity by Jacobi's functions, attitude by an integral of the third kind.
 
-With principal moments ordered so that axis c is the one that the body momentum circles around and b the middle one
+With principal moments ordered so that the body momentum revolves about axis c and b is the middle one
 (``|pi|^2 > 2 E I_b``: c has the largest moment, otherwise the smallest), and s the sign of w_c,
 
     w_a = A cn u,   w_b = s B sn u,   w_c = s C dn u,      u = u0 + rate t
@@ -9,7 +9,7 @@ With principal moments ordered so that axis c is the one that the body momentum 
     p = 2 E I_c - |pi|^2,  q = |pi|^2 - 2 E I_a,  rate^2 = (I_c - I_b) q / (I_a I_b I_c),
     m = (I_b - I_a) p / ((I_c - I_b) q)
 
-The body turns about the constant spatial momentum. The azimuth psi of axis a, which is never along it, moves as
+The azimuth psi of axis a about the constant spatial momentum, to which it is never parallel, is
 
     psi' = |pi| (2 E - I_a w_a^2) / (|pi|^2 - I_a^2 w_a^2)
     psi  = |pi| (t / I_a - (I_c - I_a) / (I_a I_c rate) integral of du / (1 + n sn^2 u)),   n = I_a p / (I_c q)
@@ -36,7 +36,7 @@ from lgmpc.typing import Array
 __all__ = ["EulerTop", "symmetric_top_precession"]
 
 _STEADY = 1e-15
-"""A torque this small beside |w| |pi| is rounding: the body turns about one of its axes for ever."""
+"""Rounding error of the torque relative to |w| |pi|: below it the rotation about a principal axis is steady."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class EulerTop:
 
     @property
     def steady(self) -> bool:
-        """Whether the body turns about a principal axis, for ever (though perhaps not stably)."""
+        """Whether the body rotates steadily (stably or not) about a principal axis."""
         torque = np.cross(self.inertia @ self.velocity, self.velocity)
         return bool(np.linalg.norm(torque) <= _STEADY * self.momentum * np.linalg.norm(self.velocity))
 
@@ -103,7 +103,7 @@ class EulerTop:
 
     @property
     def circled_axis(self) -> Array:
-        """(3,) principal axis, unit, in the body, that the body momentum circles around, to its side.
+        """(3,) unit principal axis in the body, about which the body momentum revolves, on the momentum's side.
 
         Raises:
             InputError: the rotation is steady.
@@ -132,7 +132,7 @@ class EulerTop:
         return result
 
     def azimuths(self, times: Array) -> Array:
-        """Return (n,) the angles by which axis a has turned about the spatial momentum since time 0, rad.
+        """Return (n,) the angles of axis a about the spatial momentum since time 0, rad.
 
         Raises:
             InputError: the rotation is steady.
@@ -143,7 +143,7 @@ class EulerTop:
         return azimuths
 
     def _leaning(self, velocities: Array) -> Array:
-        """Rotations to body axes' coordinates from ones with z along the momentum and x below axis a."""
+        """Return the rotations to body axes from axes with z along the momentum and x below axis a."""
         up = velocities @ self.inertia / self.momentum
         axis = self._solution.axes[:, 0]
         x = axis - (up @ axis)[:, None] * up
@@ -177,7 +177,7 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
     ascending, axes = np.linalg.eigh(inertia)
     axes[:, 2] *= np.linalg.det(axes)  # right-handed in ascending order
     w = axes.T @ velocity
-    side = float(np.sum(ascending * (ascending - ascending[1]) * w**2))  # |pi|^2 - 2 E I_b without its cancellation
+    side = float(np.sum(ascending * (ascending - ascending[1]) * w**2))  # |pi|^2 - 2 E I_b without cancellation
     order = [0, 1, 2] if side >= 0.0 else [2, 1, 0]
     moments, w = ascending[order], w[order]
     ia, ib, ic = (float(moment) for moment in moments)
@@ -194,7 +194,7 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
 
 
 def symmetric_top_precession(transverse: float, axial: float, velocity: Array) -> tuple[float, float]:
-    """Precession rates of a free symmetric top, rad/s: of the velocity in the body, and of the axis in space.
+    """Return the precession rates of a free symmetric top, rad/s: of the velocity in the body, of the axis in space.
 
     ``(I3 - I1) / I1 w3`` about the body's third axis, and ``|pi| / I1`` about the momentum. Landau and Lifshitz,
     "Mechanics", section 33 and 36.

@@ -39,7 +39,7 @@ class _Inertia:
         )
 
     def without(self, force: Any, moment: Any, pivot: _Pivot) -> _Inertia:
-        """Return what is left when the joint gives way: minus ``U D^-1 U^T`` with U = (force, moment)."""
+        """Return the inertia without the joint's direction of motion: minus ``U D^-1 U^T`` with U = (force, moment)."""
         over_force, over_moment = pivot.solve(force.T), pivot.solve(moment.T)
         return _Inertia(
             _symmetrized(self.mass - ca.mtimes(force, over_force)),
@@ -70,7 +70,7 @@ class _Pivot:
 
 @dataclass(frozen=True)
 class _Solved:
-    """What the backward pass keeps of a joint: U = (force, moment), D, and tau - S^T p."""
+    """The backward pass's results for a joint: U = (force, moment), D, and tau - S^T p."""
 
     force: Any
     moment: Any

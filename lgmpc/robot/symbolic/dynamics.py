@@ -19,7 +19,7 @@ Wrench = tuple[Any, Any]
 def net_wrenches(
     tree: Tree, steps: list[Placement], accelerating: list[Acceleration], external: Mapping[int, Wrench]
 ) -> list[Wrench]:
-    """Return what each joint transmits to its body, the world's entry first: what all root joints get from it.
+    """Return the wrench that each joint transmits to its body; the first entry is the world's on all root joints.
 
     Luh, Walker and Paul (1980), with the rate of angular momentum of a body about its joint's origin as the integral of
     ``r x (a + B r) dm``, whose entries need only B and the constant second moments.
@@ -28,7 +28,7 @@ def net_wrenches(
         tree: the model.
         steps: placements of the joints in their parents.
         accelerating: accelerations of the bodies.
-        external: by joint index, the wrench that acts on the body from outside.
+        external: by joint index, the external wrench on the body.
     """
     wrenches: list[Wrench] = [(ca.DM.zeros(3), ca.DM.zeros(3))]
     for index, (joint, motion) in enumerate(zip(tree.joints, accelerating[1:], strict=True), start=1):
@@ -80,7 +80,7 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
         tree: the model.
         steps: placements of the joints in their parents.
         forces: from :func:`composite_forces`.
-        like: the configuration, whose CasADi type the matrix gets.
+        like: the configuration, whose CasADi type the matrix has.
     """
     matrix = type(like)(tree.nv, tree.nv)
     at_root: list[Any] = []

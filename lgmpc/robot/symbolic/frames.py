@@ -35,7 +35,7 @@ def read_frame(model: pin.Model, frame: int | str) -> Frame:
     """Return the frame of this name or index.
 
     Raises:
-        InputError: there is none; the nearest names are given.
+        InputError: there is none; the nearest names are listed.
     """
     index = frame_index(model, frame) if isinstance(frame, str) else int(frame)
     if not 0 <= index < model.nframes:
@@ -50,7 +50,8 @@ def jacobian(
 ) -> Any:
     """Return (6, nv), linear first: the Jacobian of ``frame`` in the axes of ``reference``.
 
-    LOCAL climbs the chain from the frame, so that the base's placement does not enter; the others use world placements.
+    LOCAL accumulates placements from the frame to the root, independent of the base's placement; the others use world
+    placements.
     """
     matrix = type(like)(6, tree.nv)
     target = placed[frame.joint].compose(frame.placement).translation

@@ -1,4 +1,4 @@
-"""The symbolic algorithms of one ``pin.Model`` behind one object."""
+"""The symbolic algorithms of one ``pin.Model``."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ __all__ = ["SymbolicModel"]
 T = TypeVar("T")
 
 _KEPT = 8
-"""Intermediate results remembered for each recursion."""
+"""Number of cached results of each recursion."""
 
 
 class SymbolicModel:
     """Rigid-body algorithms over a ``pin.Model`` as CasADi expressions.
 
-    Every method takes SX columns (or DM: numbers) and returns the same; for MX, wrap the expressions in a Function. The
-    values are Pinocchio's: armature counts in the dynamics, twists and wrenches are linear first, and quaternions are
-    taken as they are, of unit norm. Methods that are given the same expressions share their common part: mass matrix
-    and centre of mass of the same ``q`` are computed from one set of placements, so that one function of both costs
-    less than two. Matrix entries that the tree makes zero, such as those between branches, are structurally zero.
+    Arguments and results are SX columns (or DM); for MX, wrap the expressions in a Function. The values are
+    Pinocchio's: the dynamics include the armature, twists and wrenches are linear first, and quaternions must be of
+    unit norm. Methods with the same arguments share intermediate results: mass matrix and centre of mass of the same
+    ``q`` use one set of placements. Matrix entries that vanish for any configuration, such as those between branches,
+    are structurally zero.
 
     ``frame`` is a name or an index of ``model.frames``; ``reference`` one of ``pin.LOCAL`` (the frame's own axes),
     ``pin.LOCAL_WORLD_ALIGNED`` (world axes at the frame's origin) and ``pin.WORLD`` (world axes at the world's origin).
@@ -65,7 +65,7 @@ class SymbolicModel:
 
     @property
     def mass(self) -> float:
-        """Mass of everything that moves, kg."""
+        """Mass of all moving bodies, kg."""
         return self._tree.mass
 
     # Configurations
@@ -110,7 +110,7 @@ class SymbolicModel:
         return frames.acceleration(self._frame(frame), self._placed(q), self._accelerating(q, v, a), reference)
 
     def frame_drift(self, q: Any, v: Any, frame: int | str, reference: Any = pin.LOCAL_WORLD_ALIGNED) -> Any:
-        """Return (6,) the part of :meth:`frame_acceleration` that is left when the joint accelerations are zero.
+        """Return (6,) :meth:`frame_acceleration` at zero joint accelerations.
 
         With the LOCAL_WORLD_ALIGNED Jacobian J it is ``dJ/dt v``. With LOCAL it is the same in the frame's axes.
 
@@ -151,7 +151,7 @@ class SymbolicModel:
     # Dynamics
 
     def rnea(self, q: Any, v: Any, a: Any, external: Mapping[int | str, Any] | None = None) -> Any:
-        """Return (nv,) the generalised forces that give acceleration ``a``: M a + nle - sum of J^T external."""
+        """Return (nv,) the generalised forces of an acceleration ``a``: M a + nle - sum of J^T external."""
         felt = self._accelerating(q, v, a, gravity=True)
         wrenches = dynamics.net_wrenches(self._tree, self._steps(q), felt, self._external(q, external))
         return dynamics.joint_torques(self._tree, wrenches, a)
@@ -161,7 +161,7 @@ class SymbolicModel:
         return self.rnea(q, v, None)
 
     def gravity(self, q: Any) -> Any:
-        """Return (nv,) the generalised forces that hold the robot still against gravity."""
+        """Return (nv,) the generalised forces that balance gravity."""
         return self.rnea(q, type(q).zeros(self.nv), None)
 
     def crba(self, q: Any) -> Any:
@@ -169,7 +169,7 @@ class SymbolicModel:
         return type(q)(self._mass_matrix(q)[0])  # a copy: CasADi matrices can be changed in place
 
     def mass_factor(self, q: Any) -> MassFactor:
-        """Return a factor of M that solves with it, without fill-in: for M^-1 J^T and the like."""
+        """Return a factor of M without fill-in, for products with its inverse such as M^-1 J^T."""
         return self._remember("factor", (q,), lambda: MassFactor(self.crba(q)))
 
     def aba(self, q: Any, v: Any, tau: Any, external: Mapping[int | str, Any] | None = None) -> Any:
@@ -240,7 +240,7 @@ class SymbolicModel:
         return value
 
     def _remember(self, name: str, arguments: tuple[Any, ...], compute: Callable[[], T]) -> T:
-        """Return what ``compute`` gives for these very expressions, from memory if it is among the last few results."""
+        """Return the result of ``compute`` for these expressions, from the cache if it is among the last few."""
         known = self._known.setdefault(name, [])
         for seen, result in known:
             if len(seen) == len(arguments) and all(map(_same, seen, arguments)):

@@ -1,8 +1,8 @@
-"""The recursions over a tree that the algorithms share: placements, velocities, accelerations, composite inertias.
+"""The common recursions over a tree: placements, velocities, accelerations, composite inertias.
 
-All per-joint quantities are in the joint's own frame, so that the constants of the model keep their zeros and CasADi
-drops them. Accelerations are classical: the second derivative of the joint origin's position, expressed in the joint's
-frame. With them the recursions need no linear velocities (Luh, Walker and Paul 1980), and
+All quantities of a joint are in the joint's own frame, so that zeros of the model's constants remain zeros and CasADi
+simplifies them. Accelerations are classical: the second derivative of the joint origin's position, expressed in the
+joint's frame. With them the recursions need no linear velocities (Luh, Walker and Paul 1980), and
 
     B = [alpha]x + [omega]x [omega]x
 
@@ -50,7 +50,7 @@ class Placement:
     translation: Any
 
     def compose(self, other: Placement) -> Placement:
-        """Return the placement of ``other``'s frame where this one's is placed."""
+        """Return the placement of ``other``'s frame in the frame in which this one is placed."""
         return Placement(
             ca.mtimes(self.rotation, other.rotation), ca.mtimes(self.rotation, other.translation) + self.translation
         )
@@ -73,7 +73,7 @@ def _step(joint: Joint, q: Any) -> Placement:
     if joint.kind is JointKind.FREE_FLYER:
         return Placement(ca.mtimes(fixed, quaternion.to_matrix(q[3:])), offset + ca.mtimes(fixed, q[:3]))
     cosine, sine = (q[0], q[1]) if joint.kind is JointKind.CONTINUOUS else (ca.cos(q[0]), ca.sin(q[0]))
-    # Rodrigues' formula, times the fixed rotation, as a sum of constant matrices: their zeros make no operations.
+    # Rodrigues' formula, times the fixed rotation, as a sum of constant matrices: their zeros cost no operations.
     axis = ca.DM(joint.axis)
     along = ca.mtimes(axis, axis.T)
     across = ca.mtimes(fixed, ca.DM.eye(3) - along)
@@ -95,8 +95,8 @@ class Rotation:
 
     Attributes:
         omega: (3,) angular velocity, rad/s.
-        carried: (3,) the parent's.
-        relative: (3,) the joint's own.
+        carried: (3,) the parent's part.
+        relative: (3,) the joint's part.
         square: (3, 3) ``[omega]x [omega]x``.
     """
 
@@ -158,7 +158,7 @@ def accelerations(
         turning: from :func:`rotations`.
         v: (nv,) velocity.
         a: (nv,) joint accelerations, or None for zero.
-        base: (3,) acceleration given to the world: minus gravity makes gravity part of what the bodies feel.
+        base: (3,) acceleration of the world; minus gravity includes gravity in the bodies' accelerations.
     """
     passed = [Acceleration(base, _ORIGIN, _STILL)]
     for index, (joint, step) in enumerate(zip(tree.joints, steps[1:], strict=True), start=1):
@@ -178,7 +178,7 @@ def accelerations(
 
 @dataclass(frozen=True)
 class Composite:
-    """Inertia of a body and everything that hangs on it, about the joint's origin.
+    """Inertia of a body and its descendants, about the joint's origin.
 
     Attributes:
         mass: kg.

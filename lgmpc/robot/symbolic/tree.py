@@ -1,4 +1,4 @@
-"""The constants of a ``pin.Model`` that the symbolic algorithms walk over."""
+"""The constants of a ``pin.Model`` used by the symbolic algorithms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Joint", "JointKind", "Tree", "read_tree"]
 
 
 class JointKind(Enum):
-    """How a joint's coordinates make its placement."""
+    """The kinematics of a joint."""
 
     REVOLUTE = "revolute"
     """An angle."""
@@ -36,7 +36,7 @@ class Joint:
     """One joint and the rigid body after it; vectors and matrices are constants, in the joint's own (child) frame.
 
     Attributes:
-        kind: how its coordinates make its placement.
+        kind: its kinematics.
         parent: index of the joint before it; 0 is the world.
         q: its entries of the configuration.
         v: its entries of the velocity.
@@ -77,7 +77,7 @@ class Tree:
         gravity: (3,) world axes, m/s2.
         nq: size of the configuration.
         nv: size of the velocity.
-        mass: of all that moves, kg.
+        mass: of all moving bodies, kg.
     """
 
     joints: tuple[Joint, ...]
@@ -87,7 +87,7 @@ class Tree:
     mass: float
 
     def support(self, joint: int) -> list[int]:
-        """Return ``joint`` and the joints between it and the world, from it downwards."""
+        """Return ``joint`` and the joints between it and the world, in this order."""
         chain = []
         while joint > 0:
             chain.append(joint)

@@ -156,7 +156,8 @@ class Player {
     const k = this.picture;
     document.getElementById("now").textContent = (start + this.time).toFixed(2);
     document.getElementById("readout").textContent =
-      series.curves.map((c) => `${c.label} ${c.values[k].toFixed(c.digits)}${c.unit}`).join("\n");
+      [...series.states.slice(k, k + 1), ...series.curves.map((c) => `${c.label} ${c.values[k].toFixed(c.digits)}${c.unit}`)]
+        .join("\n");
     const badge = document.getElementById("badge");
     const push = pushes.find((p) => this.time >= p.start && this.time < p.end);
     badge.classList.toggle("on", push !== undefined);

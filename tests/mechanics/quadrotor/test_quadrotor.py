@@ -1,4 +1,4 @@
-"""Geometric control of a quadrotor: exact references, the antipode, and a thousand starts beside an Euler-angle PID."""
+"""Geometric control of a quadrotor: exact references, the antipode, and comparison with an Euler-angle PID."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_gro
     away = np.pi - np.abs(euler_angles(beside.states.rotation)[:, 0])
     inertia = QUADROTOR.inertia[0, 0]
     rate = (np.sqrt(GAINS.rate**2 + 4.0 * inertia * GAINS.rotation) - GAINS.rate) / (2.0 * inertia)
-    window = slice(500, 1500)  # after the fast mode is gone, before the sine bends
+    window = slice(500, 1500)  # after the decay of the fast mode, in the linear range of the sine
     measured = np.polyfit(beside.times[window], np.log(away[window]), 1)[0]
     assert measured == pytest.approx(rate, rel=1e-4)
 
@@ -211,7 +211,7 @@ def away(flight) -> np.ndarray:
 
 
 def tumbling(count: int, rate: float) -> QuadrotorState:
-    """Attitudes drawn evenly from SO(3), turning about axes drawn evenly."""
+    """Attitudes uniform on SO(3), rotating about uniformly random axes."""
     rng = np.random.default_rng(0)
     omega = rng.normal(size=(count, 3))
     omega *= rate / np.linalg.norm(omega, axis=1, keepdims=True)
@@ -227,7 +227,7 @@ def test_it_recovers_from_almost_every_tumble_and_euler_angles_lose_some() -> No
     assert not ours.lost.any()
     assert (away(ours) < 0.05).mean() >= 0.96
     assert theirs.lost.sum() >= 4
-    # The comparison is fair: vehicles that are not lost come back.
+    # Vehicles that are not lost return.
     assert (away(theirs)[~theirs.lost] < 0.1).mean() > 0.9
 
 

@@ -102,7 +102,7 @@ SYSTEMS = {
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_table_of_broken_symmetries(name: str) -> None:
-    """Chapter 4.13.4: as many components stay as the Lagrangian has symmetries, and exactly those."""
+    """Chapter 4.13.4: the conserved components are exactly those of the Lagrangian's symmetries."""
     system, expected = SYSTEMS[name]
     motions = several(system)
     directions = LeftSymmetry(system).directions(motions)

@@ -39,7 +39,7 @@ def test_slow_precession_of_a_fast_top_is_the_gyroscopes() -> None:
     assert fast == pytest.approx(TOP.axial * 1e4 / (TOP.transverse * math.cos(0.5)), rel=1e-5)
 
 
-def test_too_slow_a_top_precesses_not_at_all() -> None:
+def test_a_slow_top_has_no_steady_precession() -> None:
     slowest = 2 * math.sqrt(TOP.transverse * TOP.weight * math.cos(0.3)) / TOP.axial
     TOP.steady_precession(0.3, slowest * 1.001)
     with pytest.raises(InputError, match=f"spin: .* at least {slowest:.6g}"):
@@ -129,7 +129,7 @@ def test_sleeping_top_on_both_sides_of_the_critical_spin(ratio: float) -> None:
         assert TOP.fall(spin) > 0.2
 
 
-def test_a_sleeping_top_awakes_at_the_predicted_rate() -> None:
+def test_an_unstable_sleeping_top_leaves_the_vertical_at_the_predicted_rate() -> None:
     spin = 0.5 * TOP.critical_spin
     rotation, velocity = TOP.start(1e-7, spin, 0.5 * TOP.axial * spin / TOP.transverse)
     motion = simulate(TOP, rotation, velocity, 6.0, 1e-3)
@@ -168,7 +168,7 @@ def test_benchmarks_in_full_length(benchmark: HeavyTopBenchmark, step: float) ->
     np.testing.assert_allclose(motion.velocities, velocities, atol=1e-7)
 
 
-def test_simo_wong_top_nods_as_its_closed_form_predicts() -> None:
+def test_nutation_of_the_simo_wong_top_in_closed_form() -> None:
     top = LagrangeTop(5.0, 1.0, 20.0)
     motion = SIMO_WONG_TOP.simulate(1.25e-4, 80000, 80)
     nutation = top.nutation(SIMO_WONG_TOP.rotation, SIMO_WONG_TOP.velocity)
@@ -187,12 +187,12 @@ def test_simo_wong_top_nods_as_its_closed_form_predicts() -> None:
         ((0.5, math.nan, 1.0), "axial: .* finite"),
     ],
 )
-def test_tops_that_cannot_be_are_refused(arguments: tuple[float, float, float], message: str) -> None:
+def test_impossible_tops_are_refused(arguments: tuple[float, float, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         LagrangeTop(*arguments)
 
 
-def test_states_that_cannot_be_are_refused() -> None:
+def test_bad_states_are_refused() -> None:
     with pytest.raises(InputError, match="rotation: .* a rotation"):
         TOP.nutation(2 * np.eye(3), np.ones(3))
     with pytest.raises(InputError, match="velocity: got shape"):

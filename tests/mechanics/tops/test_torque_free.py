@@ -77,7 +77,7 @@ def test_period_and_montgomerys_phase(moments: str, spin: str) -> None:
 
 
 def test_flips_of_the_middle_axis_are_half_a_period_apart() -> None:
-    """Dzhanibekov: measured as the zero crossings of an integration that has not heard of elliptic functions."""
+    """Dzhanibekov: measured as the zero crossings of a numerical integration."""
     exact = EulerTop(np.diag([1.0, 2.0, 3.0]), [0.01, 1.5, 0.01])
 
     def field(_: float, w: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def test_flips_of_the_middle_axis_are_half_a_period_apart() -> None:
     np.testing.assert_allclose(exact.velocities(flips)[:, 1], 0.0, atol=1e-12)
 
 
-def test_separatrix_is_never_back() -> None:
+def test_separatrix_has_no_period() -> None:
     exact = EulerTop(np.diag([1.0, 2.0, 3.0]), [1.0, 1.0, math.sqrt(1.0 / 3.0)])
     times = np.linspace(0.0, 5.0, 11)
     motion = torque_free_body(exact.inertia).simulate(np.eye(3), exact.velocity, step=1e-3, steps=5000, every=500)
@@ -103,7 +103,7 @@ def test_separatrix_is_never_back() -> None:
     assert exact.period == math.inf or exact.period > 50.0
 
 
-def test_steady_rotation_turns_for_ever_and_has_no_period() -> None:
+def test_steady_rotation_has_no_period() -> None:
     steady = EulerTop(np.diag([1.0, 2.0, 3.0]), [0.0, 2.0, 0.0], START)
     times = np.array([0.0, 1.0, 100.0])
     np.testing.assert_array_equal(steady.velocities(times), [[0.0, 2.0, 0.0]] * 3)
@@ -129,7 +129,7 @@ def test_symmetric_top_precession() -> None:
 
 @pytest.mark.parametrize("m1", [1.0, 0.3, 1e-3, 1e-9, 1e-16])
 def test_elliptic_functions_against_quadrature(m1: float) -> None:
-    """Each u is the integral that defines it, over the Gudermannian of the amplitude to tame its spike."""
+    """Each u is the integral that defines it, over the Gudermannian of the amplitude, which removes its peak."""
     modulus = Modulus(1.0 - m1, m1)
 
     def integral(amplitude: float, n: float) -> float:
@@ -152,7 +152,7 @@ def test_elliptic_functions_against_quadrature(m1: float) -> None:
 
 
 @pytest.mark.parametrize("m1", [1.0, 0.3, 1e-3, 1e-9])
-def test_elliptic_functions_repeat_themselves(m1: float) -> None:
+def test_elliptic_functions_are_periodic(m1: float) -> None:
     modulus = Modulus(1.0 - m1, m1)
     k = modulus.quarter_period
     u = np.linspace(-0.99 * k, 0.99 * k, 21)
@@ -177,7 +177,7 @@ def test_elliptic_functions_are_scipys_where_those_are_good() -> None:
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("tilt", [1e-2, 1e-5, 1e-8])
 def test_nearly_steady_rotations(axis: int, tilt: float) -> None:
-    """As axis and momentum come together, nothing is lost but what the middle axis's instability amplifies."""
+    """As axis and momentum become parallel, errors grow only by the instability of the middle axis."""
     velocity = tilt * np.array([0.6, 0.5, -0.7])
     velocity[axis] = 1.0
     exact = EulerTop(np.diag([1.0, 1.6, 2.1]), velocity, START)

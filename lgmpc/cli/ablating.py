@@ -1,0 +1,88 @@
+"""``lgmpc ablate``: what each part of a controller is worth."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.screen import err, out
+from lgmpc.cli.sweeping import swept
+from lgmpc.errors import Interrupted
+from lgmpc.runs import atomic_write
+from lgmpc.runs.figures import figure_words
+from lgmpc.sweeps.ablation import COMPLETE, Change, Worth, ablation_sweep, worths
+from lgmpc.sweeps.summary import summarize
+
+__all__ = ["ablate_shown"]
+
+_TABLE = "ablation.json"
+_CHANGES = 3
+_OF_LIMIT, _OF_ITSELF = 0.02, 0.2
+"""Least worsening that is shown, as a share of the gate's limit; of the complete value where there is no limit."""
+
+
+def ablate_shown(
+    config: Path,
+    keys: Sequence[str],
+    overrides: Sequence[str],
+    folder: Path | None,
+    *,
+    seeds: int,
+    workers: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run the ablation, print its table, and return the exit code: 0 if all that was run has a verdict."""
+    sweep, parts = ablation_sweep(config, keys, overrides, seeds=seeds)
+    folder = folder or Path("sweeps") / sweep.settings.name
+    finished = swept(err(), sweep, folder, workers=workers, resume=resume, quiet=quiet)
+    if finished.signal is not None:
+        out().print(Text("INTERRUPTED  the same command with --resume goes on", "bold yellow"))
+        return Interrupted(finished.signal).exit_code
+    found = worths(sweep, finished.rows, parts)
+    summary = summarize(sweep, finished.rows)
+    complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE)
+    content = {"complete": asdict(complete.passed), "parts": [asdict(each) for each in found]}
+    with atomic_write(folder / _TABLE) as stream:
+        stream.write((json.dumps(content, indent=2) + "\n").encode())
+    if as_json:
+        print(json.dumps({"folder": str(folder), **content}, indent=2))
+    else:
+        _show(out(), found, complete.passed.value)
+        for reason, count in summary.broken.items():
+            out().print(Text(f"{count} x {reason}", "yellow"))
+        if not quiet:
+            out().print(Text(f"saved in {folder} ({_TABLE}, results.jsonl)", "dim"))
+    return 1 if summary.broken else 0
+
+
+def _show(console: Console, found: Sequence[Worth], complete: float) -> None:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in ("without", "what it is", "passed", "what gets worse (complete, without it, limit)"):
+        table.add_column(heading, overflow="fold")
+    table.add_row("nothing", "the complete controller", f"{100.0 * complete:.3g} %", "", style="bold")
+    for each in found:
+        passed = "-" if math.isnan(each.passed.value) else f"{100.0 * each.passed.value:.3g} %"
+        worse = list(filter(_matters, each.changes))[:_CHANGES]
+        words = "; ".join(map(_words, worse)) or "nothing worth mentioning"
+        style = "red" if each.lost > 0.0 else ""
+        table.add_row(Text(each.part.name), each.part.words, Text(passed, style), Text(words))
+    console.print(table)
+
+
+def _matters(change: Change) -> bool:
+    return change.worsening >= (_OF_ITSELF if change.limit is None else _OF_LIMIT)
+
+
+def _words(change: Change) -> str:
+    name, unit, scale = figure_words(change.quantity.rpartition(".")[2])
+    limit = "" if change.limit is None else f", limit {scale * change.limit:.3g}"
+    return f"{name} {scale * change.complete:.3g} became {scale * change.without:.3g} {unit}".rstrip() + limit

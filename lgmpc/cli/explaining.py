@@ -1,0 +1,83 @@
+"""``lgmpc explain``: the events before a failure, and how near each limit came."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.screen import out, show_verdict
+from lgmpc.config.showing import explain
+from lgmpc.runs import Verdict
+from lgmpc.runs.events import Event, EventKind
+from lgmpc.runs.figures import figure_number
+from lgmpc.runs.forensics import Explanation
+from lgmpc.runs.limited import Nearest
+
+__all__ = ["explain_shown"]
+
+_STYLES = {EventKind.CAUSE: "bold", EventKind.MODE: "dim", EventKind.BALANCE: "red", EventKind.SOLVER: "red"}
+_NEAREST = 8
+
+
+def explain_shown(folder: Path, into: Path | None, *, as_json: bool) -> None:
+    """Explain a run and print it."""
+    explanation, figure = explain(folder, into)
+    if as_json:
+        print(json.dumps({"folder": str(folder), "figure": str(figure), **explanation.content()}, indent=2))
+        return
+    _show(out(), explanation)
+    out().print(f"wrote {figure}", markup=False)
+
+
+def _show(console: Console, explanation: Explanation) -> None:
+    show_verdict(console, Verdict(explanation.outcome), explanation.name)
+    for sentence in explanation.summary:
+        console.print(Text(f"  - {sentence}"))
+    if explanation.events:
+        console.print(_chain(explanation.events, explanation.failed_s, explanation.failure))
+    if explanation.earlier:
+        console.print(Text(f"before that: {_counts(explanation.earlier)}", "dim"))
+    console.print(_margins(explanation.nearest[:_NEAREST]))
+
+
+def _counts(earlier: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} x {name}" for name, count in earlier.items())
+
+
+def _chain(events: Sequence[Event], failed_s: float | None, failure: str) -> Table:
+    """Return the table of events, with the failure among them."""
+    table = _table("at / s", "lasts / ms", "what", "")
+    failed = failed_s is None
+    for event in events:
+        if failed_s is not None and not failed and event.start_s > failed_s:
+            table.add_row(f"{failed_s:.3f}", "", Text("FAILURE", "bold red"), Text(failure, "bold red"))
+            failed = True
+        lasts = f"{1e3 * (event.end_s - event.start_s):.0f}"
+        style = _STYLES.get(event.kind, "")
+        table.add_row(f"{event.start_s:.3f}", lasts, Text(event.kind.value, style), Text(event.words))
+    if failed_s is not None and not failed:
+        table.add_row(f"{failed_s:.3f}", "", Text("FAILURE", "bold red"), Text(failure, "bold red"))
+    return table
+
+
+def _margins(nearest: Sequence[Nearest]) -> Table:
+    table = _table("nearest to its limit", "where", "at / s", "value", "limit", "margin")
+    for each in nearest:
+        name = f"{each.name} / {each.unit}" if each.unit else each.name
+        when = "" if each.time_s is None else f"{each.time_s:.3f}"
+        figures = (figure_number(value) for value in (each.value, each.limit, each.margin))
+        style = "red" if each.margin < 0.0 else ""
+        table.add_row(name, each.subject, when, *figures, style=style)
+    return table
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table

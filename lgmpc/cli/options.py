@@ -1,0 +1,86 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lgmpc.cli.completion import complete_config, complete_run
+
+__all__ = [
+    "AsJson",
+    "Changes",
+    "ConfigFile",
+    "FigureKind",
+    "MoreOverrides",
+    "NewFolder",
+    "OutFolder",
+    "Overrides",
+    "PlantKind",
+    "Quiet",
+    "Resume",
+    "RunName",
+    "RunsFolder",
+    "Workers",
+]
+
+
+class FigureKind(str, Enum):
+    """Formats of files that ``--format`` accepts."""
+
+    PNG = "png"
+    SVG = "svg"
+
+
+class PlantKind(str, Enum):
+    """Physics engines that ``--plant`` accepts."""
+
+    MUJOCO = "mujoco"
+    PINOCCHIO = "pinocchio"
+
+
+ConfigFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CONFIG",
+        help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
+        show_default=False,
+        autocompletion=complete_config,
+    ),
+]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value, such as mpc.rate_hz=50. Values are YAML; list items are numbered from 0. More changes "
+        "may follow, or the option again.",
+        show_default=False,
+    ),
+]
+MoreOverrides = Annotated[
+    list[str], typer.Argument(metavar="KEY=VALUE", help="More changes.", hidden=True, show_default=False)
+]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder that the run's folder is made in.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")]
+RunName = Annotated[
+    str,
+    typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False, autocompletion=complete_run),
+]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]
+Workers = Annotated[
+    int | None, typer.Option(help="Worker processes; one for each processor if not given.", show_default=False)
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on in a folder that is there.")]
+Changes = Annotated[
+    list[str],
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value; may be repeated.", show_default=False),
+]
+NewFolder = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder of the results; one by the name, if not given.", show_default=False),
+]

@@ -1,0 +1,122 @@
+"""``lgmpc sweep``: progress of many runs, and the tables of what they show."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.display import counting_display
+from lgmpc.cli.screen import err, out
+from lgmpc.errors import Interrupted
+from lgmpc.runs import atomic_write, versions
+from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
+from lgmpc.sweeps.figure import draw_sweep
+from lgmpc.sweeps.folder import SUMMARY
+from lgmpc.sweeps.parquet import check_pyarrow, write_parquet
+from lgmpc.sweeps.summary import Summary, summarize
+from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
+
+__all__ = ["sweep_shown", "swept"]
+
+_MOST_REASONS = 5
+
+
+def sweep_shown(
+    sweep: Sweep,
+    folder: Path,
+    *,
+    file: Path,
+    workers: int | None,
+    resume: bool,
+    parquet: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run a sweep, showing its progress, print its tables, and return the exit code."""
+    if parquet:
+        check_pyarrow()
+    finished = swept(err(), sweep, folder, workers=workers, resume=resume, quiet=quiet)
+    summary = summarize(sweep, finished.rows)
+    content = summary.content() | {"versions": dict(versions())}
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    with atomic_write(folder / SUMMARY) as stream:
+        stream.write(text.encode())
+    figure = draw_sweep(sweep, finished.rows, summary, folder)
+    if parquet:
+        write_parquet(sweep, finished.rows, folder / "results.parquet")
+    if as_json:
+        print(json.dumps({"folder": str(folder), **content}, indent=2))
+    else:
+        _show(out(), finished, summary, file, figure, quiet=quiet)
+    if finished.signal is not None:
+        return Interrupted(finished.signal).exit_code
+    return 0 if summary.passed else 1
+
+
+def swept(
+    console: Console, sweep: Sweep, folder: Path, *, workers: int | None, resume: bool, quiet: bool
+) -> FinishedSweep:
+    """Run a sweep, showing its progress."""
+    total = len({point.key for point in sweep.points})
+    every = max(1, total // 10)
+    with counting_display(console, total, "points", _state, every=every, quiet=quiet) as display:
+        return run_sweep(
+            sweep, folder, workers=workers, resume=resume, notify=display.announce, progress=display.advance
+        )
+
+
+def _show(
+    console: Console, finished: FinishedSweep, summary: Summary, file: Path, figure: Path | None, *, quiet: bool
+) -> None:
+    if not quiet:
+        metrics = finished.sweep.settings.metrics
+        console.print(_table(group_table(summary, metrics)))
+        if summary.levels:
+            console.print(_table(level_table(summary)))
+        if summary.pairings:
+            console.print(_table(pairing_table(summary, metrics)))
+        search = search_words(finished.sweep, finished.rows)
+        if search:
+            console.print(Text(search, "dim"))
+        for reason, count in list(summary.broken.items())[:_MOST_REASONS]:
+            console.print(Text(f"{count} x {reason}", "yellow"))
+    if finished.signal is not None:
+        command = f"lgmpc sweep {shlex.quote(str(file))} --out {shlex.quote(str(finished.folder))} --resume"
+        console.print(Text.assemble(("INTERRUPTED", "bold yellow"), f"  {summary.name}: to go on, {command}"))
+        return
+    word, style = ("PASS", "bold green") if summary.passed else ("FAIL", "bold red")
+    console.print(Text.assemble((word, style), f"  {summary.name}: {summary.finished} of {summary.total} points"))
+    for complaint in summary.complaints:
+        console.print(Text(f"  - {complaint}"))
+    if not quiet:
+        speed = finished.progress.speed
+        rate = "" if speed is None else f"; {speed:.2f} simulated seconds per second and core"
+        files = ", ".join(["results.jsonl", SUMMARY, *([figure.name] if figure else [])])
+        console.print(Text(f"saved in {finished.folder} ({files}){rate}"), style="dim")
+
+
+def _table(table: TextTable) -> Table:
+    shown = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in table.headings:
+        shown.add_column(heading, overflow="fold")
+    for row in table.rows:
+        shown.add_row(*row)
+    return shown
+
+
+def _state(now: SweepProgress) -> str:
+    failed = f"  {now.failed} not passed" if now.failed else ""
+    rest = "" if now.rest_s is None else f"  about {_duration(now.rest_s)} left"
+    speed = "" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core"
+    return f"{failed}{rest}{speed}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -1,0 +1,116 @@
+"""``lgmpc tune``: progress of the trials, and what tuning gained."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.display import counting_display
+from lgmpc.cli.screen import err, out
+from lgmpc.errors import Interrupted
+from lgmpc.sweeps.study import Tuned, TuningProgress, tune
+from lgmpc.sweeps.tuning import Score, TuningProblem, tuning_problem
+
+__all__ = ["tune_shown"]
+
+
+def tune_shown(
+    source: Path,
+    keys: Sequence[str],
+    objective: str,
+    overrides: Sequence[str],
+    folder: Path | None,
+    *,
+    trials: int,
+    seeds: int,
+    seed: int,
+    workers: int | None,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Tune, print what it gained, and return the exit code: 0 if the gain holds on points that it did not see."""
+    problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
+    folder = folder or Path("tuning") / source.stem
+    with counting_display(err(), trials, "trials", _state, quiet=quiet) as display:
+        found = tune(
+            problem,
+            folder,
+            trials=trials,
+            seed=seed,
+            workers=workers,
+            resume=resume,
+            command=shlex.join(["lgmpc", *sys.argv[1:]]),
+            notify=display.announce,
+            progress=display.advance,
+        )
+    gained = _gained(problem, found)
+    if as_json:
+        content = asdict(found) | {"files": list(map(str, found.files)), "signal": None, "gained": gained}
+        print(json.dumps({"folder": str(folder), **_plain(content)}, indent=2))
+    else:
+        _show(out(), problem, found, gained=gained)
+    if found.signal is not None:
+        out().print(
+            Text(f"INTERRUPTED  after {found.trials} trials: the same command with --resume goes on", "bold yellow")
+        )
+        return Interrupted(found.signal).exit_code
+    return 0 if gained else 1
+
+
+def _gained(problem: TuningProblem, found: Tuned) -> bool:
+    """Return whether the best values are better than the initial ones on the held-out points."""
+    if found.initial_held_out is None or found.best_held_out is None:
+        return False
+    return problem.objective.better(found.best_held_out, found.initial_held_out)
+
+
+def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: bool) -> None:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in ("", "initial", f"best (trial {found.trial} of {found.trials})"):
+        table.add_column(heading, overflow="fold")
+    for key, value in found.values.items():
+        table.add_row(key, _value(problem.initial[key]), _value(value))
+    name = problem.objective.name
+    table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", _score(found.initial), _score(found.best))
+    held_out = f"{name}, {len(problem.held_out.points)} held-out points"
+    table.add_row(held_out, _score(found.initial_held_out), _score(found.best_held_out))
+    console.print(table)
+    if found.difference is not None:
+        console.print(Text(f"mean difference in pairs on the held-out points: {found.difference}"))
+    if found.initial == found.initial_held_out and found.best == found.best_held_out:
+        console.print(Text("the held-out points gave the same: nothing in them is random. Tune over a sweep", "yellow"))
+    if found.best_held_out is not None:
+        word, style = ("GAINED", "bold green") if gained else ("NO GAIN", "bold red")
+        console.print(Text.assemble((word, style), "  on points that tuning did not see"))
+    for file in found.files:
+        console.print(Text(f"saved in {file}"))
+
+
+def _score(score: Score | None) -> str:
+    return "-" if score is None else f"{score.value:.4g} ({100.0 * score.passed:.3g} % passed)"
+
+
+def _value(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, float) and value != value:
+        return None
+    return value
+
+
+def _state(now: TuningProgress) -> str:
+    return f"  initial {_score(now.initial)}  best {_score(now.best)}"

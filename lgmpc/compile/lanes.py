@@ -1,0 +1,230 @@
+"""C of a stage function that evaluates several stages at once: every scalar is a vector, with one stage in each lane.
+
+The long straight-line bodies of dynamics' derivatives are limited by the machine code that streams from the caches;
+lanes share it. Each lane does the operations of CasADi's own C in the same order, and the C library computes functions
+such as the sine one lane after the other, so results have the same bits. The preprocessor decides how many lanes there
+are: as many doubles as the processor's vectors hold; one where the compiler has no vector extensions.
+
+One body of 100,000 vector statements takes GCC a minute (register allocation). So the statements are cut into functions
+that pass values through memory, and these are spread over files, which compile in parallel.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import casadi
+
+from lgmpc.errors import CompileError
+
+__all__ = ["LANES_IDENTITY", "VECTORS", "generate_lanes", "has_lanes"]
+
+_STATEMENTS = 500  # of one function; 200 and 1000 are slower
+_PARTS = 20  # of one file
+
+_UNARY = (
+    "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "expm1", "log1p", "erf", "floor", "ceil", "fabs", "sign",
+)  # fmt: skip
+_BINARY = ("pow", "fmod", "remainder", "copysign", "fmin", "fmax", "atan2", "hypot")
+
+_FORMULAS = {
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_INV: "all(1.0) / {0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "all(2.0) * {0}",
+    casadi.OP_LT: "truth((M) ({0} < {1}))",
+    casadi.OP_LE: "truth((M) ({0} <= {1}))",
+    casadi.OP_EQ: "truth((M) ({0} == {1}))",
+    casadi.OP_NE: "truth((M) ({0} != {1}))",
+    casadi.OP_NOT: "truth((M) ({0} == all(0.0)))",
+    casadi.OP_AND: "truth((M) ({0} != all(0.0)) & (M) ({1} != all(0.0)))",
+    casadi.OP_OR: "truth((M) ({0} != all(0.0)) | (M) ({1} != all(0.0)))",
+    casadi.OP_IF_ELSE_ZERO: "select({0}, {1})",
+    casadi.OP_CONSTPOW: "each_pow({0}, {1})",
+    **{getattr(casadi, f"OP_{name.upper()}"): f"each_{name}({{0}})" for name in _UNARY},
+    **{getattr(casadi, f"OP_{name.upper()}"): f"each_{name}({{0}}, {{1}})" for name in _BINARY},
+}
+
+# How many doubles the processor's vectors hold, and the vectors' type.
+VECTORS = """\
+#include <math.h>
+
+#ifndef LANES
+  #if !defined(__GNUC__)
+    #define LANES 1
+  #elif defined(__AVX512F__)
+    #define LANES 8
+  #elif defined(__AVX__)
+    #define LANES 4
+  #elif defined(__SSE2__) || defined(__ARM_NEON)
+    #define LANES 2
+  #else
+    #define LANES 1
+  #endif
+#endif
+
+#if LANES > 1
+typedef double V __attribute__((vector_size(8 * LANES)));
+typedef long long M __attribute__((vector_size(8 * LANES)));
+#define LANE(v, i) (v)[i]
+static inline V all(double x) { V zero = {0}; return x - zero; }
+static inline V truth(M m) { return (V) (m & (M) all(1.0)); }
+static inline V select(V c, V a) { return (V) ((M) a & (M) (c != all(0.0))); }
+#else
+typedef double V;
+typedef int M;
+#define LANE(v, i) (v)
+static inline V all(double x) { return x; }
+static inline V truth(M m) { return m; }
+static inline V select(V c, V a) { return c != 0.0 ? a : 0.0; }
+#endif
+
+"""
+
+_ARGUMENT = re.compile(r"\b([xr])(\d+)\[")
+
+_COMMUTATIVE = (casadi.OP_ADD, casadi.OP_MUL)
+
+_HEAD = (
+    VECTORS
+    + """\
+static inline double sign(double x) { return x < 0 ? -1 : x > 0 ? 1 : x; }
+#define EACH(f) static V each_##f(V a) { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i)); return v; }
+#define EACH2(f) static V each_##f(V a, V b) \\
+  { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i), LANE(b, i)); return v; }
+"""
+)
+_HEAD += "".join([*(f"EACH({name})\n" for name in _UNARY), *(f"EACH2({name})\n" for name in _BINARY)])
+
+# Work memory follows the results; those that are always zero are never written, in memory that is zero at first.
+_ENTRY = """
+#ifdef __GNUC__
+  #define EXPORT __attribute__((visibility("default")))
+#else
+  #define EXPORT
+#endif
+{declarations}
+EXPORT long long {name}_lanes_work(void) {{ return {n_w}; }}
+EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
+{calls}
+}}
+"""
+
+_VERSION = "3"  # part of every cache key: increase it when the functions below change
+LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{_STATEMENTS} {_PARTS}")
+
+
+class _Statement(NamedTuple):
+    """``target = results[0] = ... = formula(reads)``, in C; no variable is assigned twice."""
+
+    target: str
+    formula: str
+    reads: tuple[str, ...]
+    results: list[str]
+
+
+def has_lanes(function: casadi.Function) -> bool:
+    """Return whether a function is a list of scalar operations that have a formula."""
+    if not function.is_a("SXFunction"):
+        return False
+    known = {*_FORMULAS, casadi.OP_INPUT, casadi.OP_OUTPUT, casadi.OP_CONST}
+    return all(function.instruction_id(k) in known for k in range(function.n_instructions()))
+
+
+def generate_lanes(function: casadi.Function) -> tuple[str, ...]:
+    """C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
+
+    The entry is ``<name>_lanes(arguments, results, work)``, of pointers to vectors; ``<name>_lanes_work`` returns how
+    many vectors of work memory it takes.
+
+    Raises:
+        CompileError: the function is not a list of scalar operations (see :func:`has_lanes`).
+    """
+    if not has_lanes(function):
+        raise CompileError(function.name(), "code in lanes", "it is not a list of scalar operations")
+    name = function.name()
+    parts, shared = _write_parts(name, _read(function))
+    entry = _ENTRY.format(
+        name=name, n_w=shared,
+        declarations="".join(f"void {name}_part{i}(const V* const*, V* const*, V*);\n" for i in range(len(parts))),
+        calls="".join(f"  {name}_part{i}(x, r, w);\n" for i in range(len(parts))),
+    )  # fmt: skip
+    bodies = ["".join(parts[i : i + _PARTS]) for i in range(0, len(parts), _PARTS)]
+    return tuple(_HEAD + body for body in (entry, *bodies))
+
+
+def _read(function: casadi.Function) -> list[_Statement]:
+    """The function's operations, none twice.
+
+    Inputs and constants are written where they are read. Results that are always zero are left out.
+    """
+    values: dict[int, str] = {}  # what the places of CasADi's work vector hold
+    found: dict[str, _Statement] = {}
+    known: dict[tuple[int, tuple[str, ...]], str] = {}
+    copies: list[_Statement] = []
+    for k in range(function.n_instructions()):
+        operation, out, into = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        if operation == casadi.OP_OUTPUT:
+            value, result = values[into[0]], f"r{out[0]}[{out[1]}]"
+            if value in found:
+                found[value].results.append(result)
+            elif value != _ZERO:
+                copies.append(_Statement(f"v{k}", "{0}", (value,), [result]))
+        elif operation == casadi.OP_CONST:
+            values[out[0]] = _constant(function.instruction_constant(k))
+        elif operation == casadi.OP_INPUT:
+            values[out[0]] = f"x{into[0]}[{into[1]}]"
+        else:
+            reads = tuple(values[i] for i in into)
+            same = (operation, tuple(sorted(reads)) if operation in _COMMUTATIVE else reads)
+            name = values[out[0]] = known.setdefault(same, f"v{k}")
+            found.setdefault(name, _Statement(name, _FORMULAS[operation], reads, []))
+    return [*found.values(), *copies]
+
+
+def _constant(number: float) -> str:
+    return f"all({number!r})".replace("inf", "INFINITY").replace("nan", "NAN")
+
+
+_ZERO = _constant(0.0)
+
+
+def _write_parts(name: str, statements: list[_Statement]) -> tuple[list[str], int]:
+    """C functions of the statements, and the most values that have to pass from one to another."""
+    parts = [statements[i : i + _STATEMENTS] for i in range(0, len(statements), _STATEMENTS)]
+    made = {statement.target: i for i, part in enumerate(parts) for statement in part}
+    last = {read: i for i, part in enumerate(parts) for statement in part for read in statement.reads}
+    places = {statement.target: statement.results[0] for statement in statements if statement.results}
+    free: list[str] = []
+    shared = 0
+    code = []
+    for i, part in enumerate(parts):
+        reads = dict.fromkeys(read for s in part for read in s.reads if made.get(read, i) < i)  # in order
+        lines = [f"V {read} = {places[read]};" for read in reads]
+        free += [places[read] for read in reads if last[read] == i and places[read][0] == "w"]
+        for target, formula, given, results in part:
+            lines.append(f"V {target} = {' = '.join([*results, formula.format(*given)])};")
+        for target in (s.target for s in part if last.get(s.target, i) > i and s.target not in places):
+            if not free:
+                free.append(f"w[{shared}]")
+                shared += 1
+            places[target] = free.pop()
+            lines.append(f"{places[target]} = {target};")
+        body = "\n".join(f"  {line}" for line in lines)
+        pointers = sorted(set(_ARGUMENT.findall(body)), key=lambda found: (found[0], int(found[1])))
+        places_of = "".join(
+            f"  {'const ' if kind == 'x' else ''}V* restrict {kind}{index} = {kind}[{index}];\n"
+            for kind, index in pointers
+        )
+        code.append(
+            f"void {name}_part{i}(const V* const* x, V* const* r, V* restrict w) {{\n"
+            f"  (void) x; (void) r; (void) w;\n{places_of}{body}\n}}\n"
+        )
+    return code, shared

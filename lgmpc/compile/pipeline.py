@@ -1,0 +1,202 @@
+"""Functions of a stage in sequence, each compiled and cached on its own, several stages at once.
+
+What one function computes, others read, without leaving the lanes. A function may be repeated, for every column of a
+matrix: a solve with many right-hand sides is then the code of one, and takes a fraction of the time to compile. As
+libraries are those of the single functions, a change of one compiles no other.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import casadi
+import numpy as np
+
+from lgmpc.compile.compiler import Compiler
+from lgmpc.compile.lanes import VECTORS
+from lgmpc.compile.native import LANES, Progress, aligned_zeros, load_library
+from lgmpc.compile.programme import compile_source
+from lgmpc.typing import Array
+
+__all__ = ["Entries", "Pipeline", "PipelineStep", "bind_pipeline", "load_pipeline"]
+
+Entries = tuple[tuple[str, int], ...]
+"""Column and index of each entry of a result."""
+
+
+@dataclass(frozen=True)
+class PipelineStep:
+    """A function, and the names of the columns that it reads and writes.
+
+    Each argument is read from the beginning of its column. With repetitions, an argument whose column is as long as all
+    of them is read piece by piece; others are the same every time. Results are written piece by piece.
+
+    Attributes:
+        function: of scalar operations, dense.
+        arguments: names of columns.
+        results: names of columns that no other step writes.
+        repeats: how many times.
+    """
+
+    function: casadi.Function
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
+    repeats: int = 1
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Steps in order, on columns of numbers; those that no output depends on are left out.
+
+    Attributes:
+        name: in messages.
+        inputs: name and size of each column that is given.
+        steps: in order.
+        outputs: for each result its column, or column and index of each of its entries.
+    """
+
+    name: str
+    inputs: Mapping[str, int]
+    steps: tuple[PipelineStep, ...]
+    outputs: Mapping[str, str | Entries]
+
+    def __post_init__(self) -> None:
+        """Leave out the steps that no output depends on."""
+        needed = {name for output in self.outputs.values() for name in _columns_of(output)}
+        steps = []
+        for step in reversed(self.steps):
+            if needed.intersection(step.results):
+                needed.update(step.arguments)
+                steps.append(step)
+        object.__setattr__(self, "steps", tuple(reversed(steps)))
+
+    @classmethod
+    def of(cls, function: casadi.Function) -> Pipeline:
+        """Return the pipeline of one function, with the names of its arguments and results."""
+        given, results = function.name_in(), function.name_out()
+        names = tuple(f"result_{name}" for name in results)
+        step = PipelineStep(function, tuple(given), names)
+        sizes = {name: function.numel_in(i) for i, name in enumerate(given)}
+        return cls(function.name(), sizes, (step,), dict(zip(results, names, strict=True)))
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of every column."""
+        sizes = dict(self.inputs)
+        for step in self.steps:
+            for i, name in enumerate(step.results):
+                sizes[name] = step.repeats * step.function.numel_out(i)
+        return sizes
+
+    @property
+    def places(self) -> dict[str, int]:
+        """Where each column begins in a memory that holds all of them."""
+        sizes = self.sizes
+        return dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
+
+    def entries(self, output: str) -> list[int]:
+        """Return the places of an output's entries in that memory."""
+        places, chosen = self.places, self.outputs[output]
+        if isinstance(chosen, str):
+            return list(range(places[chosen], places[chosen] + self.sizes[chosen]))
+        return [places[column] + index for column, index in chosen]
+
+    def advances(self, step: PipelineStep) -> list[int]:
+        """Return how far an argument moves from one repetition to the next, for all arguments of a step."""
+        sizes, lengths = self.sizes, [step.function.numel_in(i) for i in range(step.function.n_in())]
+        return [
+            length if step.repeats > 1 and sizes[name] == step.repeats * length else 0
+            for name, length in zip(step.arguments, lengths, strict=True)
+        ]
+
+    def expression(self) -> casadi.Function:
+        """Return the whole as one CasADi function, to be interpreted."""
+        columns = {name: casadi.MX.sym(name, size) for name, size in self.inputs.items()}
+        given = list(columns.values())
+        for step in self.steps:
+            f, advances = step.function, self.advances(step)
+            arguments = []
+            for i, (name, advance) in enumerate(zip(step.arguments, advances, strict=True)):
+                rows, width = f.size_in(i)
+                length = step.repeats * rows * width if advance else rows * width
+                part = columns[name][:length]
+                arguments.append(casadi.reshape(part, rows, width * step.repeats if advance else width))
+            if step.repeats > 1:
+                shared = [i for i, advance in enumerate(advances) if not advance]
+                f = f.map(f"{f.name()}_map{step.repeats}", "serial", step.repeats, shared, [])
+            results = f.call(arguments)
+            columns.update({n: casadi.vec(r) for n, r in zip(step.results, results, strict=True)})
+        memory = casadi.vertcat(*columns.values())
+        outputs = [memory[self.entries(name)] for name in self.outputs]
+        return casadi.Function(self.name, given, outputs, list(self.inputs), list(self.outputs))
+
+
+def _columns_of(output: str | Entries) -> set[str]:
+    return {output} if isinstance(output, str) else {column for column, _ in output}
+
+
+def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | None) -> list[ctypes.CDLL]:
+    """Load the libraries of the driver and of each step, built first where they are not cached.
+
+    Raises:
+        CompileError: the compiler failed, or a function is not a list of scalar operations.
+        InputError: the cache folder cannot be used.
+    """
+    source = VECTORS + files("lgmpc.compile").joinpath("pipeline.c").read_text(encoding="utf-8")
+    driver = compile_source("lgmpc_pipeline", source)
+    known: dict[int, ctypes.CDLL] = {}
+    for step in pipeline.steps:
+        if id(step.function) not in known:
+            known[id(step.function)] = load_library(step.function, compiler, progress, LANES)
+    return [ctypes.CDLL(str(driver)), *(known[id(step.function)] for step in pipeline.steps)]
+
+
+def bind_pipeline(
+    pipeline: Pipeline, libraries: Sequence[ctypes.CDLL], stages: int, arrays: Sequence[Array], strides: Sequence[int]
+) -> Callable[[], int]:
+    """Return the call that evaluates all stages on this memory: arrays of inputs, then outputs, and their strides."""
+    driver, *steps = libraries
+    driver.lgmpc_pipeline_lanes.restype = ctypes.c_longlong
+    sizes = pipeline.sizes
+    places = pipeline.places
+    work, total = sum(sizes.values()), 0
+    plan = [stages, len(pipeline.inputs), len(pipeline.outputs), len(steps), work]
+    for name, stride in zip(pipeline.inputs, strides, strict=False):
+        plan += [sizes[name], stride, places[name]]
+    entries: list[int] = []
+    for name, stride in zip(pipeline.outputs, strides[len(pipeline.inputs) :], strict=True):
+        chosen = pipeline.entries(name)
+        plan += [len(chosen), stride, len(entries)]
+        entries += chosen
+    functions, most = [], 0
+    for step, library in zip(pipeline.steps, steps, strict=True):
+        f = step.function
+        measure = library[f"{f.name()}_lanes_work"]
+        measure.restype = ctypes.c_longlong
+        total = max(total, measure())
+        functions.append(ctypes.cast(library[f"{f.name()}_lanes"], ctypes.c_void_p).value)
+        most = max(most, f.n_in() + f.n_out())
+        plan += [f.n_in(), f.n_out(), step.repeats]
+        for name, advance in zip(step.arguments, pipeline.advances(step), strict=True):
+            plan += [places[name], advance]
+        for i, name in enumerate(step.results):
+            plan += [places[name], f.numel_out(i)]
+    base = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+    memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (work + total))
+    given = np.zeros(most, dtype=np.uintp)
+    parts = (
+        base,
+        np.array(plan, dtype=np.int64),
+        np.array(functions, dtype=np.uintp),
+        memory,
+        given,
+        np.array(entries, dtype=np.int64),
+    )
+    frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
+    # The frame contains addresses only: keep what they point to as long as the frame.
+    frame.keep = (*parts, *arrays, *libraries)  # type: ignore[attr-defined]
+    return functools.partial(driver.lgmpc_pipeline, ctypes.byref(frame))

@@ -1,0 +1,132 @@
+"""Steps that no command asks for: against a push that the feet cannot hold, and back to where the robot stood."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+
+from lgmpc.control.feet import Feet
+from lgmpc.control.planner import Planner
+from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.footholds import BaseMotion
+from lgmpc.locomotion.horizon import ContactHorizon
+from lgmpc.locomotion.reaction import StepReaction, StepReactionSettings, StepSchedule, forecast_cost, least
+from lgmpc.locomotion.reference import ReferenceBuilder
+from lgmpc.mpc import Plan
+from lgmpc.typing import Array
+from lgmpc.wbc import WholeBodyTerms
+
+__all__ = ["PushSteps"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class PushSteps:
+    """Watches the forecast of a standing robot; once its feet cannot hold a push, it steps and then goes back.
+
+    The MPC's plan is the forecast. If it leaves the support, every schedule of steps is planned with by the same MPC
+    from the measured state, one a tick so that no tick is late, and the one of least cost is followed. After its first
+    cycles the robot steps on until it is where it stood, and stands.
+
+    Args:
+        settings: see :class:`~lgmpc.locomotion.reaction.StepReactionSettings`.
+        feet: whose clock is started.
+        reference: of the robot; its place is the one to return to.
+        mass: of the robot, kg.
+
+    Attributes:
+        active: whether the robot steps against a push, or goes back after it.
+        costs: of the schedules evaluated so far; those of the last decision once it is made.
+    """
+
+    def __init__(self, settings: StepReactionSettings, feet: Feet, reference: ReferenceBuilder, mass: float) -> None:
+        self.settings = settings
+        self.active = False
+        self.costs: list[float] = []
+        self._feet, self._reference, self._mass = feet, reference, mass
+        self._height = feet.legs.height
+        self._reaction = StepReaction(settings, self._height)
+        self._schedules = feet.step_schedules() if settings.enabled else ()
+        self._deciding = False
+        self._home = (0.0, 0.0, 0.0)
+        self._captured = math.inf
+
+    def stop(self) -> None:
+        """Forget the steps: something else moves the feet."""
+        self.active = self._deciding = False
+
+    def way_back(self, request: MotionCommand) -> MotionCommand:
+        """Return the request, or while the robot goes back after a push the motion towards the place where it stood."""
+        if request.moves:
+            self.stop()
+        self.active = self.active and self._feet.stepping
+        if not self.active:
+            return request
+        s, at, (x, y, yaw) = self.settings, self._reference, self._home
+        dx, dy, turn = x - at.x, y - at.y, math.remainder(yaw - at.yaw, 2.0 * math.pi)
+        distance = math.hypot(dx, dy)
+        if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
+            at.x, at.y, at.yaw = x, y, at.yaw + turn
+            return request
+        rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
+        c, n = math.cos(at.yaw), math.sin(at.yaw)
+        return replace(
+            request, vx=rate * (c * dx + n * dy), vy=rate * (c * dy - n * dx), yaw_rate=rate * turn, gait=s.gait
+        )
+
+    def follow(self, time: float, command: MotionCommand) -> None:
+        """Follow the command with the feet, from the end of the first cycles on."""
+        if not self.active or time >= self._captured:
+            self._feet.follow(time, command)
+
+    def watch(self, time: float, plan: Plan | None, points: Array) -> None:
+        """Begin to decide if a plan just made shows that the feet at ``points`` (nc, 3) cannot hold the robot."""
+        if not self._schedules or self._deciding or plan is None or not (self._feet.standing and plan.status.fresh):
+            return
+        end = plan.xs[-1]
+        if self._reaction.needed(end[:3], end[3:6] / self._mass, points):
+            self._deciding = True
+            self.costs = []
+
+    def decide(
+        self, time: float, planner: Planner, terms: WholeBodyTerms, motion: BaseMotion, friction: float, forces: Array
+    ) -> bool:
+        """Evaluate the next schedule, if a decision is under way; return whether steps begin.
+
+        Args:
+            time: s.
+            planner: whose MPC forecasts.
+            terms: sensed quantities.
+            motion: of the robot in the plane.
+            friction: to rely on.
+            forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet
+                that carry least.
+        """
+        if not self._deciding:
+            return False
+        schedule = self._schedules[len(self.costs)]
+        horizon = self._horizon(time, planner, schedule, motion, friction)
+        planner.forecast(time, terms, horizon)  # from the last schedule's solution to near this one's
+        plan = planner.forecast(time, terms, horizon)
+        self.costs.append(forecast_cost(plan.xs, planner.motion.com, self._mass) if plan.status.fresh else math.inf)
+        if len(self.costs) < len(self._schedules):
+            return False
+        self._deciding = False
+        best = self._schedules[least(self.costs, [each.load(forces) for each in self._schedules])]
+        _LOG.info("steps against a push at %.3f s: %s", time, best)
+        if not self.active:
+            self._home = self._reference.x, self._reference.y, self._reference.yaw
+        self._captured = time + self.settings.cycles * best.gait.period_s
+        self._feet.start(time, best)
+        self.active = True
+        return True
+
+    def _horizon(
+        self, time: float, planner: Planner, schedule: StepSchedule, motion: BaseMotion, friction: float
+    ) -> ContactHorizon:
+        """Write the contacts that a schedule would lead to."""
+        clock = self._feet.clock.copy()
+        clock.start(time, schedule.gait, first=schedule.first)
+        self._feet.write_horizon(time, planner.mpc.settings.node_s, motion, friction, planner.contacts, clock)
+        return planner.contacts

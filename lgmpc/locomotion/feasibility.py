@@ -1,0 +1,66 @@
+"""Which commands of a timeline no posture of the legs can follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.locomotion.command import CommandEntry, CommandLimits, MotionCommand
+from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.legs import LegGeometry
+
+__all__ = ["infeasible_commands", "top_speed"]
+
+
+def top_speed(legs: LegGeometry, gait: Gait, height: float = 0.0) -> float:
+    """Return the speed at which the legs' feet are within reach from touchdown to lift-off, m/s; 0 of standing.
+
+    While a foot stands, its hip travels over it by speed times stance: at best from as far ahead of the hip as the leg
+    reaches to as far behind.
+
+    Args:
+        legs: the legs.
+        gait: how long their feet stand.
+        height: of the base relative to the reference posture, m.
+    """
+    drop = legs.hips[:, 2] - legs.feet[:, 2] + height
+    reach = np.sqrt(np.maximum(legs.length**2 - drop**2, 0.0))
+    return 0.0 if gait.stands else 2.0 * float(reach.min()) / gait.stance_s
+
+
+def infeasible_commands(
+    entries: Sequence[CommandEntry], gaits: Mapping[str, Gait], limits: CommandLimits, legs: LegGeometry
+) -> Iterator[InputError]:
+    """Yield an error for each entry of a timeline that commands more than its limits or the legs allow.
+
+    Args:
+        entries: the timeline, of gaits that exist.
+        gaits: by name.
+        limits: section ``locomotion.limits``.
+        legs: of the robot.
+    """
+    command = MotionCommand()
+    stretch = float((legs.length - (legs.hips[:, 2] - legs.feet[:, 2])).min())
+    for i, entry in enumerate(entries):
+        command = entry.change(command)
+        speed, where = math.hypot(command.vx, command.vy), f"commands.{i}"
+        if entry.height_m is not None and entry.height_m >= stretch:
+            expected = f"less than {stretch:.3g} m, at which the legs are stretched"
+            yield InputError(f"{where}.height_m", f"{entry.height_m:g} m", expected)
+            continue
+        if entry.yaw_rate_rad_s is not None and abs(entry.yaw_rate_rad_s) > limits.yaw_rate_rad_s:
+            expected = f"at most {limits.yaw_rate_rad_s:g} rad/s (locomotion.limits.yaw_rate_rad_s)"
+            yield InputError(f"{where}.yaw_rate_rad_s", f"{entry.yaw_rate_rad_s:g} rad/s", expected)
+        if entry.velocity_m_s is None and entry.gait is None and entry.height_m is None:
+            continue
+        most, gait = top_speed(legs, gaits[command.gait], command.height), gaits[command.gait]
+        key = f"{where}.velocity_m_s" if entry.velocity_m_s is not None else where
+        if speed > limits.speed_m_s:
+            expected = f"at most {limits.speed_m_s:g} m/s (locomotion.limits.speed_m_s)"
+            yield InputError(key, f"{speed:g} m/s", expected)
+        elif speed > most and not gait.stands:
+            expected = f"at most {most:.3g} m/s: with gait {gait.name} a foot stands for {gait.stance_s:.3g} s"
+            yield InputError(key, f"{speed:g} m/s", f"{expected}, and the legs reach no further")

@@ -1,0 +1,225 @@
+"""The certificate of a run: physics and hardware, checked on what the simulated robot did, not on what was believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from lgmpc.runs.estimate import CONTACT_FORCE_N
+from lgmpc.runs.limited import JointLimits, hardware_quantities
+from lgmpc.runs.log import MODES, RunLog
+from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.modes import LOW_MODES, fallen_ticks
+from lgmpc.typing import Array, IntArray
+
+__all__ = ["Balances", "Certificate", "Check", "certify", "window_edges"]
+
+WINDOW_S = 0.05
+"""Balances are those of impulses and works over windows of this length."""
+_FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01
+"""Allowed residuals: of the weight, and of the weight times the largest height of the base. With steps of 1 ms the
+integration leaves 0.2 % of the weight in a trot and 1.2 % in hasty steps; half of that with 0.5 ms."""
+_SUNK_M = 0.005
+"""Feet may sink this deep into a soft floor."""
+_ROUNDING = 1e-9
+_LYING = (*LOW_MODES, "damp")
+"""Modes in which the body may lie on the floor, whose force is not measured."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of a certificate: where a quantity came nearest to its limit.
+
+    Attributes:
+        name: of the quantity.
+        subject: joint or foot; empty for the robot as a whole.
+        time_s: when.
+        value: then.
+        limit: of the value.
+        margin: distance from the limit, negative beyond it.
+        unit: of the three.
+        kept: whether the limit was kept throughout, up to rounding.
+    """
+
+    name: str
+    subject: str
+    time_s: float
+    value: float
+    limit: float
+    margin: float
+    unit: str
+    kept: bool
+
+    def __str__(self) -> str:
+        where = f" of {self.subject}" if self.subject else ""
+        value, limit = f"{self.value:.3g} {self.unit}", f"{self.limit:.3g} {self.unit}"
+        return f"{self.name}{where}: {value} at {self.time_s:.3f} s, limit {limit}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The checks of a run, until it fell.
+
+    Attributes:
+        checks: in order; what could not be checked is missing.
+    """
+
+    checks: tuple[Check, ...]
+
+    @property
+    def certified(self) -> bool:
+        """Whether every limit was kept."""
+        return all(each.kept for each in self.checks)
+
+    @property
+    def broken(self) -> tuple[Check, ...]:
+        """The checks whose limit was not kept."""
+        return tuple(each for each in self.checks if not each.kept)
+
+    def content(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        rows = [{name: _finite(value) for name, value in asdict(each).items()} for each in self.checks]
+        return {"certified": self.certified, "checks": rows}
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> Certificate:
+        """Return the certificate of plain values.
+
+        Raises:
+            KeyError, TypeError, ValueError: they are none.
+        """
+        kinds = {"name": str, "subject": str, "unit": str, "kept": bool}
+        names = [each.name for each in fields(Check)]
+        rows: list[dict[str, Any]] = [
+            {name: kinds.get(name, _number)(row[name]) for name in names} for row in content["checks"]
+        ]
+        return cls(tuple(Check(**row) for row in rows))
+
+
+@dataclass(frozen=True)
+class Balances:
+    """Momentum and energy of the simulated robot at the edges of windows.
+
+    Attributes:
+        ticks: (k,) of the edges.
+        momentum: (k, 3) linear, N.s, world axes.
+        energy: (k,) kinetic and potential, J.
+    """
+
+    ticks: IntArray
+    momentum: Array
+    energy: Array
+
+
+def window_edges(log: RunLog) -> IntArray:
+    """Return (k,) the ticks at which a certificate needs momentum and energy."""
+    return np.arange(0, log.ticks, max(1, round(WINDOW_S / log.control_period_s)))
+
+
+def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) -> Certificate:
+    """Check a run, until it fell.
+
+    Feet push and do not pull, within their cones, and do not sink into the floor; joints stay within torque, speed and
+    position; forces account for the change of momentum, and works for that of energy.
+
+    Args:
+        log: at the full control rate; finite throughout.
+        joints: limits of the joints.
+        balances: without them momentum and energy are not checked: they need every force, one plant step a tick.
+    """
+    if log.floating_base:
+        fallen = fallen_ticks(log, tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:]))
+        if fallen.any():
+            log = log.until(int(np.argmax(fallen)))
+    if log.ticks < 2:
+        return Certificate(())
+    return Certificate(tuple(_checks(log, joints, balances)))
+
+
+def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iterator[Check]:
+    feet = tuple(log.contact_frames.tolist())
+    if feet:
+        normal = log.contact_forces[:, :, 2]
+        yield _smallest("normal force", feet, log.time, normal, 0.0, normal, "N")
+        limit = log.friction * np.maximum(normal, 0.0)
+        tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
+        closed = normal > CONTACT_FORCE_N
+        if closed.any():
+            margin = np.where(closed, limit - tangential, np.inf)
+            yield _smallest("friction", feet, log.time, tangential, limit, margin, "N")
+        depth = -1e3 * log.contact_points[:, :, 2]
+        yield _smallest("depth in the floor", feet, log.time, depth, 1e3 * _SUNK_M, 1e3 * _SUNK_M - depth, "mm")
+    for each in hardware_quantities(log, joints):
+        margin = np.where(np.isfinite(each.margins), each.margins, np.inf)
+        if np.isfinite(margin).any():
+            yield _smallest(each.name, each.subjects, log.time, each.values, each.limits, margin, each.unit)
+    if balances is not None and np.isfinite(log.mass_kg):
+        yield from _balanced(log, balances)
+
+
+def _smallest(
+    name: str, subjects: tuple[str, ...], time: Array, values: Array, limits: Array | float, margins: Array, unit: str
+) -> Check:
+    """Return the check of the smallest of (n, k) margins; one that is not a number is smaller than any."""
+    margins = np.where(np.isnan(margins), -np.inf, margins)
+    tick, subject = np.unravel_index(int(np.argmin(margins)), margins.shape)
+    at = (int(tick), int(subject))
+    limit = float(np.broadcast_to(limits, margins.shape)[at])
+    value, margin = float(values[at]), float(margins[at])
+    rounding = _ROUNDING * max(1.0, abs(value), abs(limit))
+    margin = 0.0 if abs(margin) < rounding else margin
+    return Check(name, subjects[at[1]], float(time[at[0]]), value, limit, margin, unit, margin >= 0.0)
+
+
+def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
+    """Compare the changes of momentum and energy over windows with impulses and works."""
+    inside = balances.ticks < log.ticks
+    edges = balances.ticks[inside]
+    low = np.zeros(log.ticks, dtype=bool)
+    if log.mode is not None:
+        low = np.isin(log.mode, [MODES.index(mode) for mode in _LYING])
+    count = np.concatenate(([0], np.cumsum(low)))
+    used = count[edges[1:] + 1] == count[edges[:-1]]
+    if not used.any():
+        return
+    dt = log.control_period_s
+    lasts = dt * np.diff(edges)
+    weight = 9.81 * log.mass_kg
+    # What is logged at a tick acted in the step before; a push acts in the step after.
+    forces = log.contact_forces[1:].sum(axis=1) + log.push[:-1, :3] - [0.0, 0.0, weight]
+    change = np.diff(balances.momentum[inside], axis=0) - np.diff(_integral(dt * forces)[edges], axis=0)
+    residual = np.where(used, np.linalg.norm(change, axis=1) / lasts, 0.0)[:, None]
+    limit = _FORCE_SHARE * weight
+    yield _smallest("momentum balance", ("",), log.time[edges[1:]], residual, limit, limit - residual, "N")
+    speeds = 0.5 * (log.joint_velocity[1:] + log.joint_velocity[:-1])
+    work = dt * (log.tau[1:] * speeds).sum(axis=1) + _push_work(log)
+    gain = np.where(used, np.diff(balances.energy[inside]) - np.diff(_integral(work)[edges]), 0.0)[:, None]
+    allowed = _ENERGY_SHARE * weight * float(log.base_pose[:, 2].max())
+    yield _smallest("energy from nowhere", ("",), log.time[edges[1:]], gain, allowed, allowed - gain, "J")
+
+
+def _push_work(log: RunLog) -> Array:
+    """Return (n - 1,) the work of the push in each step, J; at its end its point moves on as in the step before."""
+    pushed = np.any(log.push[:, :3] != 0.0, axis=1)
+    moved = np.diff(log.push_point, axis=0)
+    last = np.flatnonzero(pushed[:-1] & ~pushed[1:])
+    moved[last] = moved[np.maximum(last - 1, 0)]
+    work: Array = np.where(pushed[:-1], (moved * log.push[:-1, :3]).sum(axis=1), 0.0)
+    return work
+
+
+def _integral(steps: Array) -> Array:
+    """Return (n, ...) the sums of (n - 1, ...) steps up to each tick."""
+    return np.concatenate((np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)))
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)

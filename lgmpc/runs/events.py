@@ -1,0 +1,263 @@
+"""The events of a run, from its log: pushes, commands, limits reached, contacts and solutions lost, late ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from lgmpc.runs.estimate import CONTACT_FORCE_N, tilt_and_yaw_deg
+from lgmpc.runs.limited import Limited
+from lgmpc.runs.log import MODES, RunLog, push_intervals
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Event", "EventKind", "find_events"]
+
+_JOINED_S = 0.05
+"""Shorter gaps do not end an event."""
+_OPEN_S = 0.01
+"""A foot that should stand and carries nothing for a shorter time bounces."""
+_TILT_OFF_DEG, _VELOCITY_OFF_M_S = 2.0, 0.2
+"""An estimate that is off by more misleads the controller."""
+_AT_LIMIT = 1e-3
+"""A quantity that used all but this share of its limit has reached it."""
+_BRIEF_S = 0.005
+"""A joint or a foot that is at its limit for a shorter time is not worth a line."""
+_NAMED = 3
+"""Most joints or feet that are named in an event."""
+
+
+class EventKind(Enum):
+    """What an event is to a failure."""
+
+    CAUSE = "cause"
+    """From outside: a push, a new command."""
+    LIMIT = "limit"
+    """A joint or a friction cone at its limit."""
+    CONTACT = "contact"
+    """A foot that slides or has no contact where it should stand."""
+    BALANCE = "balance"
+    """The capture point outside the support, the base too low or too tilted."""
+    SOLVER = "solver"
+    """A quadratic programme or an MPC update without a solution."""
+    TIMING = "timing"
+    """Ticks that were missed."""
+    ESTIMATE = "estimate"
+    """An estimate far from the truth."""
+    MODE = "mode"
+    """A change of the controller's mode."""
+
+    @property
+    def is_sign(self) -> bool:
+        """Whether it announces a failure."""
+        return self not in (EventKind.CAUSE, EventKind.MODE)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened, for a while.
+
+    Attributes:
+        start_s: its first tick.
+        end_s: its last tick.
+        kind: what it is to a failure.
+        name: what events of the same sort have in common.
+        words: what happened, with figures.
+    """
+
+    start_s: float
+    end_s: float
+    kind: EventKind
+    name: str
+    words: str
+
+
+def find_events(log: RunLog, quantities: Sequence[Limited]) -> tuple[Event, ...]:
+    """Return the events of a log, in order of their beginning.
+
+    Args:
+        log: finite throughout.
+        quantities: what has limits, see :func:`lgmpc.runs.limited.limited_quantities`.
+    """
+    finders: tuple[Callable[[RunLog], Iterator[Event]], ...] = (
+        _pushes,
+        _commands,
+        _contacts,
+        _solvers,
+        _missed,
+        _estimates,
+        _modes,
+    )
+    found = [event for find in finders for event in find(log)]
+    for quantity in quantities:
+        found += _reached(log, quantity)
+    # Of what begins in the same tick, the cause is first.
+    return tuple(sorted(found, key=lambda each: (each.start_s, list(EventKind).index(each.kind))))
+
+
+def _episodes(time: Array, flags: BoolArray) -> list[tuple[int, int]]:
+    """Return first tick and end (exclusive) of each interval of (n,) true flags; short gaps do not end it."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
+    found: list[tuple[int, int]] = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if found and time[a] - time[found[-1][1] - 1] < _JOINED_S:
+            found[-1] = (found[-1][0], b)
+        else:
+            found.append((a, b))
+    return found
+
+
+def _any(flags: BoolArray) -> BoolArray:
+    raised: BoolArray = np.logical_or.reduce(flags, axis=1)
+    return raised
+
+
+def _event(log: RunLog, span: tuple[int, int], kind: EventKind, name: str, words: str) -> Event:
+    return Event(float(log.time[span[0]]), float(log.time[span[1] - 1]), kind, name, words)
+
+
+def _period(log: RunLog) -> float:
+    return float(np.median(np.diff(log.time)))
+
+
+def _who(log: RunLog, flags: BoolArray, names: Sequence[str], span: tuple[int, int]) -> str:
+    """Name the joints or feet of an episode in the order in which their flags (n, k) rose, with their durations."""
+    part = flags[span[0] : span[1]]
+    involved = [k for k in np.argsort(np.where(part.any(axis=0), part.argmax(axis=0), len(part)), kind="stable")]
+    shown = []
+    for k in [k for k in involved if part[:, k].any()]:
+        begin = float(log.time[span[0] + int(part[:, k].argmax())])
+        duration = f"{1e3 * part[:, k].sum() * _period(log):.0f} ms"
+        late = begin - float(log.time[span[0]])
+        shown.append(f"{names[k]} ({duration}{f', from {begin:.3f} s' if late > _JOINED_S else ''})")
+    rest = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
+    return ", ".join(shown[:_NAMED]) + rest
+
+
+def _pushes(log: RunLog) -> Iterator[Event]:
+    for push in push_intervals(log):
+        x, y, z = push.impulse
+        size = float(np.linalg.norm(push.impulse))
+        words = f"push of {size:.3g} N.s [{x:.3g}, {y:.3g}, {z:.3g}] for {1e3 * (push.end - push.start):.0f} ms"
+        yield Event(push.start, push.end, EventKind.CAUSE, "push", words)
+
+
+def _commands(log: RunLog) -> Iterator[Event]:
+    """Yield the ends of the ramps of the motion command: what is commanded from then on."""
+    if log.command is None:
+        return
+    moving = np.zeros(log.ticks, dtype=bool)
+    moving[1:] = np.any(np.diff(log.command, axis=0) != 0.0, axis=1)
+    for span in _episodes(log.time, moving):
+        ahead, left, turn = log.command[span[1] - 1]
+        words = f"command of {ahead:.3g} m/s ahead, {left:.3g} m/s to the left, {turn:.3g} rad/s"
+        yield _event(log, span, EventKind.CAUSE, "command", words)
+
+
+def _contacts(log: RunLog) -> Iterator[Event]:
+    """Yield where feet carry nothing although the controller relies on them."""
+    feet = log.contact_frames.tolist()
+    if not feet:
+        return
+    relied = np.ones(log.contact_forces.shape[:2], dtype=bool) if log.stance is None else log.stance != 0
+    if log.mode is not None:
+        relied &= np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])[:, None]
+    missing = relied & (log.contact_forces[:, :, 2] <= CONTACT_FORCE_N)
+    for foot in range(len(feet)):
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], missing[:, foot].astype(np.int8), [0])))).tolist()
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            if log.time[b - 1] - log.time[a] < _OPEN_S:
+                missing[a:b, foot] = False
+    for span in _episodes(log.time, _any(missing)):
+        words = f"without contact where the controller relies on it: {_who(log, missing, feet, span)}"
+        yield _event(log, span, EventKind.CONTACT, "contact lost", words)
+
+
+def _solvers(log: RunLog) -> Iterator[Event]:
+    failed: BoolArray = log.wbc_status != 0
+    for span in _episodes(log.time, failed):
+        words = f"whole-body QP without a solution in {int(failed[span[0] : span[1]].sum())} ticks: fallback torques"
+        yield _event(log, span, EventKind.SOLVER, "whole-body QP", words)
+    failed = log.mpc_status != 0
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], failed.astype(np.int8), [0])))).tolist()
+    for a, b in zip(bounds[::2], bounds[1::2], strict=True):
+        words = f"{b - a} MPC updates without a solution: the plan of {log.mpc_time[max(a - 1, 0)]:.3f} s went on"
+        yield Event(float(log.mpc_time[a]), float(log.mpc_time[b - 1]), EventKind.SOLVER, "MPC", words)
+
+
+def _missed(log: RunLog) -> Iterator[Event]:
+    """Yield where the log lacks ticks: those that were due while an earlier one was computed."""
+    period = _period(log)
+    gaps: BoolArray = np.diff(log.time) > 1.5 * period
+    for span in _episodes(log.time[:-1], gaps):
+        longest = 1e3 * float(np.diff(log.time)[span[0] : span[1]].max())
+        words = f"{int(gaps[span[0] : span[1]].sum())} times ticks were missed, for up to {longest:.3g} ms"
+        yield _event(log, (span[0], span[1] + 1), EventKind.TIMING, "missed ticks", words)
+
+
+def _estimates(log: RunLog) -> Iterator[Event]:
+    if log.estimate_q is None or log.estimate_v is None:
+        return
+    tilt, _ = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
+    velocity = np.linalg.norm(log.estimate_v[:, :3] - log.v[:, :3], axis=1)
+    off: BoolArray = (tilt > _TILT_OFF_DEG) | (velocity > _VELOCITY_OFF_M_S)
+    for span in _episodes(log.time, off):
+        part = slice(*span)
+        words = f"estimate off by up to {tilt[part].max():.3g} deg of tilt and {velocity[part].max():.3g} m/s"
+        yield _event(log, span, EventKind.ESTIMATE, "estimate", words)
+
+
+def _modes(log: RunLog) -> Iterator[Event]:
+    if log.mode is None:
+        return
+    for tick in (np.flatnonzero(np.diff(log.mode)) + 1).tolist():
+        words = f"mode {MODES[log.mode[tick - 1]]} became {MODES[log.mode[tick]]}"
+        yield _event(log, (tick, tick + 1), EventKind.MODE, "mode", words)
+
+
+_BALANCE = ("capture point", "tilt", "base height", "displacement")
+
+
+def _reached(log: RunLog, quantity: Limited) -> Iterator[Event]:
+    used = quantity.used
+    with np.errstate(invalid="ignore"):
+        reached = used >= 1.0 - _AT_LIMIT
+    kind = EventKind.LIMIT
+    if quantity.name in _BALANCE:
+        kind = EventKind.BALANCE
+        reached = _held(reached, np.isnan(used))
+    elif quantity.name == "slip":
+        kind = EventKind.CONTACT
+    for a, b in _episodes(log.time, _any(reached)):
+        if kind is EventKind.LIMIT and reached[a:b].sum(axis=0).max() * _period(log) < _BRIEF_S:
+            continue
+        words = _beyond(log, quantity, reached, (a, b))
+        yield _event(log, (a, b), kind, quantity.name, words)
+
+
+def _held(flags: BoolArray, unknown: BoolArray) -> BoolArray:
+    """Return (n, k) flags in which an unknown one is as the last known one: in flight no support is left or reached."""
+    last = np.maximum.accumulate(np.where(unknown, 0, np.arange(len(flags))[:, None]), axis=0)
+    held: BoolArray = np.take_along_axis(flags, last, axis=0)
+    return held
+
+
+def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int, int]) -> str:
+    """Describe an episode at or beyond a limit by its worst tick."""
+    part = np.where(np.isfinite(quantity.used), quantity.used, -np.inf)[span[0] : span[1]]
+    tick, subject = np.unravel_index(int(np.argmax(part)), part.shape)
+    at = (span[0] + int(tick), int(subject))
+    value, limit, unit = float(quantity.values[at]), float(quantity.limits[at]), quantity.unit
+    if quantity.name == "capture point":
+        return f"capture point outside the support by up to {-value:.3g} {unit}"
+    if quantity.subjects == ("",):
+        return f"{quantity.name} beyond its limit of {limit:.3g} {unit}: {value:.3g} {unit}"
+    who = _who(log, reached, quantity.subjects, span)
+    if quantity.name == "friction":
+        return f"friction cone (coefficient {log.friction:.3g}) used up: {who}"
+    if quantity.name == "slip":
+        return f"feet slid by up to {value:.3g} {unit}: {who}"
+    worst = f", up to {value:.3g}" if abs(value) > (1.0 + _AT_LIMIT) * abs(limit) else ""
+    return f"{quantity.name} at its limit of {limit:.3g} {unit}{worst}: {who}"

@@ -1,0 +1,222 @@
+"""Why a run failed: what happened before, in order, from its log; and how near a run that passed came to its limits."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.runs.events import Event, EventKind, find_events
+from lgmpc.runs.folder import Run
+from lgmpc.runs.gate import Gate
+from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limited_quantities
+from lgmpc.runs.log import RunLog
+from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.modes import fallen_ticks
+from lgmpc.runs.verdict import Outcome
+
+__all__ = ["Explanation", "explain_run", "finite_part"]
+
+_BEFORE_S = 1.0
+"""A chain begins this long before the failure, unless a cause came earlier."""
+_CAUSE_S = 3.0
+"""A push or a command that began longer before the failure is no cause of it."""
+_AFTER_S = 0.1
+"""What begins later than this after a failure is its consequence."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What happened in a run.
+
+    Attributes:
+        name: of the run.
+        outcome: its verdict.
+        reasons: of the verdict.
+        failed_s: when it failed; ``None`` if it passed, or if no moment of the run decided it.
+        failure: what the failure was, in words; empty if it passed.
+        summary: in sentences.
+        events: the chain before the failure, in order; of a run that passed, all of its events.
+        earlier: how many events of each name came before the chain.
+        nearest: where each limited quantity came nearest to its limit, the nearest first; until the failure.
+        log: the finite part of the run's log.
+        quantities: what has limits in it, over time.
+    """
+
+    name: str
+    outcome: Outcome
+    reasons: tuple[str, ...]
+    failed_s: float | None
+    failure: str
+    summary: tuple[str, ...]
+    events: tuple[Event, ...]
+    earlier: Mapping[str, int]
+    nearest: tuple[Nearest, ...]
+    log: RunLog = field(repr=False)
+    quantities: tuple[Limited, ...] = field(repr=False)
+
+    def content(self) -> dict[str, Any]:
+        """Return it as plain values for JSON, without the arrays."""
+        content = {each.name: getattr(self, each.name) for each in fields(self)}
+        del content["log"], content["quantities"]
+        content |= {name: [asdict(each) for each in content[name]] for name in ("events", "nearest")}
+        return {name: _plain(value) for name, value in content.items()}
+
+
+def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Explanation:
+    """Find what happened before a run failed.
+
+    Args:
+        run: its folder, read.
+        gate: what it was judged by.
+        joints: limits of positions and speeds; without them these are not examined.
+
+    Raises:
+        InputError: if the log has fewer than two ticks with a finite state.
+    """
+    log, broke_s = finite_part(run.log)
+    if log.ticks < 2:
+        raise InputError("run", f"{run.path} with {log.ticks} ticks", "a run with something to explain")
+    verdict = run.result.verdict
+    quantities = limited_quantities(log, gate, joints)
+    if verdict.passed:
+        failure = _Failure(None, "")
+    else:
+        overall = verdict.reasons[0] if verdict.reasons else verdict.outcome.value
+        failure = _failure(log, quantities, gate, broke_s) or _Failure(None, overall)
+    failed_s = failure.time_s
+    events = find_events(log, quantities)
+    chain, earlier = _chain(events, failed_s)
+    end = log.ticks if failed_s is None else int(np.searchsorted(log.time, failed_s, side="right"))
+    found = (quantity.until(end).nearest(log.time[:end]) for quantity in quantities)
+    nearest = [each for each in found if each is not None]
+    if failed_s is None and run.result.metrics is not None:
+        nearest += gate_figures(run.result.metrics, gate)
+    nearest.sort(key=lambda each: -each.used)
+    summary = _summary(failure, chain, nearest)
+    return Explanation(
+        run.result.name,
+        verdict.outcome,
+        verdict.reasons,
+        failed_s,
+        failure.words,
+        summary,
+        chain,
+        earlier,
+        tuple(nearest),
+        log,
+        quantities,
+    )
+
+
+def finite_part(log: RunLog) -> tuple[RunLog, float | None]:
+    """Return the ticks before the first state that is not finite, and its time; ``None`` if all are finite."""
+    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
+    if finite.all():
+        return log, None
+    end = int(np.argmin(finite))
+    return log.until(end), float(log.time[end])
+
+
+class _Failure(NamedTuple):
+    """When a run failed, ``None`` if no moment decided it; how, in words, empty if it passed; whether it fell."""
+
+    time_s: float | None
+    words: str
+    fell: bool = False
+
+
+def _failure(log: RunLog, quantities: Sequence[Limited], gate: Gate, broke_s: float | None) -> _Failure | None:
+    """Return how a run fell, or first exceeded what its gate limits at every moment; ``None`` if it did neither."""
+    if log.floating_base:
+        tilt = tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:])
+        fallen = fallen_ticks(log, tilt)
+        if fallen.any():
+            tick = int(np.argmax(fallen))
+            height = 100.0 * log.base_pose[tick, 2] / log.base_pose[0, 2]
+            state = f"tilt {tilt[tick]:.3g} deg, base at {height:.3g} % of its first height"
+            return _Failure(float(log.time[tick]), f"the robot fell ({state})", fell=True)
+    if broke_s is not None:
+        return _Failure(broke_s, "the state was no longer finite")
+    limited = {
+        "tilt": gate.max_tilt_deg,
+        "displacement": gate.max_displacement_m,
+        "base height": gate.min_base_height_fraction or gate.min_base_height_m,
+        "slip": gate.max_slip_m,
+    }
+    found: list[_Failure] = []
+    for quantity in quantities:
+        beyond = quantity.margins < 0.0
+        if limited.get(quantity.name) is not None and beyond.any():
+            tick = int(np.argmax(beyond.any(axis=1)))
+            subject = int(np.argmax(beyond[tick]))
+            where = f" of {quantity.subjects[subject]}" if quantity.subjects[subject] else ""
+            limit = f"{quantity.limits[tick, subject]:.3g} {quantity.unit}"
+            words = f"the {quantity.name}{where} went beyond its limit of {limit}"
+            found.append(_Failure(float(log.time[tick]), words))
+    return min(found, default=None)
+
+
+def _chain(events: Sequence[Event], failed_s: float | None) -> tuple[tuple[Event, ...], dict[str, int]]:
+    """Return the events from the last cause on, or from a second before the failure, and counts of those before."""
+    if failed_s is None:
+        return tuple(events), {}
+    causes = [each.start_s for each in events if each.kind is EventKind.CAUSE and each.start_s <= failed_s]
+    near = [time for time in causes if failed_s - time < _CAUSE_S]
+    begin = min([failed_s - _BEFORE_S, *near[-1:]]) - 1e-9
+    chain = [each for each in events if each.end_s >= begin and each.start_s <= failed_s + _AFTER_S]
+    return tuple(chain), dict(Counter(each.name for each in events if each.end_s < begin))
+
+
+def _summary(failure: _Failure, chain: Sequence[Event], nearest: Sequence[Nearest]) -> tuple[str, ...]:
+    if not failure.words:
+        close = nearest[0] if nearest else None
+        return ("it passed", *((f"nearest to its limit: {_near(close)}",) if close else ()))
+    failed_s = failure.time_s
+    if failed_s is None:
+        return (failure.words,)
+    causes = [each for each in chain if each.kind is EventKind.CAUSE and each.start_s <= failed_s]
+    after = ""
+    if causes:
+        cause = causes[-1]
+        after = f", {_duration(failed_s - cause.start_s)} after the beginning of: {cause.words}"
+    sentences = [f"{failure.words} at {failed_s:.3f} s{after}"]
+    signs = [each for each in chain if each.kind.is_sign and each.start_s <= failed_s]
+    if signs:
+        first = signs[0]
+        before = _duration(failed_s - first.start_s)
+        sentences.append(f"first sign, at {first.start_s:.3f} s ({before} before): {first.words}")
+    beyond = [each for each in chain if each.name == "capture point" and each.start_s <= failed_s <= each.end_s]
+    if beyond and failure.fell:
+        sentences.append(
+            f"from {beyond[-1].start_s:.3f} s on the capture point was outside the support: without a step, no contact "
+            "forces could bring the robot to rest"
+        )
+    return tuple(sentences)
+
+
+def _near(nearest: Nearest) -> str:
+    where = f" of {nearest.subject}" if nearest.subject else ""
+    when = "" if nearest.time_s is None else f" at {nearest.time_s:.3f} s"
+    unit = f" {nearest.unit}" if nearest.unit else ""
+    return f"{nearest.name}{where}, {nearest.value:.3g}{unit}{when}, limit {nearest.limit:.3g}{unit}"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    if isinstance(value, Enum):
+        return value.value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,240 @@
+"""Quantities of a run that have limits, over time: how near each came to its limit, where and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lgmpc.runs.estimate import CONTACT_FORCE_N
+from lgmpc.runs.figures import figure_of, figure_words
+from lgmpc.runs.gate import Gate
+from lgmpc.runs.log import RunLog
+from lgmpc.runs.metrics import Metrics, stances, tilt_deg
+from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
+from lgmpc.runs.support import capture_margin
+from lgmpc.runs.verdict import measured
+from lgmpc.typing import Array
+
+__all__ = ["JointLimits", "Limited", "Nearest", "gate_figures", "hardware_quantities", "limited_quantities"]
+
+_SLID_M = 0.01
+"""A foot that moved further since its contact began has slid, if the gate has no limit of its own."""
+_OVER_TIME = ("max_tilt_deg", "max_displacement_m", "max_slip_m", "min_base_height_m", "min_base_height_fraction")
+"""Limits of the gate that are examined at each tick."""
+_ROUNDING = 1e-9
+_LOADED = 0.02
+"""Share of the robot's weight above which the friction of a foot counts."""
+
+
+class JointLimits(NamedTuple):
+    """Limits of the joints that the log does not hold.
+
+    Attributes:
+        lower: (nu,) lowest positions, rad; -inf where there is none.
+        upper: (nu,) highest positions, rad.
+        speed: (nu,) highest speeds, rad/s.
+    """
+
+    lower: Array
+    upper: Array
+    speed: Array
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where a quantity came nearest to its limit, or was furthest beyond.
+
+    Attributes:
+        name: of the quantity.
+        subject: joint or foot; empty for the robot as a whole.
+        time_s: when; ``None`` for a figure of the whole run.
+        value: then.
+        limit: then.
+        margin: distance to the limit, negative beyond it.
+        unit: of the three.
+        used: share of the limit that was used, 1 at the limit; by it quantities of different units are ordered.
+    """
+
+    name: str
+    subject: str
+    time_s: float | None
+    value: float
+    limit: float
+    margin: float
+    unit: str
+    used: float
+
+
+@dataclass(frozen=True)
+class Limited:
+    """A quantity with a limit, at each tick, of each joint or foot.
+
+    Attributes:
+        name: in words.
+        unit: of values, limits and margins.
+        subjects: (k,) joints or feet; one empty name for the robot as a whole.
+        values: (n, k).
+        limits: (n, k).
+        margins: (n, k) distance to the limit, negative beyond it; NaN where the limit does not apply.
+        scale: (n, k) margin at which nothing of the limit is used.
+    """
+
+    name: str
+    unit: str
+    subjects: tuple[str, ...]
+    values: Array
+    limits: Array
+    margins: Array
+    scale: Array
+
+    @property
+    def used(self) -> Array:
+        """(n, k) share of the limit that is used: 1 at the limit; NaN where it does not apply."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share: Array = 1.0 - self.margins / self.scale
+        return share
+
+    def until(self, end: int) -> Limited:
+        """Return it at the first ``end`` ticks."""
+        arrays = (self.values[:end], self.limits[:end], self.margins[:end], self.scale[:end])
+        return Limited(self.name, self.unit, self.subjects, *arrays)
+
+    def nearest(self, time: Array) -> Nearest | None:
+        """Return where it came nearest to the limit; ``None`` if the limit never applied.
+
+        Args:
+            time: (n,) of the ticks, s.
+        """
+        used = np.where(np.isfinite(self.used), self.used, -np.inf)
+        tick, subject = np.unravel_index(int(np.argmax(used)), used.shape) if used.size else (0, 0)
+        if not used.size or np.isinf(used[tick, subject]):
+            return None
+        at = (tick, subject)
+        return Nearest(
+            self.name,
+            self.subjects[int(subject)],
+            float(time[tick]),
+            float(self.values[at]),
+            float(self.limits[at]),
+            0.0 if abs(self.margins[at]) < _ROUNDING * self.scale[at] else float(self.margins[at]),
+            self.unit,
+            float(used[at]),
+        )
+
+
+def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> tuple[Limited, ...]:
+    """Return what has a limit in a run: joints, friction cones, support, attitude, and what the gate limits.
+
+    Args:
+        log: finite throughout.
+        gate: its limits on tilt, displacement, height and slip are used; without them those of a fall.
+        joints: positions and speeds are left out without it.
+    """
+    return tuple(_quantities(log, gate, joints))
+
+
+def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Limited]:
+    """Yield torques and, with their limits, speeds and positions of the joints."""
+    names = tuple(log.joint_names.tolist())
+    if not names:
+        return
+    yield _highest("torque", "N.m", names, np.abs(log.tau), log.effort_limit)
+    if joints is None:
+        return
+    yield _highest("joint speed", "rad/s", names, np.abs(log.joint_velocity), joints.speed)
+    angles = log.q[:, 7 if log.floating_base else 0 :]
+    if angles.shape[1] == len(names):
+        yield _positions(names, angles, joints)
+
+
+def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator[Limited]:
+    feet = tuple(log.contact_frames.tolist())
+    yield from hardware_quantities(log, joints)
+    if feet:
+        yield _friction(log, feet)
+        yield _highest("slip", "mm", feet, 1e3 * _slide(log), 1e3 * (gate.max_slip_m or _SLID_M))
+        if np.isfinite(log.mass_kg):
+            margin = 1e3 * capture_margin(log)[:, None]
+            # At rest the capture point is the centre of mass: its margin at the start is what the support gives.
+            scale = margin[np.isfinite(margin)][:1]
+            yield Limited(
+                "capture point",
+                "mm",
+                ("",),
+                margin,
+                np.zeros_like(margin),
+                margin,
+                np.full_like(margin, np.max(scale, initial=1.0)),
+            )
+    if log.floating_base:
+        base = log.base_pose
+        tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
+        yield _highest("tilt", "deg", ("",), tilt[:, None], gate.max_tilt_deg or FALL_TILT_DEG)
+        height = 1e3 * base[:, 2:3]
+        fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
+        low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
+        yield Limited("base height", "mm", ("",), height, *_like(height, low, height - low, height[0] - low))
+        if gate.max_displacement_m is not None:
+            home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
+            moved = np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
+            yield _highest("displacement", "mm", ("",), 1e3 * moved, 1e3 * gate.max_displacement_m)
+
+
+def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:
+    """Return how near the figures of a whole run are to the gate's limits on them: final errors, RMS, fractions."""
+    return tuple(_figures(metrics, gate))
+
+
+def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
+    for key, limit in gate.limits.items():
+        value = measured(metrics, key)
+        if key in _OVER_TIME or value is None or (limit == 0.0 and value == 0.0):
+            continue
+        highest = key.startswith("max_")
+        words, unit, scale = figure_words(figure_of(key))
+        over, under = (value, limit) if highest else (limit, value)
+        used = over / under if under > 0.0 else math.inf
+        margin = scale * (limit - value if highest else value - limit)
+        yield Nearest(words, "", None, scale * value, scale * limit, margin, unit, used)
+
+
+def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float) -> Limited:
+    """Return a quantity with a highest value."""
+    limits = np.broadcast_to(np.asarray(limit, dtype=float), values.shape)
+    return Limited(name, unit, subjects, values, limits, limits - values, limits)
+
+
+def _like(values: Array, *others: Array) -> tuple[Array, ...]:
+    return tuple(np.broadcast_to(each, values.shape) for each in others)
+
+
+def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Limited:
+    below, above = angles - joints.lower, joints.upper - angles
+    limits = np.where(below < above, joints.lower, joints.upper)
+    half = np.broadcast_to(0.5 * (joints.upper - joints.lower), angles.shape)
+    margins = np.minimum(below, above)
+    return Limited("joint position", "rad", names, angles, limits, np.where(np.isinf(margins), np.nan, margins), half)
+
+
+def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
+    """Compare tangential forces with the cones of the feet that carry something; what is unloaded slides anywhere."""
+    normal = log.contact_forces[:, :, 2]
+    tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
+    weight = 9.81 * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
+    limit = log.friction * np.maximum(normal, 0.0)
+    loaded = normal > max(_LOADED * weight, CONTACT_FORCE_N)
+    return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)
+
+
+def _slide(log: RunLog) -> Array:
+    """Return (n, nc) how far each foot is from where its present contact began, m, horizontally; 0 in the air."""
+    points, closed = log.contact_points[:, :, :2], log.contact_forces[:, :, 2] > CONTACT_FORCE_N
+    moved = np.zeros(closed.shape)
+    for foot in range(closed.shape[1]):
+        for a, b in stances(log.time, closed[:, foot]):
+            moved[a:b, foot] = np.linalg.norm(points[a:b, foot] - points[a, foot], axis=1)
+    return moved

@@ -1,0 +1,107 @@
+"""Figures of merit of the modes: falls, giving up, lying and rising, from the log of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lgmpc.runs.log import MODES, RunLog
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["FALL_HEIGHT_FRACTION", "FALL_TILT_DEG", "LOW_MODES", "ModeMetrics", "fallen_ticks", "falls", "mode_metrics"]
+
+FALL_TILT_DEG = 45.0
+"""A base tilted further than this has fallen."""
+
+FALL_HEIGHT_FRACTION = 0.5
+"""A base below this fraction of its first height or, where modes were recorded, of its target has fallen."""
+
+LOW_MODES = ("lie", "rise", "sit")
+"""Modes in which a base is low on purpose."""
+
+
+@dataclass(frozen=True)
+class ModeMetrics:
+    """How a robot fell, gave up and rose. ``None`` where there was nothing to measure.
+
+    Attributes:
+        give_up_s: longest time for which the robot has fallen and its joints are not damped.
+        damped_rms_torque_nm: RMS torque of all joints while they are damped.
+        rises: how often the robot rose from its belly to standing.
+        descents: how often it lay down from standing.
+        torque_step_nm: largest change of a joint's torque between two ticks while it lies, rises or lies down.
+    """
+
+    give_up_s: float | None
+    damped_rms_torque_nm: float | None
+    rises: int
+    descents: int
+    torque_step_nm: float | None
+
+
+def fallen_ticks(log: RunLog, tilt: Array) -> BoolArray:
+    """Return (k,) whether the robot has fallen at each of the first k ticks, whose base tilts by ``tilt`` (k,), deg."""
+    ticks = len(tilt)
+    fallen: BoolArray = tilt > FALL_TILT_DEG
+    if log.floating_base:
+        height = log.base_pose[:ticks, 2]
+        upright = height[:1] if log.mode is None else log.base_reference[:ticks, 2]
+        fallen |= height < FALL_HEIGHT_FRACTION * upright
+    if log.mode is not None:
+        fallen &= ~np.isin(log.mode[:ticks], [MODES.index(mode) for mode in LOW_MODES])
+    return fallen
+
+
+def falls(log: RunLog, fallen: BoolArray) -> list[int]:
+    """Return the first tick of each fall; where modes were recorded, one ends when the robot folds its legs again.
+
+    Args:
+        log: the log.
+        fallen: (k,) of the first k ticks, see :func:`fallen_ticks`.
+    """
+    if log.mode is None:
+        return [int(tick) for tick in np.flatnonzero(fallen)[:1]]
+    lying = log.mode[: len(fallen)] == MODES.index("lie")
+    found, tick = [], 0
+    while fallen[tick:].any():
+        tick += int(np.argmax(fallen[tick:]))
+        found.append(tick)
+        if not lying[tick:].any():
+            break
+        tick += int(np.argmax(lying[tick:]))
+    return found
+
+
+def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
+    """Measure what the modes of a run did; ``None`` where they were not recorded.
+
+    Args:
+        log: the log, at the full control rate.
+        fallen: (k,) of the first k ticks, see :func:`fallen_ticks`.
+    """
+    if log.mode is None:
+        return None
+    ticks = len(fallen)
+    mode, tau = log.mode[:ticks], log.tau[:ticks]
+    damped = mode == MODES.index("damp")
+    supple = np.isin(mode, [MODES.index(each) for each in LOW_MODES])
+    steps = np.abs(np.diff(tau, axis=0))[supple[1:] & supple[:-1]]
+    return ModeMetrics(
+        give_up_s=_longest(fallen & ~damped) * log.control_period_s if fallen.any() else None,
+        damped_rms_torque_nm=float(np.sqrt(np.mean(np.square(tau[damped])))) if damped.any() else None,
+        rises=_changes(mode, "rise", "stand"),
+        descents=_changes(mode, "sit", "lie"),
+        torque_step_nm=float(steps.max()) if steps.size else None,
+    )
+
+
+def _longest(flags: BoolArray) -> int:
+    """Return the length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _changes(mode: NDArray[np.int8], before: str, after: str) -> int:
+    return int(np.count_nonzero((mode[:-1] == MODES.index(before)) & (mode[1:] == MODES.index(after))))

@@ -1,0 +1,242 @@
+"""What lies between controller and joints: a link that delays, drives that lag and saturate, time to compute.
+
+The plant advances in steps: what arrives within a step acts from the next one on, so ``plant.rate_hz`` resolves delays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Generic, Literal, TypeVar
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from lgmpc.control.interface import Command, Measurement, RobotState
+from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, problems
+from lgmpc.typing import Array
+
+__all__ = ["ActuatorSettings", "Computing", "DelayLine", "Drives", "LinkSettings", "StateLink", "TimingSettings"]
+
+Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]
+Milliseconds = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+T = TypeVar("T")
+S = TypeVar("S", RobotState, Measurement)
+
+_SAME_TIME = 1e-9  # s
+
+
+class LinkSettings(Settings):
+    """The link between the robot and its controller. The controller's model and its estimator do not know of it."""
+
+    command_latency_s: Delay = Field(default=0.0, description="Time from a command's completion to the drives, s.")
+    command_jitter_s: Delay = Field(default=0.0, description="Largest random addition to it, uniform from 0, s.")
+    measurement_latency_s: Delay = Field(default=0.0, description="Time from a measurement to the controller, s.")
+    measurement_jitter_s: Delay = Field(default=0.0, description="Largest random addition to it, uniform from 0, s.")
+    dropped_commands: Fraction = Field(
+        default=0.0, description="Share of commands that are lost, 0 to 1; the drives keep the last one."
+    )
+    joint_position_noise_rad: Noise = Field(
+        default=0.0,
+        description="Standard deviation of joint angles that a controller without an estimator receives, rad.",
+    )
+    joint_velocity_noise_rad_s: Noise = Field(
+        default=0.0,
+        description="Standard deviation of joint speeds that a controller without an estimator receives, rad/s.",
+    )
+    base_velocity_noise_m_s: Noise = Field(
+        default=0.0,
+        description="Standard deviation of the base's velocity that a controller without an estimator receives, m/s.",
+    )
+
+    @property
+    def noise(self) -> tuple[float, float, float]:
+        """Standard deviations of joint angles, joint speeds and base velocity."""
+        return self.joint_position_noise_rad, self.joint_velocity_noise_rad_s, self.base_velocity_noise_m_s
+
+    @property
+    def transparent(self) -> bool:
+        """Whether measurements arrive at once and as they are."""
+        return self.measurement_latency_s == self.measurement_jitter_s == 0.0 and not any(self.noise)
+
+
+class ActuatorSettings(Settings):
+    """The drives of the joints, all alike, as the controllers do not know them."""
+
+    bandwidth_hz: Positive | None = Field(
+        default=None, description="Corner frequency of the torque's first-order lag, Hz; null: none."
+    )
+    torque_limit_nm: Positive | None = Field(
+        default=None, description="Real torque limit, N.m; null: that of the robot, on which controllers rely."
+    )
+    stall_torque_nm: Positive | None = Field(
+        default=None, description="Torque that the supply allows at rest, N.m; with no_load_speed_rad_s."
+    )
+    no_load_speed_rad_s: Positive | None = Field(
+        default=None, description="Speed at which the supply allows no driving torque, rad/s; linear in between."
+    )
+
+    @model_validator(mode="after")
+    def _line_is_whole(self) -> ActuatorSettings:
+        if (self.stall_torque_nm is None) != (self.no_load_speed_rad_s is None):
+            name = "stall_torque_nm" if self.stall_torque_nm is None else "no_load_speed_rad_s"
+            raise problems([Problem(name, None, "a number, because the other end of the torque-speed line is given")])
+        return self
+
+
+class TimingSettings(Settings):
+    """How long computing takes in simulated time. A tick that is due while an earlier one is computed is missed."""
+
+    computing: Literal["ideal", "measured", "modelled"] = Field(
+        default="ideal",
+        description="ideal: none. measured: the time that it takes here. modelled: drawn from tick_ms and plan_ms.",
+    )
+    tick_ms: Milliseconds = Field(
+        default=(0.08, 0.1, 0.11, 0.13, 0.4),
+        description="Quantiles, at equal steps of probability from 0 to 1, of a tick without planning, ms.",
+    )
+    plan_ms: Milliseconds = Field(
+        default=(0.5, 0.7, 0.8, 1.0, 3.0),
+        description="Quantiles of planning, which comes on top in ticks that plan, ms.",
+    )
+
+    @model_validator(mode="after")
+    def _quantiles_grow(self) -> TimingSettings:
+        found = [
+            Problem(name, values, "quantiles that do not decrease")
+            for name, values in (("tick_ms", self.tick_ms), ("plan_ms", self.plan_ms))
+            if list(values) != sorted(values)
+        ]
+        if found:
+            raise problems(found)
+        return self
+
+
+class DelayLine(Generic[T]):
+    """Delivers the newest of the values that have arrived; a value that a newer one overtakes is lost.
+
+    Args:
+        latency: s.
+        jitter: largest random addition, s.
+        rng: of the additions.
+    """
+
+    def __init__(self, latency: float, jitter: float, rng: np.random.Generator) -> None:
+        self._latency, self._jitter, self._rng = latency, jitter, rng
+        self._flying: deque[tuple[float, T]] = deque()
+        self._last: T | None = None
+
+    def send(self, value: T, time: float) -> None:
+        """Send a value; the first one arrives at once, because what came before the run was like it."""
+        if self._last is None:
+            self._last = value
+            return
+        delay = self._latency + (self._jitter * self._rng.random() if self._jitter > 0.0 else 0.0)
+        self._flying.append((time + delay, value))
+
+    def receive(self, time: float) -> T:
+        """Return the newest value that has arrived at ``time``."""
+        arrived = [i for i, (arrival, _) in enumerate(self._flying) if arrival <= time + _SAME_TIME]
+        if arrived:
+            for _ in range(arrived[-1] + 1):
+                _, self._last = self._flying.popleft()
+        assert self._last is not None
+        return self._last
+
+
+class StateLink(Generic[S]):
+    """The way of measurements, or of true states, to the estimator or the controller.
+
+    What arrives late carries the time of its arrival: a controller does not know how old it is.
+    """
+
+    def __init__(self, settings: LinkSettings, rng: np.random.Generator) -> None:
+        self._noise, self._rng = settings.noise, rng
+        self._line: DelayLine[S] = DelayLine(settings.measurement_latency_s, settings.measurement_jitter_s, rng)
+
+    def pass_on(self, value: S, time: float) -> S:
+        """Send what is measured at ``time`` and return what has arrived."""
+        self._line.send(value, time)
+        return replace(self._line.receive(time), time=time)
+
+    def disturb(self, state: RobotState, nu: int) -> RobotState:
+        """Return a state with noise on the ``nu`` joints and the base's velocity."""
+        angles, speeds, base = self._noise
+        if not any(self._noise):
+            return state
+        noise = self._rng.normal(size=(2, nu))
+        q, v = state.q.copy(), state.v.copy()
+        q[-nu:] += angles * noise[0]
+        v[-nu:] += speeds * noise[1]
+        if base > 0.0:
+            v[:3] += base * self._rng.normal(size=3)
+        return replace(state, q=q, v=v)
+
+
+class Drives:
+    """Commands on their way, and the drives that follow them.
+
+    Args:
+        link: delays and losses of commands.
+        actuators: lag and limits.
+        dt: duration of the plant's steps, s.
+        rng: of jitter and losses.
+    """
+
+    def __init__(self, link: LinkSettings, actuators: ActuatorSettings, dt: float, rng: np.random.Generator) -> None:
+        self._line = DelayLine[Command](link.command_latency_s, link.command_jitter_s, rng)
+        self._dropped, self._rng = link.dropped_commands, rng
+        self._share = (
+            1.0 if actuators.bandwidth_hz is None else 1.0 - math.exp(-2.0 * math.pi * actuators.bandwidth_hz * dt)
+        )
+        self._stall, self._no_load = actuators.stall_torque_nm, actuators.no_load_speed_rad_s
+        self._torque: Array | None = None
+
+    def send(self, command: Command, time: float) -> None:
+        """Send a command that is complete at ``time``."""
+        if self._dropped > 0.0 and self._torque is not None and self._rng.random() < self._dropped:
+            return
+        self._line.send(command, time)
+
+    def torque(self, time: float, joints: Array, rates: Array) -> Array:
+        """Return the torque (nu,) of the step that begins now, before the limit that the plant clips at."""
+        torque = self._line.receive(time).torque(joints, rates)
+        if self._share < 1.0 and self._torque is not None:
+            torque = self._torque + self._share * (torque - self._torque)
+        self._torque = torque
+        if self._stall is not None and self._no_load is not None:
+            # A motor at constant voltage: its torque falls linearly with the speed that it drives.
+            driving = np.maximum(np.sign(torque) * rates, 0.0)
+            available = np.maximum(self._stall * (1.0 - driving / self._no_load), 0.0)
+            torque = np.minimum(np.maximum(torque, -available), available)
+        return torque
+
+
+class Computing:
+    """The time that a tick takes to compute, in simulated time.
+
+    Args:
+        settings: where it is from.
+        rng: of the modelled times.
+    """
+
+    def __init__(self, settings: TimingSettings, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._tick, self._plan = (1e-3 * np.array(each) for each in (settings.tick_ms, settings.plan_ms))
+        ways = {"ideal": self._none, "measured": self._measured, "modelled": self._drawn}
+        self.spent: Callable[[float, bool], float] = ways[settings.computing]
+        """``spent(measured, planned)``: time of a tick, s, from the one measured here and whether it planned."""
+
+    def _none(self, measured: float, planned: bool) -> float:
+        return 0.0
+
+    def _measured(self, measured: float, planned: bool) -> float:
+        return measured
+
+    def _drawn(self, measured: float, planned: bool) -> float:
+        return self._quantile(self._tick) + (self._quantile(self._plan) if planned else 0.0)
+
+    def _quantile(self, quantiles: Array) -> float:
+        return float(np.interp(self._rng.random(), np.linspace(0.0, 1.0, quantiles.size), quantiles))

@@ -1,0 +1,58 @@
+"""The state that a simulated robot begins in."""
+
+from __future__ import annotations
+
+import fnmatch
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.robot.actuators import actuated_joints, match_joints
+from lgmpc.robot.lying import lowest_point, lying_posture
+from lgmpc.robot.posture import put_on_ground
+from lgmpc.simulation.parameters import PlantSettings
+from lgmpc.typing import Array
+
+if TYPE_CHECKING:
+    from lgmpc.robot import Robot
+
+__all__ = ["initial_state"]
+
+
+def initial_state(robot: Robot, settings: PlantSettings) -> Array:
+    """Return (nq + nv,) the initial state that ``settings`` describe, the robot's lowest point on the floor.
+
+    Raises:
+        InputError: a key of ``initial_posture`` matches no joint, or the robot has no feet to lie on.
+        ModelError: a mesh of the collision geometry cannot be read.
+    """
+    posture = settings.initial_posture
+    if posture == "reference":
+        q = robot.q_reference
+    elif posture == "lying":
+        q = lying_posture(robot)
+    else:
+        q = _displaced(robot, posture)
+    v = np.zeros(robot.nv)
+    if robot.floating_base:
+        v[:3], v[3:6] = settings.initial_velocity_m_s, settings.initial_rotation_rad_s
+    return np.concatenate([q, v])
+
+
+def _displaced(robot: Robot, angles: dict[str, float]) -> Array:
+    """Return the reference posture with other angles of some joints."""
+    joints = [joint for joint in actuated_joints(robot.model) if joint.scalar]
+    names = [joint.name for joint in joints]
+    for key in angles:
+        if not fnmatch.filter(names, key):
+            raise InputError("plant.initial_posture", key, "the name of a joint, or a pattern of names", names)
+    given, _ = match_joints(angles, names, "plant.initial_posture")
+    q = robot.q_reference.copy()
+    for joint in joints:
+        if joint.name in given:
+            q[joint.q] = given[joint.name]
+    q = put_on_ground(robot.model, q, robot.contact_ids, robot.contact_radius)
+    if robot.floating_base:
+        q[2] += max(0.0, -lowest_point(robot, q))
+    return q

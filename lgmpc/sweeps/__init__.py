@@ -1,0 +1,19 @@
+"""Sweeps: many runs of varied configs over worker processes, what they show together, and comparisons in pairs."""
+
+from lgmpc.sweeps.design import Point, Sweep, load_sweep, parse_sweep
+from lgmpc.sweeps.execution import FinishedSweep, SweepProgress, run_sweep
+from lgmpc.sweeps.rows import Ending, Row
+from lgmpc.sweeps.settings import SweepSettings
+
+__all__ = [
+    "Ending",
+    "FinishedSweep",
+    "Point",
+    "Row",
+    "Sweep",
+    "SweepProgress",
+    "SweepSettings",
+    "load_sweep",
+    "parse_sweep",
+    "run_sweep",
+]

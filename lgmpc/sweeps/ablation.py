@@ -1,0 +1,266 @@
+"""What each part of a controller is worth: a sweep with each of them off, or at its neutral value, in pairs."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lgmpc.config.loading import load_config
+from lgmpc.config.schema import Config
+from lgmpc.config.yaml_text import write_yaml
+from lgmpc.errors import InputError
+from lgmpc.runs.figures import figure_of
+from lgmpc.shipped import config_file
+from lgmpc.sweeps.comparison import higher_is_better
+from lgmpc.sweeps.design import Sweep, parse_sweep
+from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.statistics import Estimate, share
+from lgmpc.sweeps.values import parse_assignments, value_at
+
+__all__ = ["COMPLETE", "PARTS", "Change", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
+
+COMPLETE = "complete"
+"""Name of the variant from which nothing is taken."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part that can be taken away.
+
+    Attributes:
+        key: of the config.
+        neutral: value at which it has no effect.
+        words: what it is.
+    """
+
+    key: str
+    neutral: Any
+    words: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the variant without it."""
+        return f"{self.key}={json.dumps(self.neutral)}"
+
+
+PARTS = (
+    Part("mpc.enabled", False, "model-predictive control"),
+    Part("mpc.wrench_decay_s", 1e-3, "prediction of the observed wrench"),
+    Part("mpc.uprighting_rate_hz", 0.0, "angular momentum that turns the base upright"),
+    Part("mpc.weights.angular_momentum", 0.0, "angular momentum in the plan"),
+    Part("wbc.joint_horizon_s", 1e-4, "limits of the joints ahead of time"),
+    Part("wbc.weights.angular_momentum", 0.0, "task of the angular momentum"),
+    Part("wbc.weights.base_orientation", 0.0, "task of the base's orientation"),
+    Part("wbc.weights.posture", 0.0, "task of the posture"),
+    Part("wbc.gains.stance_damping", 0.0, "damping of feet that slide"),
+    Part("locomotion.footholds.feedback", 0.0, "feedback of the velocity in footholds"),
+    Part("locomotion.footholds.centrifugal", 0.0, "footholds further out in turns"),
+    Part("locomotion.contacts.ramp_s", 0.0, "forces that grow after touchdown"),
+    Part("locomotion.reaction.enabled", False, "steps against pushes"),
+)
+"""Parts that are taken away if none is named, as far as a config has them."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """How a quantity changes without a part, in the mean over the pairs.
+
+    Attributes:
+        quantity: a metric or ``boundary``.
+        complete: with the part.
+        without: without it.
+        limit: of the gate; ``None`` if it has none.
+        worsening: as a share of the limit, or of the complete value; negative for an improvement.
+    """
+
+    quantity: str
+    complete: float
+    without: float
+    limit: float | None
+    worsening: float
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a part is worth.
+
+    Attributes:
+        part: which.
+        passed: share of the points that pass without it.
+        lost: mean of what passes with it and not without it, minus the converse; of the pairs.
+        changes: those of what the gate limits first, of each kind the largest worsening first.
+    """
+
+    part: Part
+    passed: Estimate
+    lost: float
+    changes: tuple[Change, ...]
+
+    @property
+    def limited_worsening(self) -> float:
+        """The largest worsening of what the gate limits, as a share of the limit."""
+        return max((each.worsening for each in self.changes if each.limit is not None), default=0.0)
+
+
+def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
+    """Return the parts that are to be taken away.
+
+    Args:
+        config: of the complete controller.
+        wanted: keys, each at its neutral value (a switch off, a table with a switch off, a number 0), or
+            ``key=value``; all of :data:`PARTS` that have an effect in the config if empty.
+
+    Raises:
+        InputError: a key does not exist, has no neutral value that the config accepts, or has it already.
+    """
+    if wanted:
+        return tuple(_part(config, text) for text in wanted)
+    found = []
+    for part in PARTS:
+        walks = bool(config.commands) or config.locomotion.reaction.enabled
+        if part.key.startswith("locomotion") and not walks:
+            continue
+        try:
+            if _changes(config, part):
+                found.append(part)
+        except InputError:  # the model of this config has no such part
+            continue
+    return tuple(found)
+
+
+def _part(config: Config, text: str) -> Part:
+    key, given, _ = text.partition("=")
+    if given:
+        ((key, value),) = parse_assignments([text]).items()
+        part = Part(key, value)
+    else:
+        part = Part(*_neutral(config, key))
+    words = {each.key: each.words for each in PARTS}
+    part = Part(part.key, part.neutral, words.get(part.key, ""))
+    try:
+        changed = _changes(config, part)
+    except InputError as error:
+        if given or error.argument != part.key:
+            raise
+        expected = f"a value at which it has no effect: {key}=VALUE (0 is refused: {error.expected})"
+        raise InputError(key, "no value", expected, error.choices) from error
+    if not changed:
+        raise InputError(part.key, f"{part.neutral}, which it is already", "a part that the config uses, or KEY=VALUE")
+    return part
+
+
+def _neutral(config: Config, key: str) -> tuple[str, Any]:
+    """Return key and neutral value of a part: that of :data:`PARTS`, or the one that its kind suggests."""
+    for part in PARTS:
+        if key in (part.key, part.key.removesuffix(".enabled")):
+            return part.key, part.neutral
+    present = value_at(config, key)
+    if isinstance(present, Mapping):
+        if "enabled" in present:
+            return f"{key}.enabled", False
+        raise InputError(
+            key,
+            "a table",
+            "one value of it, or a table that can be switched off",
+            [f"{key}.{each}" for each in present],
+        )
+    if isinstance(present, bool):
+        return key, False
+    if isinstance(present, (int, float)):
+        return key, type(present)(0)
+    if isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present):
+        return key, [0.0] * len(present)
+    raise InputError(key, present, "a switch, a number or a vector, or a value without effect: KEY=VALUE")
+
+
+def _changes(config: Config, part: Part) -> bool:
+    """Return whether a part has another value than its neutral one."""
+    return config.replace({part.key: part.neutral}).model_dump(exclude={"name"}) != config.model_dump(exclude={"name"})
+
+
+def ablation_sweep(
+    config: str | Path, wanted: Sequence[str], overrides: Sequence[str] = (), *, seeds: int = 1
+) -> tuple[Sweep, tuple[Part, ...]]:
+    """Return the sweep that compares a controller with itself without each part, and the parts.
+
+    Args:
+        config: a config's file or the name of a shipped one.
+        wanted: see :func:`parts_of`.
+        overrides: changes ``key=value`` of the config.
+        seeds: how many seeds are run, from the config's own on.
+
+    Raises:
+        ConfigError: the config cannot be read or used.
+        InputError: a part cannot be taken away, the config has none, or ``seeds`` is below 1.
+    """
+    if seeds < 1:
+        raise InputError("seeds", seeds, "at least 1")
+    loaded = load_config(config, list(overrides))
+    parts = parts_of(loaded, wanted)
+    if not parts:
+        raise InputError("KEY", "none, and the config has none of the usual parts", "keys of parts to take away")
+    document: dict[str, Any] = {
+        "name": "ablation-" + re.sub(r"[^A-Za-z0-9._-]+", "-", loaded.name)[:60],
+        "base": str(config_file(config).resolve()),
+        "set": parse_assignments(overrides),
+        "factors": [{"key": "seed", "kind": "values", "values": list(range(loaded.seed, loaded.seed + seeds))}],
+        "variants": {COMPLETE: {}, **{part.name: {part.key: part.neutral} for part in parts}},
+    }
+    return parse_sweep(write_yaml(document), name=f"the ablation of {config}"), parts
+
+
+def worths(sweep: Sweep, rows: Mapping[str, Row], parts: Sequence[Part]) -> tuple[Worth, ...]:
+    """Return what each part is worth, the most valuable first.
+
+    Args:
+        sweep: of :func:`ablation_sweep`.
+        rows: the finished points by their keys.
+        parts: that were taken away.
+    """
+    found = [_worth(sweep, rows, part) for part in parts]
+    return tuple(sorted(found, key=lambda each: (-each.lost, -each.limited_worsening)))
+
+
+def _worth(sweep: Sweep, rows: Mapping[str, Row], part: Part) -> Worth:
+    pairs = list(_pairs(sweep, rows, part.name))
+    passed = sum(without.passed for _, without in pairs)
+    lost = math.fsum(float(complete.passed) - float(without.passed) for complete, without in pairs) / max(len(pairs), 1)
+    limits = sweep.points[0].config.gate.limits
+    names = dict.fromkeys(name for complete, _ in pairs for name in complete.metrics)
+    changes = [change for name in names if (change := _change(name, pairs, limits)) is not None]
+    changes.sort(key=lambda each: (each.limit is None, -each.worsening))
+    return Worth(part, share(passed, len(pairs)), lost, tuple(changes))
+
+
+def _pairs(sweep: Sweep, rows: Mapping[str, Row], variant: str) -> Iterator[tuple[Row, Row]]:
+    complete = {repr(point.levels): rows.get(point.key) for point in sweep.points if point.variant == COMPLETE}
+    for point in sweep.points:
+        first, second = complete[repr(point.levels)], rows.get(point.key)
+        if point.variant == variant and first is not None and second is not None:
+            if first.ending.computed and second.ending.computed:
+                yield first, second
+
+
+_TINY = 1e-9
+_NOT_JUDGED = ("_ms", "_ms.", "real_time_factor", "deadline_misses", "fell", "falls")
+
+
+def _change(name: str, pairs: Sequence[tuple[Row, Row]], limits: Mapping[str, float]) -> Change | None:
+    """Return the change of a metric; ``None`` if it was not measured everywhere, or says nothing about control."""
+    values = [(complete.metrics.get(name), without.metrics.get(name)) for complete, without in pairs]
+    both = [(a, b) for a, b in values if a is not None and b is not None]
+    if len(both) < len(pairs) or not both or any(each in name for each in _NOT_JUDGED):
+        return None
+    complete, without = (math.fsum(each) / len(both) for each in zip(*both, strict=True))
+    stem = name.rpartition(".")[2]
+    key = next((key for key in limits if stem in (key, figure_of(key))), None)
+    scale = abs(limits[key]) if key is not None and limits[key] else abs(complete)
+    worse = complete - without if higher_is_better(name) else without - complete
+    if scale < _TINY:
+        return None
+    return Change(name, complete, without, None if key is None else limits[key], worse / scale)

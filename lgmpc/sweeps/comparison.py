@@ -1,0 +1,268 @@
+"""Two runs, or two sweeps, side by side, and whether the second one is worse beyond a margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Union
+
+from lgmpc.config.loading import parse_any_config
+from lgmpc.config.schema import Config, SolveConfig
+from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.errors import InputError, RunFolderError
+from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
+from lgmpc.runs.figures import figure_of
+from lgmpc.sweeps.folder import DOCUMENT, ROWS
+from lgmpc.sweeps.results import Results
+from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.statistics import Estimate, mean_difference
+
+__all__ = ["Comparison", "Difference", "Quantity", "compare_folders", "higher_is_better", "is_sweep"]
+
+_Values = Mapping[str, Union[float, None]]  # noqa: UP007
+
+_HIGHER_IS_BETTER = ("survived_s", "real_time_factor", "passed", "boundary", "walking.ends_standing")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A key whose values differ; ``None`` where a side lacks it."""
+
+    key: str
+    first: Any
+    second: Any
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something that was measured on both sides.
+
+    Attributes:
+        name: a metric, a limit of the gate, ``passed`` or ``boundary``.
+        first: value of the first; of sweeps the mean over the pairs.
+        second: value of the second.
+        difference: of sweeps, the mean difference in pairs.
+        worsening: how much worse the second is, as a share: of the gate's limit for runs, of the first mean for
+            sweeps. Negative if it is better; ``None`` where it is not judged.
+        worse: whether that exceeds the margin and, for sweeps, chance.
+    """
+
+    name: str
+    first: float | None
+    second: float | None
+    difference: Estimate | None = None
+    worsening: float | None = None
+    worse: bool = False
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs or sweeps.
+
+    Attributes:
+        first: folder.
+        second: folder.
+        margin: the share by which the second may be worse.
+        differences: keys of the configs, or of the documents of the sweeps, that differ.
+        quantities: what was measured on both sides.
+        reasons: why the second is worse; empty if it is not.
+    """
+
+    first: str
+    second: str
+    margin: float
+    differences: tuple[Difference, ...]
+    quantities: tuple[Quantity, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def worse(self) -> bool:
+        """Whether the second is worse beyond the margin."""
+        return bool(self.reasons)
+
+    def content(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {"worse": self.worse, **_plain(asdict(self))}
+
+
+def is_sweep(path: Path) -> bool:
+    """Return whether a folder is that of a sweep."""
+    return (path / DOCUMENT).is_file()
+
+
+def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics: Sequence[str] = ()) -> Comparison:
+    """Compare two runs or two sweeps.
+
+    Of runs, the second is worse if only the first passed, or if a metric that the first's gate limits worsened by more
+    than ``margin`` times that limit; times of computing are shown but not judged. Sweeps are compared in pairs: points
+    of the same base, variant, levels and draw. The second is worse if the share that passes, or the mean boundary,
+    worsened by more than ``margin`` times the first's, and a 95 % bootstrap interval of the differences excludes zero.
+
+    Args:
+        first: folder of the one to compare with.
+        second: folder of the other.
+        margin: share, at least 0.
+        metrics: others that are judged: relative to the first's value.
+
+    Raises:
+        InputError: a margin below 0, an unknown metric, or a run against a sweep.
+        RunFolderError: one is no folder of a run or of a sweep, or two sweeps have no point in common.
+    """
+    if not 0.0 <= margin < math.inf:
+        raise InputError("margin", margin, "a number, 0 or above")
+    if is_sweep(first) != is_sweep(second):
+        kinds = ["a sweep" if is_sweep(each) else "a run" for each in (first, second)]
+        raise InputError("B", f"{kinds[1]} ({second})", f"{kinds[0]}, as A is")
+    if is_sweep(first):
+        differences, quantities = _compare_sweeps(first, second, margin, metrics)
+        reasons: list[str] = []
+    else:
+        a, b = RunFolder.load_any(first), RunFolder.load_any(second)
+        differences = tuple(_differing(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json")))
+        quantities = _compare_runs(a, b, margin, metrics)
+        failed = a.result.verdict.passed and not b.result.verdict.passed
+        reasons = [f"only the first passed: {'; '.join(b.result.verdict.reasons)}"] if failed else []
+    for name in metrics:
+        if name not in [each.name for each in quantities]:
+            raise InputError("metric", name, "a metric of both", [each.name for each in quantities], word=name)
+    reasons += [_sentence(each) for each in quantities if each.worse]
+    return Comparison(str(first), str(second), margin, differences, quantities, tuple(reasons))
+
+
+def _compare_runs(
+    first: Run | SolvedRun, second: Run | SolvedRun, margin: float, judged: Sequence[str]
+) -> tuple[Quantity, ...]:
+    a, b = _measured(first), _measured(second)
+    limits = _limits(first)
+    found = [
+        _judged(name, _at_limit(first, name), _at_limit(second, name), abs(limit), margin, higher=name[:4] == "min_")
+        for name, limit in limits.items()
+    ]
+    for name in dict.fromkeys([*a, *b]):
+        x, y = a.get(name), b.get(name)
+        if name in judged:
+            found.append(_judged(name, x, y, abs(x or 0.0), margin, higher=higher_is_better(name)))
+        elif not {f"max_{name}", f"min_{name}", name} & limits.keys():
+            found.append(Quantity(name, x, y))
+    return tuple(found)
+
+
+def _judged(
+    name: str, first: float | None, second: float | None, scale: float, margin: float, *, higher: bool
+) -> Quantity:
+    """Judge a value against another one; where the scale is zero, every worsening exceeds every margin."""
+    if name.endswith(("_ms", "real_time_factor")) or "_ms." in name or first is None or second is None:
+        return Quantity(name, first, second)
+    worsening = first - second if higher else second - first
+    share = worsening / scale if scale > 0.0 else math.inf if worsening > 0.0 else 0.0
+    return Quantity(name, first, second, worsening=share, worse=share > margin)
+
+
+def _measured(run: Run | SolvedRun) -> dict[str, float | None]:
+    if isinstance(run, SolvedRun):
+        return dict(run.result.figures)
+    return {} if run.result.metrics is None else flat_metrics(run.result.metrics)
+
+
+def _at_limit(run: Run | SolvedRun, limit: str) -> float | None:
+    if isinstance(run, SolvedRun):
+        return run.result.figures.get(figure_of(limit))
+    return None if run.result.metrics is None else measured(run.result.metrics, limit)
+
+
+def _config(run: Run | SolvedRun) -> Config | SolveConfig:
+    return parse_any_config(run.config, name=str(run.path / "config.yaml"))
+
+
+def _limits(run: Run | SolvedRun) -> dict[str, float]:
+    config = _config(run)
+    return config.gate.limits if isinstance(config, Config) else config.gate.bounds
+
+
+def _compare_sweeps(
+    first: Path, second: Path, margin: float, judged: Sequence[str]
+) -> tuple[tuple[Difference, ...], tuple[Quantity, ...]]:
+    a, b = _rows(first), _rows(second)
+    places = [place for place in a if place in b]
+    if not places:
+        raise RunFolderError(f"{first} and {second} have no finished point in common: other bases, factors or draws")
+    differences = [Difference("points", len(a), len(b))] if a.keys() != b.keys() else []
+    differences += _differing(_document(first), _document(second))
+    values = [(_quantities(a[place]), _quantities(b[place])) for place in places]
+    names = dict.fromkeys(name for x, _ in values for name in x)
+    quantities = [_paired(name, values, margin, judge=name in ("passed", "boundary", *judged)) for name in names]
+    return tuple(differences), tuple(each for each in quantities if each is not None)
+
+
+def _paired(name: str, values: Sequence[tuple[_Values, _Values]], margin: float, *, judge: bool) -> Quantity | None:
+    """Compare a quantity over the pairs that both have it; ``None`` if there are none."""
+    both = [(x.get(name), y.get(name)) for x, y in values]
+    pairs = [(x, y) for x, y in both if x is not None and y is not None and math.isfinite(x) and math.isfinite(y)]
+    if not pairs:
+        return None
+    first, second = (math.fsum(each) / len(pairs) for each in zip(*pairs, strict=True))
+    change = mean_difference([y - x for x, y in pairs])
+    if not judge:
+        return Quantity(name, first, second, change)
+    higher = higher_is_better(name)
+    shift = _judged(name, first, second, abs(first), margin, higher=higher)
+    beyond_chance = change.high < 0.0 if higher else change.low > 0.0
+    return replace(shift, difference=change, worse=shift.worse and beyond_chance)
+
+
+def _rows(folder: Path) -> dict[str, Row]:
+    """Return the rows that have a verdict, by what they are points of."""
+    rows = Results(folder / ROWS).rows().values()
+    return {repr((row.base, row.variant, row.levels, row.draw)): row for row in rows if row.ending.computed}
+
+
+def _document(folder: Path) -> Any:
+    file = folder / DOCUMENT
+    return parse_yaml(file.read_text(encoding="utf-8"), str(file))[0]
+
+
+def _quantities(row: Row) -> _Values:
+    if row.boundary is not None:
+        return {"boundary": row.boundary}
+    return {"passed": float(row.passed), **row.metrics}
+
+
+def higher_is_better(name: str) -> bool:
+    """Return whether a larger value of a metric is the better one."""
+    return name in _HIGHER_IS_BETTER or name.rpartition(".")[2].startswith("min_")
+
+
+def _differing(first: Any, second: Any, key: str = "") -> Iterator[Difference]:
+    """Yield the leaves of two tables that differ; of lists of equal length, the elements that do."""
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        names: Iterable[Any] = dict.fromkeys([*first, *second])
+        parts: list[tuple[Any, Any, Any]] = [(name, first.get(name), second.get(name)) for name in names]
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second) and _nested(first):
+        parts = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
+    else:
+        if first != second:
+            yield Difference(key, first, second)
+        return
+    for name, a, b in parts:
+        yield from _differing(a, b, f"{key}.{name}" if key else str(name))
+
+
+def _nested(values: list[Any]) -> bool:
+    return any(isinstance(each, Mapping) for each in values)
+
+
+def _sentence(quantity: Quantity) -> str:
+    share = quantity.worsening
+    much = "" if share is None or math.isinf(share) else f", worse by {100.0 * share:.3g} %"
+    interval = "" if quantity.difference is None else f" (mean difference in pairs {quantity.difference})"
+    return f"{quantity.name}: {quantity.first:.4g} became {quantity.second:.4g}{much}{interval}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,203 @@
+"""From the document of a sweep to its points, each with a whole checked config and a key that identifies it."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from lgmpc.config.loading import apply_overrides, load_config
+from lgmpc.config.schema import Config, ConfigSource
+from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.runs import metric_names, versions
+from lgmpc.settings.messages import find_problems, show_value
+from lgmpc.shipped import shipped_configs, sweep_file
+from lgmpc.sweeps.bisection import scaled
+from lgmpc.sweeps.sampling import draws, factor_values
+from lgmpc.sweeps.settings import SweepSettings
+
+__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a sweep.
+
+    Attributes:
+        key: identifies what is computed: a hash of the resolved config, the search, and the versions of packages.
+        base: name of the base config.
+        variant: name of the variant; empty if there are none.
+        levels: value of each factor and draw, by the first of its keys.
+        draw: number of the random draw; ``None`` if nothing is drawn.
+        config: resolved.
+    """
+
+    key: str
+    base: str
+    variant: str
+    levels: Mapping[str, Any]
+    draw: int | None
+    config: Config
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep, checked.
+
+    Attributes:
+        settings: its document.
+        points: in the order in which they are computed: variants next to each other.
+    """
+
+    settings: SweepSettings
+    points: tuple[Point, ...]
+
+
+def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) -> Sweep:
+    """Read, change and check the document of a sweep, and build its points.
+
+    Args:
+        path: the YAML file, or the name of a shipped sweep such as ``push_map``.
+        overrides: changes ``key=value`` of the document, such as ``samples.count=20``.
+
+    Raises:
+        ConfigError: if the file cannot be read, is not YAML, or has keys or values that cannot be used; if a factor,
+            draw, variant or search is of a key that the base configs do not have, or gives it a value they refuse.
+    """
+    file = sweep_file(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        from lgmpc.shipped import shipped_sweeps
+
+        expected = "a YAML file, or the name of a shipped sweep (`lgmpc configs` lists them)"
+        got = error.strerror.lower() if isinstance(error, OSError) and error.strerror else "a file that is not text"
+        raise ConfigError(str(file), "", got, expected, list(shipped_sweeps()), word=str(file)) from error
+    return parse_sweep(text, name=str(file), folder=file.parent, overrides=overrides)
+
+
+def parse_sweep(
+    text: str, *, name: str = "sweep", folder: Path | None = None, overrides: list[str] | tuple[str, ...] = ()
+) -> Sweep:
+    """Check the document of a sweep, given as text; errors as :func:`load_sweep`.
+
+    Args:
+        text: the YAML document.
+        name: what to call it in messages.
+        folder: where files of base configs are looked for; the working directory unless given.
+        overrides: changes ``key=value``.
+    """
+    data, places = parse_yaml(text, name)
+    if not isinstance(data, dict):
+        raise ConfigError(name, "", show_value(data), "a table of keys (name: ..., base: ..., factors: ...)")
+    source = ConfigSource(name, places | apply_overrides(data, overrides))
+    try:
+        settings = SweepSettings.model_validate(data)
+    except ValidationError as error:
+        found = [
+            ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
+            for each in find_problems(error, SweepSettings, data)
+        ]
+        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
+    _check_metrics(settings, source)
+    return Sweep(settings, tuple(_points(settings, source, folder or Path())))
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Values that are written into a base config, and the key of the sweep's document that they come from."""
+
+    origin: str
+    values: Mapping[str, Any]
+
+
+def _points(settings: SweepSettings, source: ConfigSource, folder: Path) -> Iterator[Point]:
+    """Yield the points; variants vary fastest, then draws, then factors, then bases."""
+    drawn = list(enumerate(draws(settings.samples))) if settings.samples else [(None, ())]
+    grid = list(itertools.product(*(factor_values(factor) for factor in settings.factors)))
+    common = [_Change(f"set.{key}", {key: value}) for key, value in settings.set.items()]
+    if settings.gate is not None:
+        common.append(_Change("gate", {"gate": settings.gate.model_dump(exclude_unset=True)}))
+    for base in settings.base:
+        config = load_config(_base_file(base, folder, source))
+        for levels, (number, draw) in itertools.product(grid, drawn):
+            named: dict[str, Any] = {}
+            varied = []
+            for i, (factor, level) in enumerate(zip(settings.factors, levels, strict=True)):
+                named[factor.key[0]] = level
+                varied.append(_Change(f"factors.{i}", dict.fromkeys(factor.key, level)))
+            if settings.samples and number is not None:
+                varied.append(_Change("samples.seed", {"seed": settings.samples.seed + number}))
+                for i, (distribution, value) in enumerate(zip(settings.samples.keys, draw, strict=True)):
+                    named[distribution.key[0]] = value
+                    varied.append(_Change(f"samples.keys.{i}", dict.fromkeys(distribution.key, value)))
+            for variant, changes in settings.variants.items() or (("", {}),):
+                own = [_Change(f"variants.{variant}.{key}", {key: value}) for key, value in changes.items()]
+                resolved = _resolve(config, [*common, *varied, *own], source)
+                if settings.bisect is not None:
+                    _check_bisection(resolved, settings, source)
+                yield Point(_key(resolved, settings), config.name, variant, named, number, resolved)
+
+
+def _resolve(config: Config, changes: list[_Change], source: ConfigSource) -> Config:
+    """Return the config with all changes; an error names the part of the document that a refused value came from."""
+    # Copied, because a later key may reach into an earlier value: pushes, then pushes.0.impulse_ns.
+    values = copy.deepcopy({key: value for change in changes for key, value in change.values.items()})
+    try:
+        return config.replace(values)
+    except InputError as error:
+        key = error.argument
+        own = [each for each in changes if any(_within(key, name) or _within(name, key) for name in each.values)]
+        origin = own[-1].origin if own else "base"
+        got = f"{key}: {error.got}"
+        raise ConfigError(source.where(origin), origin, got, error.expected, error.choices, word=key) from error
+
+
+def _within(key: str, outer: str) -> bool:
+    return key == outer or key.startswith(f"{outer}.")
+
+
+def _check_bisection(config: Config, settings: SweepSettings, source: ConfigSource) -> None:
+    assert settings.bisect is not None
+    for end in settings.bisect.range:
+        try:
+            scaled(config, settings.bisect.key, end)
+        except InputError as error:
+            where = source.where("bisect.key")
+            got = f"{error.argument}: {error.got}"
+            raise ConfigError(where, "bisect", got, error.expected, error.choices, word=error.argument) from error
+
+
+def _check_metrics(settings: SweepSettings, source: ConfigSource) -> None:
+    known = metric_names()
+    for i, name in enumerate(settings.metrics or ()):
+        if name not in known:
+            key = f"metrics.{i}"
+            raise ConfigError(source.where(key), key, name, "a metric of a run", known)
+
+
+def _base_file(base: str, folder: Path, source: ConfigSource) -> Path:
+    if (folder / base).is_file():
+        return folder / base
+    shipped = shipped_configs()
+    if base not in shipped:
+        expected = f"a file (from {folder.resolve()} on), or the name of a shipped config"
+        raise ConfigError(source.where("base"), "base", base, expected, list(shipped), word=base)
+    return shipped[base].file
+
+
+def _key(config: Config, settings: SweepSettings) -> str:
+    content = {
+        "config": config.model_dump(mode="json", exclude={"name"}),
+        "bisect": None if settings.bisect is None else settings.bisect.model_dump(mode="json"),
+        "versions": dict(versions()),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,0 +1,216 @@
+"""A sweep from start to end: its points over worker processes, each saved when it is finished."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from signal import Signals
+from time import perf_counter
+
+from lgmpc.config.interrupts import StopSignals, stop_signals
+from lgmpc.config.schema import Config
+from lgmpc.errors import InputError, Interrupted
+from lgmpc.sweeps.design import Point, Sweep
+from lgmpc.sweeps.folder import Claim, SweepFolder
+from lgmpc.sweeps.pool import Died, Hung, Pool
+from lgmpc.sweeps.rows import Ending, Row
+from lgmpc.sweeps.trial import Task, compute, start_worker, warm
+
+__all__ = ["FinishedSweep", "SweepProgress", "available_cores", "run_sweep"]
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """Where a sweep is.
+
+    Attributes:
+        total: points.
+        done: points that are finished, those of earlier sessions included.
+        failed: finished points that did not pass.
+        new: points finished in this session.
+        simulated_s: simulated time in this session, s.
+        computed_s: time of all workers together that it took, s.
+        elapsed_s: since this session began, s.
+    """
+
+    total: int
+    done: int
+    failed: int
+    new: int = 0
+    simulated_s: float = 0.0
+    computed_s: float = 0.0
+    elapsed_s: float = 0.0
+
+    @property
+    def rest_s(self) -> float | None:
+        """Estimate of the time until the end; ``None`` before the first point."""
+        return self.elapsed_s / self.new * (self.total - self.done) if self.new else None
+
+    @property
+    def speed(self) -> float | None:
+        """Simulated seconds per second and core; ``None`` before the first point."""
+        return self.simulated_s / self.computed_s if self.computed_s > 0.0 else None
+
+    def after(self, row: Row, elapsed_s: float) -> SweepProgress:
+        """Return the progress with one more point finished."""
+        return replace(
+            self,
+            done=self.done + 1,
+            failed=self.failed + (not row.passed),
+            new=self.new + 1,
+            simulated_s=self.simulated_s + row.simulated_s,
+            computed_s=self.computed_s + row.elapsed_s,
+            elapsed_s=elapsed_s,
+        )
+
+
+@dataclass(frozen=True)
+class FinishedSweep:
+    """A sweep that is over, or was stopped.
+
+    Attributes:
+        sweep: its document and points.
+        folder: where it is saved.
+        rows: finished points by their keys.
+        progress: at the end.
+        signal: what ended it early.
+    """
+
+    sweep: Sweep
+    folder: Path
+    rows: dict[str, Row]
+    progress: SweepProgress
+    signal: Signals | None = None
+
+
+def available_cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    resume: bool = False,
+    notify: Callable[[str], None] = lambda message: None,
+    progress: Callable[[SweepProgress], None] = lambda progress: None,
+) -> FinishedSweep:
+    """Compute the points of a sweep that are not finished yet, and save each.
+
+    Ctrl-C, SIGTERM or SIGHUP end it at once: what is finished is saved, points in flight are given up. Scripts that
+    call this need the usual ``if __name__ == "__main__":`` around it, because worker processes import them.
+
+    Args:
+        sweep: what to compute.
+        folder: its folder.
+        workers: number of processes; that of the processors unless given.
+        resume: whether to take up a folder that is there; other processes may work on it at the same time.
+        notify: called with what is being prepared.
+        progress: called after every point.
+
+    Raises:
+        InputError: ``workers`` is below 1.
+        RunFolderError: as :meth:`SweepFolder.open`, or if results cannot be written.
+    """
+    if workers is not None and workers < 1:
+        raise InputError("workers", workers, "at least 1")
+    place = SweepFolder.open(folder, sweep, resume=resume)
+    session = _Session(sweep, place, progress)
+    received = None
+    try:
+        with (
+            stop_signals() as stop,
+            Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool,
+        ):
+            session.run(pool, stop, notify)
+    except Interrupted as error:
+        received = error.signal
+    finally:
+        session.close()
+    return FinishedSweep(sweep, folder, session.finished(), session.now, received)
+
+
+class _Session:
+    """The work of this process on a sweep."""
+
+    def __init__(self, sweep: Sweep, folder: SweepFolder, progress: Callable[[SweepProgress], None]) -> None:
+        self._sweep, self._folder, self._progress = sweep, folder, progress
+        self._points = {point.key: point for point in sweep.points}
+        self._claims: dict[str, Claim] = {}
+        self._started = perf_counter()
+        done = self.finished()
+        self.now = SweepProgress(len(self._points), len(done), sum(not row.passed for row in done.values()))
+
+    def finished(self) -> dict[str, Row]:
+        """Return the sweep's finished points by their keys."""
+        return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
+
+    def run(self, pool: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
+        """Compute and save every point that nobody else has finished or computes."""
+        if self.now.done == self.now.total:
+            return
+        self._progress(self.now)
+        notify("starting, and compiling what is not in the cache")
+        for _ in pool.map(warm, self._typical(), workers=1):
+            pass  # what cannot be built is the reason of its points' rows
+        self._started = perf_counter()
+        notify("running")
+        for task, result in pool.map(compute, self._tasks(stop)):
+            with stop.held():  # all of it or nothing: a row whose claim stays, say, would be nobody's
+                self._save(task, result)
+            self._progress(self.now)
+
+    def close(self) -> None:
+        """Give up what is not finished."""
+        for key, claim in self._claims.items():
+            shutil.rmtree(self._folder.scratch(key), ignore_errors=True)
+            claim.release()
+        self._claims.clear()
+
+    def _typical(self) -> Iterator[Config]:
+        """Yield a config of each base and variant: what their points share is compiled once, not by every worker."""
+        seen = set()
+        for point in self._points.values():
+            if (point.base, point.variant) not in seen:
+                seen.add((point.base, point.variant))
+                yield point.config
+
+    def _tasks(self, stop: StopSignals) -> Iterator[Task]:
+        settings = self._sweep.settings
+        for key, point in self._points.items():
+            with stop.held():
+                claimed = self._claim(key)
+            if claimed:
+                scratch = self._folder.scratch(key)
+                yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
+
+    def _claim(self, key: str) -> bool:
+        """Return whether this process computes the point: nobody else does, or has."""
+        claim = None if key in self._folder.results.rows() else self._folder.claim(key)
+        if claim is not None:
+            self._claims[key] = claim
+        return claim is not None
+
+    def _save(self, task: Task, result: Row | Exception) -> None:
+        point = self._points[task.key]
+        row = _labelled(result if isinstance(result, Row) else _broken(task, result), point)
+        if row.ending is Ending.RAISED or not isinstance(result, Row):
+            self._folder.keep_config(point)
+        row = replace(row, log=self._folder.keep_log(row, self._sweep.settings.logs.keep))
+        self._folder.results.append(row)
+        self._claims.pop(task.key).release()
+        self.now = self.now.after(row, perf_counter() - self._started)
+
+
+def _broken(task: Task, error: Exception) -> Row:
+    ending = {Hung: Ending.HUNG, Died: Ending.DIED}.get(type(error), Ending.RAISED)
+    return Row(task.key, ending, (str(error) or type(error).__name__,))
+
+
+def _labelled(row: Row, point: Point) -> Row:
+    return replace(row, base=point.base, variant=point.variant, levels=dict(point.levels), draw=point.draw)

@@ -1,0 +1,162 @@
+"""The folder of a sweep: its document, one line per finished point, and run folders.
+
+Several processes, also of several machines, may work on one folder: each point is claimed by a lock on a file, which
+the operating system releases when its holder ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lgmpc.config.loading import dump_config
+from lgmpc.config.yaml_text import parse_yaml, write_yaml
+from lgmpc.errors import RunFolderError
+from lgmpc.runs import atomic_write
+from lgmpc.runs.atomic import reason_of
+from lgmpc.sweeps.design import Point, Sweep
+from lgmpc.sweeps.results import Results
+from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.settings import SweepSettings
+
+__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder"]
+
+DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
+_FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
+"""Sections of the document that may differ when a sweep is resumed: no result depends on them."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A point that this process computes; released when the process ends, at the latest."""
+
+    file: Path
+    descriptor: int
+
+    def release(self) -> None:
+        """Give the point up."""
+        self.file.unlink(missing_ok=True)
+        os.close(self.descriptor)
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """Where a sweep is saved.
+
+    Attributes:
+        path: the folder.
+        results: the finished points.
+    """
+
+    path: Path
+    results: Results
+
+    @classmethod
+    def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
+        """Make the folder, or take up one that is there.
+
+        Args:
+            path: the folder.
+            sweep: what it is for.
+            resume: whether to take up a folder that is there.
+
+        Raises:
+            RunFolderError: if it is there and ``resume`` is false, holds another sweep, or cannot be written.
+        """
+        document = sweep.settings.model_dump(mode="json")
+        there = path / DOCUMENT
+        if there.is_file():
+            _check_same(path, _read_document(there), document)
+            if not resume:
+                hint = "add --resume to finish it, or choose another folder with --out"
+                raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
+            return cls(path, Results(path / ROWS))
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise RunFolderError(f"{path} is there and is no folder of a sweep: choose another one with --out")
+        try:
+            for name in ("claims", "logs", "scratch"):
+                (path / name).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunFolderError(f"cannot make {path}: {reason_of(error)}. Choose another one with --out") from error
+        with atomic_write(there) as file:
+            head = "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
+            file.write((head + write_yaml(document)).encode())
+        return cls(path, Results(path / ROWS))
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the run folders that are kept."""
+        return self.path / "logs"
+
+    def scratch(self, key: str) -> Path:
+        """Return the folder where a point's runs are saved while it is computed."""
+        return self.path / "scratch" / key
+
+    def claim(self, key: str) -> Claim | None:
+        """Reserve a point for this process; ``None`` if another one computes it or has finished it."""
+        file = self.path / "claims" / key
+        try:
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            raise RunFolderError(f"cannot write {file}: {reason_of(error)}") from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        claim = Claim(file, descriptor)
+        if key in self.results.rows():  # finished between the reading of the results and the lock
+            claim.release()
+            return None
+        return claim
+
+    def keep_log(self, row: Row, most: int) -> str:
+        """Move the run folder of a finished point to the others, as far as they may stay, and return its name.
+
+        Failures stay rather than passes, earlier ones rather than later ones; a pass that was kept makes room.
+        """
+        scratch = self.scratch(row.key)
+        folders = sorted(each for each in scratch.glob("*") if (each / "run.json").is_file())
+        name = ""
+        if folders and self._has_room(row, most):
+            name = f"{'pass' if row.passed else 'fail'}-{row.key[:12]}"
+            with suppress(OSError):  # it is there: the same point, computed again
+                folders[-1].rename(self.logs / name)
+        shutil.rmtree(scratch, ignore_errors=True)
+        return name
+
+    def keep_config(self, point: Point) -> None:
+        """Save the config of a point that has no run folder, as ``logs/broken-<key>.yaml``, which repeats it."""
+        with atomic_write(self.logs / f"broken-{point.key[:12]}.yaml") as file:
+            file.write(dump_config(point.config).encode())
+
+    def _has_room(self, row: Row, most: int) -> bool:
+        kept = [each for each in self.logs.iterdir() if each.is_dir()]
+        if len(kept) < most:
+            return True
+        passes = [each for each in kept if each.name.startswith("pass-")]
+        if row.passed or not passes or most == 0:
+            return False
+        shutil.rmtree(min(passes), ignore_errors=True)
+        return True
+
+
+def _read_document(file: Path) -> dict[str, Any]:
+    data, _ = parse_yaml(file.read_text(encoding="utf-8"), str(file))
+    if not isinstance(data, dict):
+        raise RunFolderError(f"{file} is damaged: not the document of a sweep")
+    return data
+
+
+def _check_same(path: Path, there: dict[str, Any], wanted: dict[str, Any]) -> None:
+    differing = [name for name in SweepSettings.model_fields if name not in _FREE and there.get(name) != wanted[name]]
+    if differing:
+        raise RunFolderError(
+            f"{path} holds another sweep: {', '.join(differing)} differ"
+            f" (there: name {there.get('name')}). Choose another folder with --out, or remove this one"
+        )

@@ -1,0 +1,144 @@
+"""Worker processes that survive what they compute: a task that raises, hangs or kills its process costs only itself."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from time import monotonic
+from typing import Generic, TypeVar
+
+__all__ = ["Died", "Hung", "Pool"]
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_POLL_S = 0.5
+
+
+class Hung(Exception):
+    """A task exceeded the time limit; its process was killed."""
+
+
+class Died(Exception):
+    """A task's process ended under it."""
+
+
+@dataclass(eq=False)
+class _Worker:
+    """One process, an executor of its own: so a death is known to be of the task that ran in it."""
+
+    executor: ProcessPoolExecutor
+    pid: Future[int]
+
+    @classmethod
+    def start(cls, initialize: Callable[[], None]) -> _Worker:
+        executor = ProcessPoolExecutor(1, get_context("spawn"), initialize)
+        return cls(executor, executor.submit(os.getpid))
+
+    def kill(self) -> None:
+        if self.pid.done() and self.pid.exception() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid.result(), signal.SIGKILL)
+        self.executor.shutdown(wait=False, cancel_futures=True)
+
+
+@dataclass
+class _Running(Generic[T]):
+    worker: _Worker
+    task: T
+    started: float | None = None
+
+    def age_s(self) -> float:
+        """Return how long the task has run, s; the start of its process does not count."""
+        if self.started is None and self.worker.pid.done():
+            self.started = monotonic()
+        return 0.0 if self.started is None else monotonic() - self.started
+
+
+class Pool:
+    """Processes, started once (``spawn``) and replaced when they end, that apply functions to tasks.
+
+    Args:
+        workers: largest number of processes.
+        initialize: called first in each process; importable by name.
+        time_limit_s: longest time of a task, s.
+    """
+
+    def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
+        self._count, self._initialize, self._limit = workers, initialize, time_limit_s
+        self._idle: list[_Worker] = []
+        self._busy: list[_Worker] = []
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for worker in [*self._idle, *self._busy]:
+            worker.kill()
+
+    def map(
+        self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
+    ) -> Iterator[tuple[T, R | Exception]]:
+        """Yield each task with what the function returned or raised, as they finish.
+
+        Args:
+            function: of a task; importable by name.
+            tasks: the next one is drawn when a process is free for it.
+            workers: number of processes; all of the pool's if not given.
+
+        Yields:
+            The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
+        """
+        waiting = iter(tasks)
+        running: dict[Future[R], _Running[T]] = {}
+        exhausted = False
+        while True:
+            while not exhausted and len(running) < (workers or self._count):
+                for task in itertools.islice(waiting, 1):
+                    worker, future = self._submit(function, task)
+                    running[future] = _Running(worker, task)
+                    break
+                else:
+                    exhausted = True
+            if not running:
+                return
+            done = wait(running, _POLL_S, FIRST_COMPLETED).done
+            for future in done:
+                finished = running.pop(future)
+                result = self._result(future, finished.worker)
+                yield finished.task, result
+            for future in [each for each in running if running[each].age_s() > self._limit]:
+                late = running.pop(future)
+                self._busy.remove(late.worker)
+                late.worker.kill()
+                yield late.task, Hung(f"still computing after {self._limit:g} s (time_limit_s)")
+
+    def _submit(self, function: Callable[[T], R], task: T) -> tuple[_Worker, Future[R]]:
+        """Hand a task to an idle process, or to a new one; one that ended while it was idle is replaced."""
+        while True:
+            worker = self._idle.pop() if self._idle else _Worker.start(self._initialize)
+            try:
+                future = worker.executor.submit(function, task)
+            except BrokenProcessPool:
+                worker.kill()
+                continue
+            self._busy.append(worker)
+            return worker, future
+
+    def _result(self, future: Future[R], worker: _Worker) -> R | Exception:
+        self._busy.remove(worker)
+        error = future.exception()
+        if isinstance(error, BrokenProcessPool):
+            worker.kill()
+            return Died("its process ended: killed, out of memory, or crashed in native code")
+        self._idle.append(worker)
+        if isinstance(error, Exception):
+            return error
+        return future.result()

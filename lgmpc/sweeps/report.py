@@ -1,0 +1,112 @@
+"""The report of a sweep: tables, figure and points in one self-contained page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from lgmpc.errors import RunFolderError
+from lgmpc.sweeps.design import Sweep, load_sweep
+from lgmpc.sweeps.figure import sweep_drawing
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY
+from lgmpc.sweeps.results import Results
+from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.summary import Summary, summarize
+from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, point_table, search_words
+from lgmpc.viz.figure_files import svg_figures
+from lgmpc.viz.page import write_page
+from lgmpc.viz.report import Block, Code, Figure, Folded, Report, Section, Table, Words, report_page
+
+__all__ = ["load_results", "write_sweep_report"]
+
+
+def load_results(folder: Path) -> tuple[Sweep, dict[str, Row]]:
+    """Return the sweep of a folder and its finished points by their present keys.
+
+    Keys contain the versions of packages; results of other versions are found by their place in the sweep.
+
+    Raises:
+        RunFolderError: if the folder has no finished point of the sweep.
+        ConfigError: if its document or a base config cannot be read.
+    """
+    sweep = load_sweep(folder / DOCUMENT)
+    by_place = {_place(row): row for row in Results(folder / ROWS).rows().values()}
+    rows = {point.key: by_place[_place(point)] for point in sweep.points if _place(point) in by_place}
+    if not rows:
+        raise RunFolderError(f"{folder} has no finished point: lgmpc sweep {folder / DOCUMENT} --out {folder} --resume")
+    return sweep, rows
+
+
+def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
+    """Write the report of a sweep's folder.
+
+    Args:
+        folder: of the sweep.
+        html: the file; ``report.html`` in the folder unless given.
+
+    Returns:
+        The file.
+
+    Raises:
+        RunFolderError: if the folder has no finished point, or the page cannot be written.
+        ConfigError: if its document or a base config cannot be read.
+    """
+    sweep, rows = load_results(folder)
+    summary = summarize(sweep, rows)
+    report = Report(
+        summary.name,
+        "pass" if summary.passed else "fail",
+        f"sweep of {', '.join(sweep.settings.base)} · {summary.finished} of {summary.total} points",
+        summary.complaints,
+        tuple(_sections(folder, sweep, rows, summary)),
+    )
+    return write_page(report_page(report), html or folder / "report.html")
+
+
+def _place(item: Any) -> str:
+    """Return where a point or a row is in its sweep, as text: rows have been through JSON."""
+    return json.dumps([item.base, item.variant, dict(item.levels), item.draw], sort_keys=True)
+
+
+def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[Section]:
+    metrics = sweep.settings.metrics
+    found: list[Block] = [_table(group_table(summary, metrics))]
+    if summary.levels:
+        found.append(_table(level_table(summary)))
+    if summary.pairings:
+        found.append(_table(pairing_table(summary, metrics)))
+    words = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
+    found.append(Words([each for each in words if each]))
+    yield Section("Results", found)
+    drawing = sweep_drawing(sweep, rows, summary)
+    if drawing is not None:
+        yield Section("Figure", [Figure(name, svg) for name, svg in svg_figures(dict([drawing])).items()])
+    kept = sorted(each.name for each in (folder / "logs").glob("*-*"))
+    points: list[Block] = [Folded(f"{len(rows)} points", [_table(point_table(sweep, rows))])]
+    if kept:
+        points.append(
+            Folded(f"{len(kept)} kept in logs/", [Words([f"lgmpc explain {folder / 'logs' / name}" for name in kept])])
+        )
+    yield Section("Points", points)
+    document = (folder / DOCUMENT).read_text(encoding="utf-8").rstrip()
+    yield Section("Config", [Folded(f"{DOCUMENT}, defaults included", [Code(document)])])
+    versions = _versions(folder)
+    if versions:
+        rows_of = [(name, str(version)) for name, version in versions.items()]
+        yield Section("Versions", [Folded("Packages", [Table(("", ""), rows_of)])])
+
+
+def _table(table: TextTable) -> Table:
+    return Table(table.headings, table.rows)
+
+
+def _versions(folder: Path) -> dict[str, Any]:
+    """Return the versions in the sweep's summary; none if it was stopped before it wrote one."""
+    try:
+        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    found = content.get("versions", {}) if isinstance(content, dict) else {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,218 @@
+"""The document of a sweep: base configs, what is varied, what is kept of each run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Union
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from lgmpc.runs import Gate
+from lgmpc.settings import Finite, Fraction, NonNegative, Positive, Problem, Range, Settings, problem, problems
+
+__all__ = [
+    "BisectionSettings",
+    "Choice",
+    "Directions",
+    "Distribution",
+    "Expectation",
+    "Factor",
+    "Horizontal",
+    "Keys",
+    "LogChoice",
+    "LogUniform",
+    "Normal",
+    "Samples",
+    "Spaced",
+    "SweepSettings",
+    "Uniform",
+    "Values",
+]
+
+Number = Annotated[int, Field(strict=True, ge=0, lt=2**31)]
+Points = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
+
+
+def _one_or_more(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+Keys = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_one_or_more)]
+"""A dotted key of the base config, or a list of keys that all get the same value."""
+
+
+class _Factor(Settings):
+    """A key, or several that get the same value."""
+
+    key: Keys = Field(description="Dotted key of the base config, or a list of keys that all get the same value.")
+
+
+class Values(_Factor):
+    """A list of values, each combined with each of the other factors'."""
+
+    kind: Literal["values"] = Field(description="A list of values.")
+    values: tuple[Any, ...] = Field(min_length=1, description="The values.")
+
+
+class Spaced(_Factor):
+    """Evenly spaced numbers."""
+
+    kind: Literal["spaced"] = Field(description="Evenly spaced numbers.")
+    range: Range = Field(description="[first, last], both included.")
+    count: Annotated[Points, Field(ge=2)] = Field(description="How many numbers, at least 2.")
+
+
+class Directions(_Factor):
+    """Evenly spaced horizontal vectors around the circle, from the x axis on."""
+
+    kind: Literal["directions"] = Field(description="Horizontal vectors [x, y, 0] around the circle.")
+    count: Points = Field(description="How many.")
+    size: Positive = Field(default=1.0, description="Length of the vectors, in the unit of the key.")
+
+
+class Uniform(_Factor):
+    """Numbers of a uniform distribution."""
+
+    kind: Literal["uniform"] = Field(description="Uniformly distributed numbers.")
+    range: Range = Field(description="[lowest, highest].")
+
+
+class LogUniform(_Factor):
+    """Numbers whose logarithms are uniformly distributed."""
+
+    kind: Literal["log_uniform"] = Field(description="Numbers whose logarithms are uniformly distributed.")
+    range: Range = Field(description="[lowest, highest], above zero.")
+
+    @model_validator(mode="after")
+    def _positive(self) -> LogUniform:
+        if self.range[0] <= 0.0:
+            raise problem("[lowest, highest] above zero", key="range", got=self.range)
+        return self
+
+
+class Normal(_Factor):
+    """Numbers of a normal distribution."""
+
+    kind: Literal["normal"] = Field(description="Normally distributed numbers.")
+    mean: Finite = Field(description="Mean.")
+    std: Positive = Field(description="Standard deviation.")
+
+
+class Choice(_Factor):
+    """One of several values, each as probable as the others."""
+
+    kind: Literal["choice"] = Field(description="One of several values.")
+    values: tuple[Any, ...] = Field(min_length=1, description="The values.")
+
+
+class Horizontal(_Factor):
+    """Horizontal vectors [x, y, 0] of uniformly distributed direction and length."""
+
+    kind: Literal["horizontal"] = Field(description="Horizontal vectors of random direction and length.")
+    range: Range = Field(description="[shortest, longest], in the unit of the key.")
+
+
+Factor = Annotated[Union[Values, Spaced, Directions], Field(discriminator="kind")]  # noqa: UP007
+_Any = Union[Uniform, LogUniform, Normal, Choice, Horizontal]  # noqa: UP007
+Distribution = Annotated[_Any, Field(discriminator="kind")]
+
+
+class Samples(Settings):
+    """Random draws of several keys at once. Every draw gets a seed of its own as key ``seed``."""
+
+    count: Points = Field(description="How many draws.")
+    seed: Number = Field(default=0, description="Seed of the draws; draw i runs with seed + i.")
+    method: Literal["random", "latin_hypercube"] = Field(
+        default="random",
+        description="random: independent draws. latin_hypercube: each key's distribution is cut into `count` parts of "
+        "equal probability, and each part is drawn from once.",
+    )
+    keys: Annotated[tuple[Distribution, ...], Field(min_length=1)] = Field(description="What is drawn.")
+
+
+class BisectionSettings(Settings):
+    """Search of the largest value of one key at which a run still passes.
+
+    It assumes that the verdict is monotonic: that whatever passes at a value passes at every smaller one. ``probes``
+    checks that at values below the one found.
+    """
+
+    key: str = Field(min_length=1, description="Dotted key. Where it holds a vector, the value scales that vector.")
+    range: Range = Field(description="[passes, fails]: where a run passes, and where it fails.")
+    tolerance: Positive = Field(description="Width of the interval that the boundary is found to.")
+    probes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
+        default=0, description="Runs at evenly spaced values below the boundary, which all should pass."
+    )
+
+    @model_validator(mode="after")
+    def _finds_something(self) -> BisectionSettings:
+        if self.tolerance >= self.range[1] - self.range[0]:
+            raise problem("less than the width of the range", key="tolerance", got=self.tolerance)
+        return self
+
+
+class LogChoice(Settings):
+    """Which run folders stay."""
+
+    keep: Number = Field(default=10, description="How many run folders at most: failures first, the earliest of them.")
+
+
+class Expectation(Settings):
+    """Limits on the sweep as a whole; a point that raises, hangs or dies breaks every sweep."""
+
+    min_pass_fraction: Fraction | None = Field(default=None, description="Smallest share of points that pass, 0 to 1.")
+    min_boundary: NonNegative | None = Field(default=None, description="Smallest boundary that a bisection may find.")
+
+
+class SweepSettings(Settings):
+    """A sweep: every base with every variant at every combination of the factors and every draw."""
+
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+        max_length=80,
+        description="Name of the sweep; that of its folder, so letters, digits, '.', '_' and '-' only.",
+    )
+    base: Keys = Field(description="A config of a closed loop (file, or name of a shipped one), or a list of them.")
+    set: Mapping[str, Any] = Field(default={}, description="Values of the base configs that all points change.")
+    factors: tuple[Factor, ...] = Field(default=(), description="What is varied: all combinations.")
+    samples: Samples | None = Field(default=None, description="What is drawn at random, at every combination.")
+    variants: Mapping[str, Mapping[str, Any]] = Field(
+        default={},
+        description="Named changes, each run at all the same points with the same seeds: compared in pairs.",
+    )
+    bisect: BisectionSettings | None = Field(default=None, description="A boundary that is searched at every point.")
+    gate: Gate | None = Field(default=None, description="What counts as success; replaces that of the bases.")
+    metrics: tuple[str, ...] | None = Field(
+        default=None, description="Metrics that are kept (see metrics of a run.json); all if not given."
+    )
+    expect: Expectation = Field(default=Expectation(), description="What counts as success of the whole sweep.")
+    logs: LogChoice = Field(default=LogChoice(), description="Which run folders stay.")
+    time_limit_s: Positive = Field(default=900.0, description="Longest time that a point may compute, s.")
+    memory_limit_gb: Positive = Field(
+        default=8.0,
+        description="Memory that a worker process may allocate, GB; a point that exceeds it fails.",
+    )
+
+    @model_validator(mode="after")
+    def _varies_each_key_once(self) -> SweepSettings:
+        draws = self.samples.keys if self.samples else ()
+        varied = [
+            *((f"factors.{i}.key", key) for i, factor in enumerate(self.factors) for key in factor.key),
+            *((f"samples.keys.{i}.key", key) for i, draw in enumerate(draws) for key in draw.key),
+        ]
+        found = [
+            Problem(place, key, "a key that no other factor varies")
+            for position, (place, key) in enumerate(varied)
+            if key in [other for _, other in varied[:position]]
+        ]
+        found += [
+            Problem(f"variants.{name}.{key}", key, "a key that no factor varies")
+            for name, changes in self.variants.items()
+            for key in changes
+            if key in [other for _, other in varied]
+        ]
+        if not (self.factors or self.samples or self.variants or self.bisect or len(self.base) > 1):
+            found.append(Problem("factors", [], "something that is varied: factors, samples, variants, bisect, bases"))
+        if found:
+            raise problems(found)
+        return self

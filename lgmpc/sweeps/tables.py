@@ -1,0 +1,114 @@
+"""The tables of a sweep's summary, as text: for the terminal and for reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from lgmpc.runs.figures import figure_words
+from lgmpc.sweeps.design import Sweep
+from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.statistics import Estimate
+from lgmpc.sweeps.summary import Group, Summary
+
+__all__ = ["TextTable", "group_table", "level_table", "pairing_table", "point_table", "search_words"]
+
+_MOST_METRICS = 4
+_USUAL = ("survived_s", "max_tilt_deg")
+"""Metrics that are shown if a sweep names none."""
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Headings and rows of cells."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
+    """Return a row for each group: how many passed and the medians of metrics, or the boundaries."""
+    labels = list(dict.fromkeys(label for group in summary.groups for label in group.labels))
+    bounded = any(group.boundaries for group in summary.groups)
+    shown = () if bounded else (metrics or _USUAL)[:_MOST_METRICS]
+    columns = ["boundary: median", "lowest", "highest"] if bounded else ["passed", *map(_heading, shown)]
+    rows = []
+    for group in summary.groups:
+        cells = [*(group.labels.get(label, "") for label in labels), str(sum(group.endings.values()))]
+        rows.append((*cells, *(_boundaries(group) if bounded else _medians(group, shown))))
+    return TextTable((*labels, "points", *columns), tuple(rows))
+
+
+def level_table(summary: Summary) -> TextTable:
+    """Return the share that passes at each level of each factor."""
+    rows = tuple((each.key, each.level, str(each.passed.count), _percent(each.passed)) for each in summary.levels)
+    return TextTable(("factor", "level", "points", "passed"), rows)
+
+
+def pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
+    """Return what each variant changes against the first one, in pairs."""
+    shown = ("passed", "boundary", *(metrics or _USUAL))
+    rows = tuple(
+        (each.variant, each.against, each.quantity, str(each.difference), str(each.difference.count))
+        for each in summary.pairings
+        if each.quantity in shown
+    )
+    return TextTable(("variant", "against", "quantity", "mean difference in pairs", "pairs"), rows)
+
+
+def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
+    """Return a row for each finished point: where it is, how it ended and why."""
+    keys = list(dict.fromkeys(key for point in sweep.points for key in point.levels))
+    found = [(point, rows[point.key]) for point in sweep.points if point.key in rows]
+    cells = tuple(
+        (
+            row.key[:12],
+            point.base,
+            point.variant,
+            *(_level(point.levels.get(key, "")) for key in keys),
+            row.ending.value,
+            "" if row.boundary is None else f"{row.boundary:.4g}",
+            "; ".join(row.reasons),
+        )
+        for point, row in found
+    )
+    return TextTable(("point", "base", "variant", *keys, "ended", "boundary", "reasons"), cells)
+
+
+def search_words(sweep: Sweep, rows: Mapping[str, Row]) -> str:
+    """Return what the sweep's bisection assumes and whether probes contradict it; empty if there is none."""
+    search = sweep.settings.bisect
+    if search is None:
+        return ""
+    violations = sum(len(row.violations) for row in rows.values())
+    checked = f"{violations} probes below a boundary fail" if search.probes else "not checked (bisect.probes)"
+    return f"bisection of {search.key} assumes that what passes at a value passes at every smaller one: {checked}"
+
+
+def _boundaries(group: Group) -> tuple[str, ...]:
+    found = group.boundaries
+    return ("-", "-", "-") if found is None else (str(found.median), f"{found.low:.3g}", f"{found.high:.3g}")
+
+
+def _medians(group: Group, shown: tuple[str, ...]) -> Iterator[str]:
+    yield _percent(group.passed)
+    for name in shown:
+        scale = figure_words(name)[2]
+        yield f"{scale * group.metrics[name].value:.3g}" if name in group.metrics else "-"
+
+
+def _heading(metric: str) -> str:
+    words, unit, _ = figure_words(metric.rpartition(".")[2])
+    return f"median {words} / {unit}" if unit else f"median {words}"
+
+
+def _percent(passed: Estimate) -> str:
+    if not passed.count:
+        return "-"
+    return f"{100 * passed.value:.3g} % [{100 * passed.low:.3g}, {100 * passed.high:.3g}]"
+
+
+def _level(level: object) -> str:
+    if isinstance(level, (list, tuple)):
+        return f"[{', '.join(_level(each) for each in level)}]"
+    return f"{level:.4g}" if isinstance(level, float) else str(level)

@@ -1,0 +1,181 @@
+"""The figure of an explanation: the events before a failure on a time line, above the courses behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lgmpc.runs import RunLog
+from lgmpc.runs.estimate import CONTACT_FORCE_N
+from lgmpc.runs.events import Event, EventKind
+from lgmpc.runs.forensics import Explanation
+from lgmpc.viz.figure_files import legend_above, write_figures
+from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_explanation", "write_explanation"]
+
+_COLORS = {
+    EventKind.CAUSE: PUSH,
+    EventKind.LIMIT: Y,
+    EventKind.CONTACT: X,
+    EventKind.BALANCE: EXTRA,
+    EventKind.SOLVER: INK,
+    EventKind.TIMING: INK,
+    EventKind.ESTIMATE: Z,
+    EventKind.MODE: SOFT,
+}
+_ROWS = 16
+_BEFORE_S, _AFTER_S = 0.1, 0.25
+_HIGHEST_SHARE = 1.5
+
+
+def write_explanation(explanation: Explanation, folder: Path) -> Path:
+    """Draw the figure into ``explanation.png`` in a folder, and return the file.
+
+    Raises:
+        RunFolderError: if the folder cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+    """
+
+    def draw(figure: Figure) -> bool:
+        draw_explanation(figure, explanation)
+        return True
+
+    title = f"{explanation.name} · {explanation.outcome.value}"
+    (file,) = write_figures({"explanation": draw}, title, folder)
+    return file
+
+
+def draw_explanation(figure: Figure, explanation: Explanation) -> None:
+    """Draw events, share of the limits that is used, capture point, attitude and contacts over the same time."""
+    log = explanation.log
+    events = _most_telling(explanation.events)
+    begin, end = _window(explanation)
+    shown = (log.time >= begin) & (log.time <= end)
+    rows = max(len(events), 2)
+    heights = [0.26 * rows, 1.5, 1.1, 1.3, 0.22 * max(len(log.contact_frames), 2)]
+    figure.set_size_inches(9.6, sum(heights) + 1.6)
+    timeline, used, capture, attitude, contacts = figure.subplots(5, 1, sharex=True, height_ratios=heights)
+    _draw_events(timeline, events, explanation)
+    _draw_used(used, explanation, shown)
+    _draw_capture(capture, explanation, shown)
+    _draw_attitude(attitude, explanation, shown)
+    _draw_contacts(contacts, log, shown)
+    contacts.set_xlabel("time, s")
+    contacts.set_xlim(begin, end)
+    for axes in (timeline, used, capture, attitude, contacts):
+        for event in explanation.events:
+            if event.name == "push":
+                axes.axvspan(event.start_s, event.end_s, color=PUSH, alpha=0.12, lw=0.0, zorder=0)
+        if explanation.failed_s is not None:
+            axes.axvline(explanation.failed_s, color=LIMIT, lw=1.4, ls="--")
+
+
+def _window(explanation: Explanation) -> tuple[float, float]:
+    """Return the part of the run that is drawn: of a run without a moment of failure, all."""
+    first, last = float(explanation.log.time[0]), float(explanation.log.time[-1])
+    if explanation.failed_s is None:
+        return first, last
+    begin = min([explanation.failed_s - 0.5, *(each.start_s for each in explanation.events if each.start_s > 0.0)])
+    return max(first, begin - _BEFORE_S), min(last, explanation.failed_s + _AFTER_S)
+
+
+def _most_telling(events: Sequence[Event]) -> list[Event]:
+    """Return at most as many events as there are rows, in order: causes first, then the first and the longest."""
+    ranked = sorted(
+        range(len(events)),
+        key=lambda i: (events[i].kind is not EventKind.CAUSE, i > 2, -(events[i].end_s - events[i].start_s)),
+    )
+    return [events[i] for i in sorted(ranked[:_ROWS])]
+
+
+def _draw_events(axes: Axes, events: Sequence[Event], explanation: Explanation) -> None:
+    begin, end = _window(explanation)
+    for row, event in enumerate(events):
+        color = _COLORS[event.kind]
+        start, stop = max(event.start_s, begin), min(event.end_s, end)
+        axes.barh(
+            row, max(stop - start, 0.004 * (end - begin)), left=start, height=0.62, color=color, alpha=0.55, lw=0.0
+        )
+        words = f"{event.start_s:.3f}  {event.words}"
+        axes.annotate(words, (0.006, row), xycoords=("axes fraction", "data"), va="center", fontsize=7.6, color=INK)
+    axes.set_ylim(len(events) - 0.4, -0.6)
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    hidden = len(explanation.events) - len(events)
+    more = f", the {len(events)} most telling of {len(explanation.events)}" if hidden else ""
+    axes.set_title(f"Events{more}" if events else "No events")
+    if explanation.failed_s is not None:
+        axes.annotate(
+            explanation.failure,
+            (explanation.failed_s, 1.0),
+            (-3, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            fontsize=8.5,
+            color=LIMIT,
+        )
+
+
+def _draw_used(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
+    time = explanation.log.time[shown]
+    colors = {"torque": Y, "joint speed": X, "joint position": EXTRA, "friction": Z}
+    for quantity in explanation.quantities:
+        if quantity.name in colors:
+            share = quantity.used[shown]
+            worst = np.where(np.isfinite(share), share, -np.inf).max(axis=1)
+            worst = np.where(np.isfinite(worst), np.minimum(worst, _HIGHEST_SHARE), np.nan)
+            axes.plot(time, 100.0 * worst, color=colors[quantity.name], lw=1.1, label=quantity.name)
+    axes.axhline(100.0, color=LIMIT, ls="--", lw=1.0)
+    axes.set(title="Limit used, worst joint or foot", ylabel="%", ylim=(0.0, None))
+    legend_above(axes)
+
+
+def _draw_capture(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
+    axes.set(title="Capture point inside the support", ylabel="mm")
+    for quantity in explanation.quantities:
+        if quantity.name == "capture point":
+            margin = quantity.margins[shown, 0]
+            axes.plot(explanation.log.time[shown], margin, color=X)
+            axes.fill_between(explanation.log.time[shown], np.minimum(margin, 0.0), 0.0, color=LIMIT, alpha=0.3, lw=0.0)
+    axes.axhline(0.0, color=LIMIT, ls="--", lw=1.0)
+
+
+def _draw_attitude(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
+    time = explanation.log.time[shown]
+    second = axes.twinx()
+    second.spines["right"].set_visible(True)
+    second.grid(visible=False)
+    for quantity in explanation.quantities:
+        target = {"tilt": (axes, X), "base height": (second, Z)}.get(quantity.name)
+        if target is not None:
+            target[0].plot(time, quantity.values[shown, 0], color=target[1], label=quantity.name)
+            target[0].plot(time, quantity.limits[shown, 0], color=target[1], lw=0.9, ls="--", label="limit")
+    axes.set(title="Base", ylim=(0.0, None))
+    axes.set_ylabel("tilt, deg", color=X)
+    second.set_ylabel("height, mm", color=Z)
+
+
+def _draw_contacts(axes: Axes, log: RunLog, shown: np.ndarray) -> None:
+    """Draw a row for each foot: filled where it touches the floor, outlined where the controller relies on it."""
+    time = log.time[shown]
+    for row, name in enumerate(log.contact_frames.tolist()):
+        touching = log.contact_forces[shown, row, 2] > CONTACT_FORCE_N
+        axes.fill_between(time, row - 0.36, row + 0.36, where=touching, color=X, alpha=0.5, lw=0.0, step="post")
+        if log.stance is not None:
+            relied = np.where(log.stance[shown, row] != 0, row + 0.36, np.nan)
+            axes.plot(time, relied, color=INK, lw=1.2)
+        axes.annotate(name, (1.004, row), xycoords=("axes fraction", "data"), va="center", fontsize=8, color=SOFT)
+    axes.set_ylim(len(log.contact_frames) - 0.4, -0.6)
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.set_title("Contact measured (filled), relied on by the controller (line)")

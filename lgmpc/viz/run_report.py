@@ -1,0 +1,177 @@
+"""The report of a run or of a solved trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING
+
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Run, SolvedRun, flat_metrics, measured
+from lgmpc.runs.certificate import Certificate
+from lgmpc.runs.figures import figure_number, figure_of, figure_words
+from lgmpc.runs.forensics import Explanation
+from lgmpc.viz.explanation_plots import draw_explanation
+from lgmpc.viz.figure_files import Drawing, svg_figures
+from lgmpc.viz.plots import run_drawings
+from lgmpc.viz.replay import replay_page
+from lgmpc.viz.report import Block, Code, Figure, Folded, Replay, Report, Section, Table, Words
+from lgmpc.viz.trajectory_plots import trajectory_drawings
+from lgmpc.viz.trajectory_replay import trajectory_page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+__all__ = ["run_report", "solve_report"]
+
+_HEADINGS = ("figure", "measured", "allowed", "")
+
+
+def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> Report:
+    """Return the report of a closed loop: verdict, events, limits, certificate, figures, replay, config, versions.
+
+    Args:
+        robot: of the run.
+        run: the folder, read.
+        gate: what it was judged by.
+        explanation: of the run.
+
+    Raises:
+        InputError: if the run has nothing to show.
+        MissingDependencyError: if matplotlib or meshcat is not installed.
+    """
+    failed = explanation.failed_s is not None
+    events = Section(
+        "What happened",
+        (
+            Words(explanation.summary),
+            _events(explanation),
+            *_figures({"events": partial(_drawn, explanation=explanation)}),
+        ),
+    )
+    limits = Section(f"Nearest to limits{', until the failure' if failed else ''}", (_nearest(explanation),))
+    metrics = run.result.metrics
+    merit: tuple[Section, ...] = ()
+    if metrics is not None:
+        limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
+        merit = (Section("Figures of merit", (_bounded(limited), _all_figures(flat_metrics(metrics)))),)
+    certificate = () if run.result.certificate is None else (_certificate(run.result.certificate),)
+    shown = Section("Figures", _figures(run_drawings(run)))
+    return Report(
+        run.result.name,
+        run.result.verdict.outcome.value,
+        f"{run.result.when} · {robot.name} · seed {run.result.seed}",
+        run.result.verdict.reasons,
+        (events, limits, *merit, *certificate, *_replayed(partial(replay_page, robot, run)), shown, *_sources(run)),
+    )
+
+
+def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> Report:
+    """Return the report of a solved trajectory: verdict, figures, replay, config, versions.
+
+    Args:
+        robot: of the run.
+        run: the folder, read.
+        bounds: of its gate, by their keys.
+
+    Raises:
+        InputError: if the trajectory is not finite.
+        MissingDependencyError: if matplotlib or meshcat is not installed.
+    """
+    result = run.result
+    figures = result.figures
+    limited = [(key, figures.get(figure_of(key)), limit) for key, limit in bounds.items()]
+    explanation = Words([line.strip() for line in result.explanation.splitlines() if line.strip()])
+    merit = Section("Figures of merit", (explanation, _bounded(limited), _all_figures(figures)))
+    shown = Section("Figures", _figures(trajectory_drawings(robot, run)))
+    return Report(
+        result.name,
+        result.verdict.outcome.value,
+        f"{result.when} · {robot.name} · {result.method}: {result.status.replace('_', ' ')}",
+        result.verdict.reasons,
+        (merit, *_replayed(partial(trajectory_page, robot, run)), shown, *_sources(run)),
+    )
+
+
+def _drawn(figure: Canvas, explanation: Explanation) -> bool:
+    draw_explanation(figure, explanation)
+    return True
+
+
+def _figures(drawings: Mapping[str, Drawing]) -> tuple[Block, ...]:
+    return tuple(Figure(name, svg) for name, svg in svg_figures(drawings).items())
+
+
+def _events(explanation: Explanation) -> Table:
+    rows = [
+        (each.start_s, f"{each.start_s:.3f}", f"{1e3 * (each.end_s - each.start_s):.0f}", each.kind.value, each.words)
+        for each in explanation.events
+    ]
+    if explanation.failed_s is not None:
+        rows.append((explanation.failed_s, f"{explanation.failed_s:.3f}", "", "failure", explanation.failure))
+    rows.sort(key=lambda row: row[0])
+    marks = ["bad" if row[3] == "failure" else "" for row in rows]
+    return Table(("at / s", "lasts / ms", "what", ""), [row[1:] for row in rows], marks)
+
+
+def _nearest(explanation: Explanation) -> Table:
+    rows, marks = [], []
+    for each in explanation.nearest:
+        name = f"{each.name} / {each.unit}" if each.unit else each.name
+        when = "" if each.time_s is None else f"{each.time_s:.3f}"
+        rows.append((name, each.subject, when, *map(figure_number, (each.value, each.limit, each.margin))))
+        marks.append("bad" if each.margin < 0.0 else "")
+    return Table(("quantity", "where", "at / s", "value", "limit", "margin"), rows, marks)
+
+
+def _certificate(certificate: Certificate) -> Section:
+    words = "physics and hardware were respected" if certificate.certified else "not certified"
+    rows, marks = [], []
+    for each in certificate.checks:
+        figures = map(figure_number, (each.value, each.limit, each.margin))
+        name = f"{each.name} / {each.unit}"
+        rows.append((name, each.subject, f"{each.time_s:.3f}", *figures, "kept" if each.kept else "broken"))
+        marks.append("good" if each.kept else "bad")
+    headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
+    return Section("Certificate", (Words([words]), Table(headings, rows, marks)))
+
+
+def _bounded(limited: list[tuple[str, float | None, float]]) -> Table:
+    """Return the figures that the gate limits, with their limits."""
+    rows, marks = [], []
+    for key, value, limit in limited:
+        words, unit, scale = figure_words(figure_of(key))
+        highest = key.startswith("max_")
+        kept = value is not None and (value <= limit if highest else value >= limit)
+        shown = "-" if value is None else figure_number(scale * value, unit, scale * limit)
+        name = f"{words} / {unit}" if unit else words
+        rows.append((name, shown, f"{'≤' if highest else '≥'} {scale * limit:g}", "kept" if kept else "broken"))
+        marks.append("good" if kept else "bad")
+    return Table(_HEADINGS, rows, marks)
+
+
+def _all_figures(figures: Mapping[str, float | None]) -> Folded:
+    rows = []
+    for key, value in figures.items():
+        group, _, name = key.rpartition(".")
+        words, unit, scale = figure_words(name)
+        shown = "-" if value is None else figure_number(scale * value, unit)
+        rows.append((f"{group} {words}".strip(), shown, unit))
+    return Folded("All figures", (Table(("figure", "measured", "unit"), rows),))
+
+
+def _replayed(page: partial[str]) -> tuple[Section, ...]:
+    """Return the section of the replay; none if a run has no body that can be shown."""
+    try:
+        return (Section("Replay", (Replay(page()),)),)
+    except InputError:
+        return ()
+
+
+def _sources(run: Run | SolvedRun) -> Iterator[Section]:
+    yield Section("Config", (Folded("config.yaml, defaults included", (Code(run.config.rstrip()),)),))
+    result = run.result
+    rows = [*result.versions.items(), *((key, str(value)) for key, value in asdict(result.host).items())]
+    yield Section("Versions and machine", (Folded("Packages, processor", (Table(("", ""), rows),)),))

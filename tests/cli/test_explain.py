@@ -1,0 +1,37 @@
+"""``lgmpc explain``: chain of events, figure, JSON, errors."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from .conftest import Invoke
+
+
+def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    push = "pushes=[{body: base_link, time_s: 0.2, impulse_ns: [0.0, 7.0, 0.0]}]"
+    run = ("solo12_stand", push, "duration_s=1.2", "after_fall_s=0.1", "mpc.enabled=false", "--quiet")
+    assert invoke("run", *run)[0] == 1
+    code, output = invoke("explain", "latest")
+    assert code == 0
+    assert output.startswith("FAIL  solo12_stand\n  - the robot fell (tilt")
+    assert "after the beginning of: push of 7 N.s [0, 7, 0] for 200 ms" in output
+    assert "first sign, at 0.2" in output
+    lines = output.splitlines()
+    kinds = [line.split()[2] for line in lines if line[:1].isdigit() and len(line.split()) > 2]
+    assert kinds[0] == "cause" and {"limit", "balance", "contact"} <= set(kinds)
+    assert sum("FAILURE" in line for line in lines) == 1
+    figure = Path(lines[-1].removeprefix("wrote "))
+    assert figure.name == "explanation.png" and figure.read_bytes()[:4] == b"\x89PNG"
+    code, output = invoke("explain", "latest", "--json", "--out", tmp_path / "elsewhere")
+    content = json.loads(output)
+    assert code == 0 and content["events"][0]["name"] == "push"
+    assert Path(content["figure"]) == tmp_path / "elsewhere" / "explanation.png"
+
+
+def test_what_cannot_be_explained_is_an_error(tmp_path: Path, invoke: Invoke) -> None:
+    code, output = invoke("explain", "nowhere", "--runs", tmp_path)
+    assert (code, "no run folder nowhere" in output) == (2, True)

@@ -1,0 +1,30 @@
+"""Which speeds legs can follow, against the geometry of a stretched leg."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.locomotion.feasibility import top_speed
+from lgmpc.locomotion.gait import Gait, quadruped_gaits
+from lgmpc.locomotion.legs import LegGeometry
+
+
+def test_at_the_top_speed_the_legs_are_stretched_at_touchdown_and_lift_off(solo12) -> None:
+    """Upper and lower leg of Solo12 are 16 cm long; the ankle is 6 mm off the hip's plane, fore and aft."""
+    legs, gait = LegGeometry.of(solo12), quadruped_gaits()["trot"]
+    model, data, q = solo12.model, solo12.model.createData(), solo12.q_reference
+    pin.framesForwardKinematics(model, data, q)
+    hip, knee = (data.oMi[model.getJointId(f"FL_{name}")].translation for name in ("HFE", "KFE"))
+    ankle = data.oMf[model.getFrameId("FL_FOOT")].translation
+    length = np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee)
+    drop = hip[2] - ankle[2] + solo12.contact_radius
+    assert top_speed(legs, gait) == pytest.approx(2.0 * np.sqrt(length**2 - drop**2) / gait.stance_s, rel=1e-9)
+    assert top_speed(legs, gait, length - drop) == pytest.approx(0.0, abs=1e-6)
+    assert top_speed(legs, gait, -0.02) > top_speed(legs, gait)
+
+
+def test_speeds_are_inverse_to_the_stance(solo12) -> None:
+    legs = LegGeometry.of(solo12)
+    short, long = (Gait(name="g", period_s=period, duty=0.5, offsets=(0.0, 0.5, 0.5, 0.0)) for period in (0.2, 0.6))
+    assert top_speed(legs, short) == pytest.approx(3.0 * top_speed(legs, long))
+    assert top_speed(legs, quadruped_gaits()["stand"]) == 0.0

@@ -1,0 +1,46 @@
+"""The search of a boundary."""
+
+import pytest
+
+from lgmpc.config import load_config
+from lgmpc.errors import InputError
+from lgmpc.sweeps.bisection import bisect, scaled
+from lgmpc.sweeps.settings import BisectionSettings
+
+
+def settings(**changes: object) -> BisectionSettings:
+    return BisectionSettings(**{"key": "plant.friction", "range": (0.5, 8.0), "tolerance": 0.01, **changes})
+
+
+def test_the_boundary_is_found_from_below_to_the_tolerance() -> None:
+    found = bisect(lambda x: x <= 3.2, settings())
+    assert found.value is not None
+    assert 3.2 - 0.01 <= found.value <= 3.2
+    assert len(found.trials) == 2 + 10  # both ends, and ten halvings of 7.5
+    assert all(passed == (value <= 3.2) for value, passed in found.trials)
+
+
+@pytest.mark.parametrize(
+    ("edge", "words"), [(0.1, "0.5, where the run fails already"), (9.0, "8, where the run still")]
+)
+def test_ends_that_agree_give_no_boundary_but_a_remedy(edge: float, words: str) -> None:
+    found = bisect(lambda x: x <= edge, settings())
+    assert found.value is None
+    assert found.reason.startswith("bisect.range: got ")
+    assert words in found.reason
+
+
+def test_probes_find_what_is_not_monotonic() -> None:
+    found = bisect(lambda x: x <= 3.0 and not 1.0 < x < 1.5, settings(probes=9))
+    assert found.value == pytest.approx(3.0, abs=0.01)
+    assert found.violations
+    assert all(1.0 < value < 1.5 for value in found.violations)
+    assert bisect(lambda x: x <= 3.0, settings(probes=9)).violations == ()
+
+
+def test_a_value_scales_a_vector_and_replaces_a_number() -> None:
+    config = load_config("solo12_balance")
+    assert scaled(config, "pushes.0.impulse_ns", 2.0).pushes[0].impulse_ns == (0.0, 4.0, 0.0)
+    assert scaled(config, "plant.friction", 2.0).plant.friction == 2.0
+    with pytest.raises(InputError, match="Did you mean plant.friction"):
+        scaled(config, "plant.frict", 2.0)

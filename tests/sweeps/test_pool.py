@@ -1,0 +1,63 @@
+"""Worker processes under tasks that raise, hang and kill them."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from lgmpc.sweeps.pool import Died, Hung, Pool
+
+
+def act(task: str) -> str:
+    if task == "raise":
+        raise ValueError("no such luck")
+    if task == "hang":
+        time.sleep(600.0)
+    if task == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return f"{task} in {os.getpid()}"
+
+
+def nothing() -> None:
+    pass
+
+
+def test_each_task_pays_for_itself_only() -> None:
+    with Pool(1, nothing, time_limit_s=3.0) as pool:
+        found = dict(pool.map(act, ["a", "raise", "b", "die", "hang", "d"]))
+        first, second = found["a"], found["b"]
+        # A worker stays alive, also after an exception.
+        assert str(first).split()[0] == "a"
+        assert str(first).split()[2] == str(second).split()[2]
+        assert isinstance(found["raise"], ValueError)
+        assert isinstance(found["die"], Died)
+        assert isinstance(found["hang"], Hung)
+        assert str(found["d"]).startswith("d in ")
+        # A process that ends while it is idle is replaced.
+        os.kill(int(str(found["d"]).rpartition(" ")[2]), signal.SIGKILL)
+        time.sleep(0.2)
+        ((_, last),) = pool.map(act, ["e"])
+    assert str(last).startswith("e in ")
+
+
+def test_tasks_are_drawn_when_a_process_is_free_and_no_process_is_left_behind() -> None:
+    drawn = []
+
+    def tasks() -> Iterator[str]:
+        for name in "abc":
+            drawn.append(name)
+            yield name
+
+    with Pool(1, nothing, time_limit_s=60.0) as pool:
+        _, result = next(pool.map(act, tasks()))
+        assert drawn == ["a"]
+    process = int(str(result).rpartition(" ")[2])
+    for _ in range(200):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    pytest.fail(f"process {process} still runs")

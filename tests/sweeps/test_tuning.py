@@ -1,0 +1,109 @@
+"""What is tuned, and what counts as better."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lgmpc.config import load_config
+from lgmpc.errors import ConfigError, InputError
+from lgmpc.sweeps import Ending, Row
+from lgmpc.sweeps.tuning import Dimension, Objective, Score, parse_dimension, tuning_problem
+from lgmpc.sweeps.values import value_at
+
+CONFIG = load_config("solo12_balance")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("wbc.gains.com.kp", Dimension("wbc.gains.com.kp", 100.0 / 3.0, 300.0, True, False, (), 100.0)),
+        ("mpc.weights.com", Dimension("mpc.weights.com", 1.0 / 3.0, 3.0, True, False, (), 1.0)),
+        ("mpc.nodes", Dimension("mpc.nodes", 7, 60, True, True, (), 20)),
+        ("mpc.nodes=10:30", Dimension("mpc.nodes", 10, 30, False, True, (), 20)),
+        ("mpc.weights.force=1e-4:1e-2:log", Dimension("mpc.weights.force", 1e-4, 1e-2, True, False, (), 1e-3)),
+    ],
+)
+def test_a_key_has_a_range(text: str, expected: Dimension) -> None:
+    assert parse_dimension(CONFIG, text) == expected
+
+
+def test_choices_include_the_present_value() -> None:
+    assert parse_dimension(CONFIG, "mpc.enabled=[false]").choices == (True, False)
+    assert parse_dimension(CONFIG, "mpc.nodes=[10, 20, 30]").choices == (20, 10, 30)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("mpc.node", "mpc.nodes"),
+        ("mpc.model", "a number or a vector, or choices"),
+        ("mpc.enabled", r"or choices: KEY=\[A, B\]"),
+        ("plant.joint_friction_nm", "no range, and the present value is 0"),
+        ("mpc.nodes=10:20.5", "a range of whole numbers"),
+        ("mpc.node_s=0.3:0.1", "LOW below HIGH"),
+        ("wbc.weights.posture=0:1:log", "above zero"),
+        ("mpc.node_s=0.1:0.2", "contains the present value, 0.02"),
+        ("mpc.enabled=[true]", "a choice besides the present value"),
+        ("mpc.enabled=[{a: 1}]", "choices that are words, numbers or truth values"),
+    ],
+)
+def test_what_cannot_be_tuned_is_an_error_with_key_and_remedy(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_dimension(CONFIG, text)
+
+
+def test_values_are_applied_and_vectors_scaled() -> None:
+    problem = tuning_problem("solo12_balance", ["mpc.weights.com", "mpc.nodes", "mpc.enabled=[false]"], "passed")
+    config = problem.apply(CONFIG, {"mpc.weights.com": 2.0, "mpc.nodes": 15, "mpc.enabled": False})
+    assert value_at(config, "mpc.weights.com") == (2000.0, 2000.0, 2000.0)
+    assert (config.mpc.nodes, config.mpc.enabled) == (15, False)
+    assert problem.apply(CONFIG, problem.initial).model_dump() == CONFIG.model_dump()
+
+
+def test_held_out_points_share_nothing_with_the_tuned_ones() -> None:
+    problem = tuning_problem("solo12_balance", ["mpc.nodes"], "passed", overrides=["seed=5"], seeds=2)
+    assert [point.config.seed for point in problem.tuned.points] == [5, 6]
+    assert [point.config.seed for point in problem.held_out.points] == [7, 8]
+    problem = tuning_problem("random_1000", ["mpc.nodes"], "passed", overrides=["samples.count=3"])
+    tuned, held_out = problem.tuned.points, problem.held_out.points
+    assert not {point.config.seed for point in tuned} & {point.config.seed for point in held_out}
+    assert not {repr(point.levels) for point in tuned} & {repr(point.levels) for point in held_out}
+
+
+def test_more_passes_count_before_better_values(row: Callable[..., Row]) -> None:
+    tilt, survived = Objective("max_tilt_deg"), Objective("survived_s")
+    assert (tilt.maximized, survived.maximized, Objective("boundary").maximized) == (False, True, True)
+    rows = [row("a", metrics={"max_tilt_deg": 2.0}), row("b", Ending.FAIL, metrics={"max_tilt_deg": 4.0})]
+    assert tilt.score(rows) == Score(0.5, 3.0)
+    assert tilt.better(Score(1.0, 9.0), Score(0.5, 1.0)) and not tilt.better(Score(0.5, 1.0), Score(1.0, 9.0))
+    assert tilt.better(Score(1.0, 1.0), Score(1.0, 2.0)) and not survived.better(Score(1.0, 1.0), Score(1.0, 2.0))
+    assert tilt.better(Score(1.0, 1.0), Score(1.0, math.nan)) and not tilt.better(Score(1.0, math.nan), Score(1.0, 1.0))
+    assert not tilt.better(Score(1.0, 1.0), Score(1.0, 1.0))
+    broken = tilt.score([row("a", Ending.RAISED)])
+    assert broken.passed == 0.0 and math.isnan(broken.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "objective", "changes", "message"),
+    [
+        ([], "passed", {}, "keys: got nothing"),
+        (["mpc.nodes"], "max_tilt", {}, "max_tilt_deg"),
+        (["mpc.nodes"], "boundary", {}, "a metric of a run"),
+        (["mpc.nodes"], "passed", {"seeds": 0}, "seeds: got 0"),
+        (["mpc.nodes=1:40"], "passed", {}, "mpc.nodes: got 1"),
+    ],
+)
+def test_a_problem_is_checked_before_it_runs(
+    keys: list[str], objective: str, changes: dict[str, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        tuning_problem("solo12_balance", keys, objective, **changes)
+
+
+def test_a_sweep_that_bisects_is_tuned_by_its_boundary(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected boundary"):
+        tuning_problem("push_map", ["mpc.nodes"], "max_tilt_deg")
+    with pytest.raises(ConfigError):
+        tuning_problem(tmp_path / "nothing.yaml", ["mpc.nodes"], "passed")

@@ -1,0 +1,133 @@
+"""What notebooks display: tables of objects, and replays embedded by ``lgmpc.show``."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lgmpc
+from lgmpc.actions import RigidBody, RigidBodyAction
+from lgmpc.notebook import html_table, in_notebook
+from lgmpc.runs import RunFolder
+from lgmpc.viz.embedded import frame_of
+
+
+class _Cells(HTMLParser):
+    """Collects the text of every cell and checks that every tag is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.cells: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.open.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.cells[-1] += data
+
+
+def cells(value: object) -> list[str]:
+    """Return the texts of the cells of what a notebook displays."""
+    parser = _Cells()
+    parser.feed(value if isinstance(value, str) else value._repr_html_())  # type: ignore[attr-defined]
+    assert parser.open == []
+    return parser.cells
+
+
+def test_a_table_shows_text_as_it_is() -> None:
+    assert cells(html_table("a < b", [("<script>", "x & y"), ("n", 3)])) == ["a < b", "<script>", "x & y", "n", "3"]
+
+
+def test_settings_show_what_is_not_a_default() -> None:
+    config = lgmpc.load_config("solo12_balance").replace({"mpc.nodes": 15, "plant.friction": 0.6})
+    shown = cells(config)
+    rows = dict(zip(shown[1::2], shown[2::2], strict=True))
+    assert shown[0] == "Config"
+    assert rows["mpc.nodes"] == "15" and rows["robot.model"] == "solo12" and rows["pushes"] == "3 entries"
+    assert rows["robot.position_limit_rad"].startswith("{")  # a table by joint is one value
+    assert "plant.friction" not in rows  # given, but the default
+    assert max(map(len, rows.values())) <= 83
+    other = config.replace({"mpc": {"model": "lqr"}})
+    assert "mpc" in dict(zip(*[iter(cells(other)[1:])] * 2, strict=True))
+    assert cells(lgmpc.GaitSettings(pattern="trot")) == ["GaitSettings", "pattern", "trot"]
+    assert cells(lgmpc.config.Config.model_fields["mpc"].default) == [
+        "CentroidalMpcSettings",
+        "all values",
+        "defaults",
+    ]
+
+
+def test_a_robot_shows_mass_feet_and_limits() -> None:
+    shown = cells(lgmpc.load_robot(lgmpc.load_config("solo12_stand").robot))
+    assert shown[0] == "solo12"
+    assert {"2.500 kg", "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT", "1.8 N.m", "30 rad/s"} <= set(shown)
+
+
+def test_a_problem_and_its_solution_show_their_size_and_outcome() -> None:
+    body = RigidBody(1.0, np.diag([0.1, 0.2, 0.3]))
+    effort = lgmpc.CostItem("effort", lgmpc.Control(6), 0.1)
+    problem = lgmpc.ShootingProblem(RigidBodyAction("hover", body, [effort]), 5)
+    problem.set("duration", 0.1)
+    shown = cells(problem)
+    assert dict(zip(shown[1::2], shown[2::2], strict=True))["actions"] == "5 x hover"
+    solution = lgmpc.Fddp(problem).solve()
+    shown = cells(solution)
+    rows = dict(zip(shown[1::2], shown[2::2], strict=True))
+    assert (rows["status"], rows["iterations"]) == ("converged", str(solution.iterations))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> object:
+    config = lgmpc.load_config("solo12_stand", ["duration_s=0.1", "gate={max_tilt_deg: 1.0}"])
+    return lgmpc.run_config(config, tmp_path_factory.mktemp("runs"))
+
+
+def test_a_run_shows_its_verdict_and_folder_before_and_after_loading(run: lgmpc.config.execution.FinishedRun) -> None:
+    shown = cells(run)
+    rows = dict(zip(shown[1::2], shown[2::2], strict=True))
+    assert rows["verdict"] == "PASS" and rows["folder"] == str(run.folder.path)
+    assert float(rows["max tilt / deg"].lstrip("< ")) < 1.0
+    assert cells(RunFolder.load(run.folder.path)) == shown
+    assert "array(" not in repr(run)
+
+
+def test_outside_a_notebook_nothing_is_embedded() -> None:
+    assert not in_notebook()
+
+
+def test_a_frame_contains_the_page_as_it_is() -> None:
+    page = '<!DOCTYPE html><p title="a">x < y & z</p>'
+    parser = HTMLParser()
+    found: dict[str, str | None] = {}
+    parser.handle_starttag = lambda tag, attrs: found.update(attrs)  # type: ignore[method-assign]
+    parser.feed(frame_of(page, height=300))
+    assert found["srcdoc"] == page
+    assert "height:300px" in (found["style"] or "")
+
+
+def test_in_a_kernel_show_embeds_the_replay(run: lgmpc.config.execution.FinishedRun, tmp_path: Path) -> None:
+    pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    script = f"""
+import nbclient, nbformat
+cell = "import lgmpc; lgmpc.show({str(run.folder.path)!r})"
+notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
+nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+(output,) = notebook.cells[0].outputs
+assert output.output_type == "display_data", output
+html = output.data["text/html"]
+assert html.startswith("<div><iframe srcdoc=") and len(html) > 500_000
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr

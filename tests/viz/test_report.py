@@ -1,0 +1,125 @@
+"""Report pages: content, colours that follow the page's, no reference to anything outside, small and large screens."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from lgmpc.chromium import find_chromium
+from lgmpc.runs import Gate
+from lgmpc.runs.forensics import explain_run
+from lgmpc.viz import report_page, run_report, write_page
+from lgmpc.viz.figure_files import svg_figures
+from lgmpc.viz.report import Code, Figure, Folded, Report, Section, Table, Words
+from lgmpc.viz.snapshot import headless_chromium
+from lgmpc.viz.style import INK
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Outline(HTMLParser):
+    """The tags of a page, checked to be closed in order, and its text outside of scripts."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.references: list[str] = []
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.references += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "action")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & set(self.open):
+            self.text.append(data)
+
+
+def test_every_block_is_in_the_page_and_nothing_of_it_is_markup() -> None:
+    evil = "<b>&\"'"
+    blocks = (
+        Words([evil]),
+        Table(("a", evil), [("1", evil), ("2", "x")], ["bad", ""]),
+        Folded(evil, (Code(f"key: {evil}\n"),)),
+        Figure(evil, "<svg></svg>"),
+    )
+    page = report_page(Report(evil, "fail", evil, [evil], [Section(evil, blocks)]))
+    outline = Outline(page)
+    assert "".join(outline.text).count(evil) == 10
+    assert page.count("<b>") == 0
+    assert '<tr class="bad"><td>1</td>' in page and "<tr><td>2</td>" in page
+
+
+def test_figures_follow_the_colours_of_the_page() -> None:
+    def draw(figure) -> bool:
+        axes = figure.add_subplot()
+        axes.plot([0, 1], [0, 1], color=INK)
+        axes.set_title("a title")
+        return True
+
+    drawn = svg_figures({"one": draw, "none": lambda figure: False})
+    assert list(drawn) == ["one"]
+    svg = drawn["one"]
+    assert svg.startswith("<svg") and "viewBox" in svg.partition(">")[0] and "width" not in svg.partition(">")[0]
+    assert "stroke: var(--ink)" in svg and INK not in svg
+    assert ">a title</text>" in svg and "DejaVu" not in svg
+    assert "#ffffff" not in svg  # no white background
+
+
+@pytest.fixture(scope="module")
+def page(solo12, pushed_run, tmp_path_factory) -> Path:
+    gate = Gate(max_tilt_deg=20.0)
+    content = run_report(solo12, pushed_run, gate, explain_run(pushed_run, gate))
+    return write_page(report_page(content), tmp_path_factory.mktemp("report") / "report.html")
+
+
+def test_the_report_of_a_run_is_whole_and_self_contained(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    outline = Outline(text)
+    words = " ".join(outline.text)
+    for part in (
+        "solo12_pushed",
+        "What happened",
+        "push of 1 N.s [0, 1, 0]",
+        "tilt / deg",
+        "name: solo12_pushed",
+        "numpy",
+    ):
+        assert part in words
+    assert text.count("<svg") == 8  # the events, and seven figures
+    assert all(each.startswith("#") for each in outline.references)
+    used = set(re.findall(r"url\(#([^)]+)\)", text)) | {each[1:] for each in outline.references}
+    assert used <= set(re.findall(r'id="([^"]+)"', text))
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
+def test_the_page_fits_a_phone_and_loads_its_replay(page: Path) -> None:
+    with headless_chromium() as browser:
+        tab = browser.new_page(viewport={"width": 420, "height": 800}, color_scheme="dark")
+        errors: list[str] = []
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(page.as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 420
+        background = tab.evaluate("getComputedStyle(document.body).backgroundColor")
+        ink = tab.evaluate("getComputedStyle(document.querySelector('figure text')).fill")
+        assert (background, ink) == ("rgb(18, 23, 28)", "rgb(228, 233, 238)")
+        tab.click(".replay button")
+        frame = tab.frame_locator(".replay iframe")
+        frame.locator("#name").wait_for(timeout=30_000)
+        assert frame.locator("#name").inner_text() == "solo12_pushed"
+        assert errors == []

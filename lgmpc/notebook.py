@@ -1,12 +1,20 @@
-"""What a notebook displays of an object: a short HTML table; and whether this process is a notebook's kernel."""
+"""What a notebook displays: short tables of objects, bars of progress; and whether this process is its kernel."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from html import escape
+from time import perf_counter
+from typing import Any, TypeVar
 
-__all__ = ["html_table", "in_notebook"]
+__all__ = ["ProgressBar", "bar_html", "html_table", "in_notebook", "reports"]
+
+T = TypeVar("T")
+
+_PERIOD_S = 0.1
+"""Between two updates of a bar."""
 
 
 def html_table(title: str, rows: Iterable[tuple[str, object]]) -> str:
@@ -29,3 +37,76 @@ def in_notebook() -> bool:
     # IPython is not imported for that: in a kernel it has been, and elsewhere it need not be installed.
     ipython = sys.modules.get("IPython")
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+
+
+class ProgressBar:
+    """Progress in the output of a notebook's cell: HTML that is replaced in place, so that no widgets are required.
+
+    Used as a context manager; what it displays at the end stays in the saved notebook.
+    """
+
+    def __init__(self) -> None:
+        self._fraction: float | None = None
+        self._words = ""
+        self._handle: Any = None
+        self._drawn_at = 0.0
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._words:
+            self._draw(running=False)
+
+    def announce(self, message: str) -> None:
+        """Display what is being prepared."""
+        self._fraction, self._words = None, message
+        self._draw()
+
+    def advance(self, fraction: float | None, words: str) -> None:
+        """Display a fraction of the whole, ``None`` where that is unknown, and words beside it."""
+        self._fraction, self._words = fraction, words
+        if perf_counter() - self._drawn_at > _PERIOD_S:
+            self._draw()
+
+    def _draw(self, *, running: bool = True) -> None:
+        from IPython.display import HTML, display
+
+        content = HTML(bar_html(self._fraction, self._words, running=running))  # type: ignore[no-untyped-call]
+        if self._handle is None:
+            self._handle = display(content, display_id=True)  # type: ignore[no-untyped-call]
+        else:
+            self._handle.update(content)
+        self._drawn_at = perf_counter()
+
+
+def bar_html(fraction: float | None, words: str, *, running: bool) -> str:
+    """Return a bar with words beside it; of an unknown fraction it is indeterminate, and left out at the end."""
+    value = "" if fraction is None else f' value="{min(max(fraction, 0.0), 1.0):.3f}"'
+    style = "width:16em;max-width:40%;vertical-align:middle;margin-right:0.8em"
+    bar = f'<progress max="1"{value} style="{style}" aria-label="progress"></progress>'
+    return f"<div>{bar if running or value else ''}<small>{escape(words)}</small></div>"
+
+
+@contextmanager
+def reports(
+    notify: Callable[[str], None] | None,
+    progress: Callable[[T], None] | None,
+    read: Callable[[T], tuple[float | None, str]],
+) -> Iterator[tuple[Callable[[str], None], Callable[[T], None]]]:
+    """Yield the two reports of a run to call: the given ones or, where neither is given in a notebook, those of a bar.
+
+    Args:
+        notify: report of what is being prepared, if any.
+        progress: report of the progress, if any.
+        read: from a progress to the fraction that is done (``None`` if unknown) and words, for the bar.
+    """
+    if notify is None and progress is None and in_notebook():
+        with ProgressBar() as bar:
+            yield bar.announce, lambda now: bar.advance(*read(now))
+    else:
+        yield notify or _ignore, progress or _ignore
+
+
+def _ignore(_: object) -> None:
+    pass

@@ -12,7 +12,7 @@ import pytest
 
 import lgmpc
 from lgmpc.actions import RigidBody, RigidBodyAction
-from lgmpc.notebook import html_table, in_notebook
+from lgmpc.notebook import bar_html, html_table, in_notebook, reports
 from lgmpc.runs import RunFolder
 from lgmpc.viz.embedded import frame_of
 
@@ -68,6 +68,16 @@ def test_settings_show_what_is_not_a_default() -> None:
     ]
 
 
+def test_a_scenario_shows_robot_and_horizon() -> None:
+    body = RigidBody(1.0, np.diag([0.1, 0.2, 0.3]))
+    robot = lgmpc.load_robot(lgmpc.load_config("solo12_stand").robot)
+    problem = lgmpc.ShootingProblem(RigidBodyAction("hover", body, [lgmpc.CostItem("effort", lgmpc.Control(6))]), 4)
+    guess = lgmpc.Trajectory(np.tile(problem.x0, (5, 1)), np.zeros((4, 6)))
+    shown = cells(lgmpc.Scenario("hop", robot, problem, guess, np.full(4, 0.1), lambda _: {}))
+    rows = dict(zip(shown[1::2], shown[2::2], strict=True))
+    assert shown[0] == "hop" and rows["robot"] == "solo12" and rows["intervals"] == "4, 0.4 s"
+
+
 def test_a_robot_shows_mass_feet_and_limits() -> None:
     shown = cells(lgmpc.load_robot(lgmpc.load_config("solo12_stand").robot))
     assert shown[0] == "solo12"
@@ -116,18 +126,84 @@ def test_a_frame_contains_the_page_as_it_is() -> None:
     assert "height:300px" in (found["style"] or "")
 
 
-def test_in_a_kernel_show_embeds_the_replay(run: lgmpc.config.execution.FinishedRun, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("fraction", "running", "expected"),
+    [
+        (0.25, True, 'value="0.250"'),
+        (1.7, False, 'value="1.000"'),
+        (None, True, '<progress max="1" style'),  # indeterminate
+        (None, False, "<div><small>"),
+    ],
+)
+def test_a_bar_shows_the_fraction_that_is_done(fraction: float | None, running: bool, expected: str) -> None:
+    shown = bar_html(fraction, "a < b", running=running)
+    assert expected in shown and "a &lt; b" in shown
+
+
+def test_outside_a_notebook_reports_are_the_given_ones_or_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    heard: list[object] = []
+    with reports(heard.append, None, lambda now: (None, "")) as (announce, advance):
+        announce("preparing")
+        advance(1.0)
+    assert heard == ["preparing"] and capsys.readouterr().out == ""
+
+
+KERNEL = """
+import nbclient, nbformat, re
+cells = {cells!r}
+notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+updates = []
+class Client(nbclient.NotebookClient):
+    def process_message(self, msg, cell, cell_index):
+        if msg["msg_type"] == "update_display_data":
+            updates.append(msg["content"]["data"]["text/html"])
+        return super().process_message(msg, cell, cell_index)
+Client(notebook, timeout=120, kernel_name="python3").execute()
+run, shown, path, plots, figure, solve, sweep, quiet = (cell.outputs for cell in notebook.cells)
+bar, table = run
+assert bar.output_type == "display_data" and 'value="0.99' in bar.data["text/html"], bar
+assert "0.3 of 0.3 s simulated" in bar.data["text/html"], bar
+assert any(re.search(r'value="0[.](?!000|99)', html) for html in updates), updates
+assert "<th" in table.data["text/html"]
+for (output,) in (shown, path):
+    assert output.output_type == "display_data", output
+    html = output.data["text/html"]
+    assert html.startswith("<div><iframe srcdoc=") and len(html) > 500_000
+assert plots[0].data["text/html"].count('<img src="data:image/png;base64,') > 3
+assert "image/png" in figure[0].data, figure
+assert re.search(r"<small>[0-9]+ iterations, cost", solve[0].data["text/html"]), solve
+assert 'value="1.000"' in sweep[0].data["text/html"] and "2 of 2 points, 0 failed" in sweep[0].data["text/html"], sweep
+assert [output.output_type for output in quiet] == ["execute_result"], quiet
+"""
+CELLS = [
+    """
+import lgmpc
+from pathlib import Path
+config = lgmpc.load_config("solo12_stand", ["duration_s=0.3", "gate={max_tilt_deg: 1.0}"])
+run = lgmpc.run_config(config)
+run""",
+    "run.show()",
+    "lgmpc.show(str(run.folder.path))",
+    "run.plot()",
+    "lgmpc.plot(run)['torques']",
+    "_ = lgmpc.solve_config(lgmpc.load_solve_config('panda_reach'))",
+    """
+from lgmpc.sweeps import parse_sweep, run_sweep
+text = '''
+name: two
+base: solo12_stand
+set: {duration_s: 0.05}
+gate: {max_tilt_deg: 1.0, max_rms_joint_velocity_rad_s: null}
+factors: [{key: seed, kind: values, values: [0, 1]}]'''
+run_sweep(parse_sweep(text, name='two'), Path("two"), workers=1)""",
+    "lgmpc.run_config(config, progress=lambda now: None)",
+]
+
+
+@pytest.mark.slow
+def test_a_kernel_displays_progress_replays_tables_and_figures(tmp_path: Path) -> None:
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
-    script = f"""
-import nbclient, nbformat
-cell = "import lgmpc; lgmpc.show({str(run.folder.path)!r})"
-notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
-nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
-(output,) = notebook.cells[0].outputs
-assert output.output_type == "display_data", output
-html = output.data["text/html"]
-assert html.startswith("<div><iframe srcdoc=") and len(html) > 500_000
-"""
+    script = KERNEL.format(cells=CELLS)
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr

@@ -54,5 +54,5 @@ def plot_folder(folder: Path, into: Path | None) -> None:
     from lgmpc.cli.screen import out
     from lgmpc.config.showing import plot
 
-    for figure in plot(folder, into):
+    for figure in plot(folder).save(into or folder / "figures"):
         out().print(f"wrote {figure}", markup=False)

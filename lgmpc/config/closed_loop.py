@@ -131,6 +131,7 @@ class _Observer:
         self._progress = progress
         self._duration = session.rates.ticks * session.rates.period
         self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
+        self._last = session.rates.ticks - 1
         self._height = float(session.robot.q_reference[2])
         self._after_fall = session.after_fall_s
         self._end, self._fell = math.inf, False
@@ -178,7 +179,7 @@ class _Observer:
             plan = planner.plan
             failed = int(not plan.status.fresh)
             self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, 1e3 * planner.spent)
-        if tick.index % self._every == 0:
+        if tick.index % self._every == 0 or tick.index == self._last:
             self._report(sample.time, terms)
         return sample.time < self._end
 

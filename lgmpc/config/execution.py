@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
+from typing import TYPE_CHECKING
 
 from lgmpc.config.build import prepare
 from lgmpc.config.interrupts import stop_signals
@@ -16,7 +17,12 @@ from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.config.session import IterationReport, Notify, ProgressReport, SessionResult, SolveOutcome
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import Interrupted
+from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
+
+if TYPE_CHECKING:
+    from lgmpc.config.session import Iteration, Progress
+    from lgmpc.viz import Plots
 
 __all__ = ["FinishedRun", "FinishedSolve", "new_folder", "run_config", "solve_config"]
 
@@ -49,24 +55,43 @@ def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFol
 
 
 @dataclass(frozen=True)
-class FinishedRun:
-    """A finished and saved run.
-
-    Attributes:
-        folder: where it was saved.
-        session: its log, metrics and verdict.
-        result: the content of ``run.json``.
-        signal: the signal that ended it early, if any.
-    """
+class _Finished:
+    """What is common to finished runs and finished solves."""
 
     folder: RunFolder
-    session: SessionResult = field(repr=False)
-    result: RunResult
-    signal: Signals | None = None
+    result: RunResult | SolveResult
 
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
         return self.result.html(self.folder.path)
+
+    def show(self, html: str | Path | None = None, *, port: int = 0) -> Path | None:
+        """Replay it: embedded in a notebook, else in the browser, or as a file; see :func:`lgmpc.show`."""
+        from lgmpc.config.showing import show
+
+        return show(self.folder.path, html, port=port)
+
+    def plot(self) -> Plots:
+        """Draw its figures; see :func:`lgmpc.plot`."""
+        from lgmpc.config.showing import plot
+
+        return plot(self.folder.path)
+
+
+@dataclass(frozen=True)
+class FinishedRun(_Finished):
+    """A finished and saved run.
+
+    Attributes:
+        folder: where it was saved.
+        result: the content of ``run.json``.
+        session: its log, metrics and verdict.
+        signal: the signal that ended it early, if any.
+    """
+
+    result: RunResult
+    session: SessionResult = field(repr=False)
+    signal: Signals | None = None
 
     @property
     def exit_code(self) -> int:
@@ -78,8 +103,8 @@ def run_config(
     config: Config,
     out: str | Path = "runs",
     *,
-    notify: Notify = lambda message: None,
-    progress: ProgressReport = lambda progress: None,
+    notify: Notify | None = None,
+    progress: ProgressReport | None = None,
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
@@ -91,16 +116,20 @@ def run_config(
         config: the closed loop.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
-        progress: called with the progress of the simulation.
+        progress: called with the progress of the simulation. In a notebook a bar displays both unless either is given.
 
     Raises:
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the simulation begins.
     """
-    with stop_signals() as stop, new_folder(config, out) as folder:
-        session = prepare(config, notify=notify)
+    with (
+        stop_signals() as stop,
+        new_folder(config, out) as folder,
+        reports(notify, progress, _simulated) as (announce, advance),
+    ):
+        session = prepare(config, notify=announce)
         folder.check_space(session.log_bytes)
-        with stop.deferred(progress) as report:
+        with stop.deferred(advance) as report:
             result = session.run(report)
             folder.write_log(result.log)
             saved = RunResult(
@@ -111,28 +140,23 @@ def run_config(
                 certificate=result.certificate,
             )
             folder.write_result(saved)
-    return FinishedRun(folder, result, saved, stop.received if result.interrupted else None)
+    return FinishedRun(folder, saved, result, stop.received if result.interrupted else None)
 
 
 @dataclass(frozen=True)
-class FinishedSolve:
+class FinishedSolve(_Finished):
     """A finished and saved solve, converged or not.
 
     Attributes:
         folder: where it was saved.
-        outcome: its trajectory, figures and verdict.
         result: the content of ``run.json``.
+        outcome: its trajectory, figures and verdict.
         signal: the signal that ended it early, if any.
     """
 
-    folder: RunFolder
-    outcome: SolveOutcome = field(repr=False)
     result: SolveResult
+    outcome: SolveOutcome = field(repr=False)
     signal: Signals | None = None
-
-    def _repr_html_(self) -> str:
-        """Return a table of the verdict and of some figures."""
-        return self.result.html(self.folder.path)
 
     @property
     def exit_code(self) -> int:
@@ -144,8 +168,8 @@ def solve_config(
     config: SolveConfig,
     out: str | Path = "runs",
     *,
-    notify: Notify = lambda message: None,
-    progress: IterationReport = lambda progress: None,
+    notify: Notify | None = None,
+    progress: IterationReport | None = None,
 ) -> FinishedSolve:
     """Solve the problem of ``config`` and save it as ``out/<time>-<name>/``.
 
@@ -155,17 +179,21 @@ def solve_config(
         config: the problem.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
-        progress: called after every iteration.
+        progress: called after every iteration; displayed in a notebook as by :func:`run_config`.
 
     Raises:
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the first iteration.
     """
-    with stop_signals() as stop, new_folder(config, out) as folder:
-        session = prepare_solve(config, notify=notify)
+    with (
+        stop_signals() as stop,
+        new_folder(config, out) as folder,
+        reports(notify, progress, _iterated) as (announce, advance),
+    ):
+        session = prepare_solve(config, notify=announce)
         folder.check_space(session.log_bytes)
-        with stop.deferred(progress) as report:
-            notify("solving")
+        with stop.deferred(advance) as report:
+            announce("solving")
             outcome = session.run(report)
             folder.write_trajectory(outcome.log)
             saved = SolveResult(
@@ -178,4 +206,13 @@ def solve_config(
             )
             folder.write_result(saved)
     interrupted = outcome.verdict.outcome is Outcome.INTERRUPTED
-    return FinishedSolve(folder, outcome, saved, stop.received if interrupted else None)
+    return FinishedSolve(folder, saved, outcome, stop.received if interrupted else None)
+
+
+def _simulated(now: Progress) -> tuple[float, str]:
+    words = f"{now.time_s:.1f} of {now.duration_s:g} s simulated, {now.real_time_factor:.1f} x real time"
+    return now.time_s / now.duration_s, words
+
+
+def _iterated(now: Iteration) -> tuple[None, str]:
+    return None, f"{now.count} iterations, cost {now.cost:.6g}, {now.elapsed_s:.1f} s"

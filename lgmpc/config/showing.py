@@ -15,6 +15,7 @@ from lgmpc.runs import Gate, Run, RunFolder, SolvedRun
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.runs.limited import JointLimits
 from lgmpc.viz import (
+    Plots,
     embed_page,
     has_desktop,
     plot_run,
@@ -89,23 +90,19 @@ def show_solution(
     return _display(trajectory_page(robot, run), run.result.name, html, port)
 
 
-def plot_solution(
-    scenario: Scenario | Robot, solution: Solution, out: str | Path, *, history: History | None = None
-) -> tuple[Path, ...]:
-    """Draw the figures of a solution of a problem of one's own and return their files.
+def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: History | None = None) -> Plots:
+    """Draw the figures of a solution of a problem of one's own; see :func:`plot`.
 
     Args:
         scenario: see :func:`show_solution`.
         solution: its solution, converged or not.
-        out: folder for the figures.
         history: the solver's reports, for the figure of the convergence.
 
     Raises:
-        RunFolderError: if a figure cannot be written.
         InputError: if the trajectory is not finite or of another robot.
     """
     robot, run = solution_as_run(scenario, solution, history)
-    return plot_trajectory(robot, run, out)
+    return plot_trajectory(robot, run)
 
 
 def _display(page: str, name: str, html: str | Path | None, port: int) -> Path | None:
@@ -119,21 +116,21 @@ def _display(page: str, name: str, html: str | Path | None, port: int) -> Path |
     return None
 
 
-def plot(run: str | Path | FinishedRun | FinishedSolve, out: str | Path | None = None) -> tuple[Path, ...]:
-    """Draw the figures of a run and return their files.
+def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
+    """Draw the figures of a run: motion, forces, torques, timings.
 
     Args:
         run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
-        out: folder for the figures; ``figures/`` in the run's own unless given.
+
+    Returns:
+        Figures of matplotlib by name. A notebook displays them; ``save(folder)`` writes PNG files.
 
     Raises:
-        RunFolderError: if the folder is not a complete run, or a figure cannot be written.
+        RunFolderError: if the folder is not a complete run.
         InputError: if the run has nothing to draw.
     """
     loaded = _load(run)
-    if isinstance(loaded, SolvedRun):
-        return plot_trajectory(_robot_of(loaded), loaded, out)
-    return plot_run(loaded, out)
+    return plot_trajectory(_robot_of(loaded), loaded) if isinstance(loaded, SolvedRun) else plot_run(loaded)
 
 
 def explain(run: str | Path | FinishedRun, out: str | Path | None = None) -> tuple[Explanation, Path]:

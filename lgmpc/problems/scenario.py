@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.notebook import html_table
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.settings import Settings
@@ -122,6 +123,18 @@ class Scenario:
             object.__setattr__(self, "controls", Controls.joints(self.robot))
         if self.controls is not None and len(self.controls.names) != self.problem.nu:
             raise InputError("controls", f"{len(self.controls.names)} names", f"{self.problem.nu}, one a control")
+
+    def _repr_html_(self) -> str:
+        """Return a table of robot, horizon and contacts."""
+        rows = [
+            ("robot", self.robot.name),
+            ("intervals", f"{self.problem.nodes}, {self.durations.sum():.3g} s"),
+            ("state", f"nx = {self.problem.state.nx}, ndx = {self.problem.state.ndx}"),
+            ("controls", self.problem.nu),
+            ("contact frames", ", ".join(self.robot.contact_frames) or "none"),
+            ("targets", ", ".join(waypoint.name for waypoint in self.waypoints) or "none"),
+        ]
+        return html_table(self.name, rows)
 
     @property
     def times(self) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from signal import Signals
 from time import perf_counter
@@ -13,6 +13,7 @@ from time import perf_counter
 from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.schema import Config
 from lgmpc.errors import InputError, Interrupted
+from lgmpc.notebook import html_table, reports
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.folder import Claim, SweepFolder
 from lgmpc.sweeps.pool import Died, Hung, Pool
@@ -79,11 +80,17 @@ class FinishedSweep:
         signal: what ended it early.
     """
 
-    sweep: Sweep
+    sweep: Sweep = field(repr=False)
     folder: Path
-    rows: dict[str, Row]
+    rows: dict[str, Row] = field(repr=False)
     progress: SweepProgress
     signal: Signals | None = None
+
+    def _repr_html_(self) -> str:
+        """Return a table of the points."""
+        now = self.progress
+        rows = [("points", f"{now.done} of {now.total}"), ("failed", now.failed), ("folder", self.folder)]
+        return html_table(self.sweep.settings.name, rows)
 
 
 def available_cores() -> int:
@@ -97,8 +104,8 @@ def run_sweep(
     *,
     workers: int | None = None,
     resume: bool = False,
-    notify: Callable[[str], None] = lambda message: None,
-    progress: Callable[[SweepProgress], None] = lambda progress: None,
+    notify: Callable[[str], None] | None = None,
+    progress: Callable[[SweepProgress], None] | None = None,
 ) -> FinishedSweep:
     """Compute the points of a sweep that are not finished yet, and save each.
 
@@ -111,7 +118,7 @@ def run_sweep(
         workers: number of processes; that of the processors unless given.
         resume: whether to take up a folder that is there; other processes may work on it at the same time.
         notify: called with what is being prepared.
-        progress: called after every point.
+        progress: called after every point. In a notebook a bar displays both unless either is given.
 
     Raises:
         InputError: ``workers`` is below 1.
@@ -120,19 +127,24 @@ def run_sweep(
     if workers is not None and workers < 1:
         raise InputError("workers", workers, "at least 1")
     place = SweepFolder.open(folder, sweep, resume=resume)
-    session = _Session(sweep, place, progress)
     received = None
-    try:
-        with (
-            stop_signals() as stop,
-            Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool,
-        ):
-            session.run(pool, stop, notify)
-    except Interrupted as error:
-        received = error.signal
-    finally:
-        session.close()
+    with reports(notify, progress, _counted) as (announce, advance):
+        session = _Session(sweep, place, advance)
+        try:
+            with (
+                stop_signals() as stop,
+                Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool,
+            ):
+                session.run(pool, stop, announce)
+        except Interrupted as error:
+            received = error.signal
+        finally:
+            session.close()
     return FinishedSweep(sweep, folder, session.finished(), session.now, received)
+
+
+def _counted(now: SweepProgress) -> tuple[float, str]:
+    return now.done / now.total, f"{now.done} of {now.total} points, {now.failed} failed"
 
 
 class _Session:

@@ -10,7 +10,7 @@ from lgmpc.sweeps.design import Sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
 from lgmpc.sweeps.summary import Summary
-from lgmpc.viz.figure_files import Drawing, write_figures
+from lgmpc.viz.figure_files import Drawing, draw_figures
 from lgmpc.viz.sweep_plots import PassShare, boundary_drawing, share_drawing
 
 __all__ = ["draw_sweep", "sweep_drawing"]
@@ -32,7 +32,7 @@ def draw_sweep(sweep: Sweep, rows: Mapping[str, Row], summary: Summary, folder: 
     if drawing is None:
         return None
     title = f"{summary.name} · {summary.finished} of {summary.total} points"
-    (file,) = write_figures(dict([drawing]), title, folder)
+    (file,) = draw_figures(dict([drawing]), title).save(folder)
     return file
 
 

@@ -17,6 +17,7 @@ from lgmpc.config.interrupts import stop_signals
 from lgmpc.config.loading import dump_config
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import InputError, Interrupted, MissingDependencyError, RunFolderError
+from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
 from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Sweep
@@ -90,8 +91,8 @@ def tune(
     workers: int | None = None,
     resume: bool = False,
     command: str = "lgmpc.sweeps.study.tune",
-    notify: Callable[[str], None] = lambda message: None,
-    progress: Callable[[TuningProgress], None] = lambda progress: None,
+    notify: Callable[[str], None] | None = None,
+    progress: Callable[[TuningProgress], None] | None = None,
 ) -> Tuned:
     """Search values that make the objective better than the initial ones do, without failing more points.
 
@@ -106,7 +107,7 @@ def tune(
         resume: whether to take up a folder that is there.
         command: that is noted in the results.
         notify: called with what is being done.
-        progress: called after every trial.
+        progress: called after every trial. In a notebook a bar displays both unless either is given.
 
     Raises:
         InputError: ``trials`` or ``workers`` is below 1.
@@ -117,24 +118,28 @@ def tune(
     for name, number in (("trials", trials), ("workers", 1 if workers is None else workers)):
         if number < 1:
             raise InputError(name, number, "at least 1")
-    with _study(problem, folder, seed, resume) as study:
-        session = _Session(problem, folder, study, progress)
+    with _study(problem, folder, seed, resume) as study, reports(notify, progress, _counted) as (announce, advance):
+        session = _Session(problem, folder, study, advance)
         received = None
         limit = problem.tuned.settings.time_limit_s
         try:
             with stop_signals(), Pool(workers or available_cores(), start_worker, limit) as pool:
-                notify("starting, and compiling what is not in the cache")
+                announce("starting, and compiling what is not in the cache")
                 for _ in pool.map(warm, [problem.tuned.points[0].config], workers=1):
                     pass
-                notify("tuning")
+                announce("tuning")
                 session.search(pool, trials, workers or available_cores())
-                notify("running the held-out points")
+                announce("running the held-out points")
                 held_out = session.compare(pool)
         except Interrupted as error:
             received, held_out = error.signal, None
         finally:
             shutil.rmtree(folder / "scratch", ignore_errors=True)
         return session.result(held_out, command, received)
+
+
+def _counted(now: TuningProgress) -> tuple[float, str]:
+    return now.done / now.total, f"{now.done} of {now.total} trials"
 
 
 _HeldOut = tuple[Score, Score, "Estimate | None"]

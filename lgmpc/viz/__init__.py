@@ -1,12 +1,13 @@
 """Replays and figures of runs, of solved trajectories and of demonstrations.
 
 A replay is one self-contained HTML page, saved by :func:`write_page` or served by :func:`serve_page`; figures are
-files. The viewer and matplotlib are imported when they are used.
+matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when they are used.
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
 from lgmpc.viz.embedded import embed_page
 from lgmpc.viz.explanation_plots import write_explanation
+from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.page import has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
@@ -16,6 +17,7 @@ from lgmpc.viz.trajectory_plots import plot_trajectory
 from lgmpc.viz.trajectory_replay import trajectory_page
 
 __all__ = [
+    "Plots",
     "demo_page",
     "draw_demo",
     "embed_page",

@@ -12,7 +12,7 @@ from lgmpc.runs import RunLog
 from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.events import Event, EventKind
 from lgmpc.runs.forensics import Explanation
-from lgmpc.viz.figure_files import legend_above, write_figures
+from lgmpc.viz.figure_files import draw_figures, legend_above
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def write_explanation(explanation: Explanation, folder: Path) -> Path:
         return True
 
     title = f"{explanation.name} · {explanation.outcome.value}"
-    (file,) = write_figures({"explanation": draw}, title, folder)
+    (file,) = draw_figures({"explanation": draw}, title).save(folder)
     return file
 
 

@@ -1,10 +1,12 @@
-"""Common parts of all figures: files, titles, legends and limits."""
+"""Common parts of all figures: titles, legends and limits; their files and what a notebook displays of them."""
 
 from __future__ import annotations
 
 import io
 import re
+from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,43 +19,85 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Drawing", "draw_limits", "figure_title", "joint_kinds", "legend_above", "svg_figures", "write_figures"]
+    from lgmpc.viz.picture import Picture
+
+__all__ = [
+    "Drawing",
+    "Plots",
+    "draw_figures",
+    "draw_limits",
+    "figure_title",
+    "joint_kinds",
+    "legend_above",
+    "svg_figures",
+]
 
 Drawing = Callable[["Figure"], bool]
 """Draws on an empty figure and returns whether there was data."""
 
 
-def write_figures(drawings: Mapping[str, Drawing], title: str, folder: Path) -> tuple[Path, ...]:
-    """Draw figures into PNG files.
+class Plots(dict[str, "Picture"]):
+    """Figures of matplotlib by name. A notebook displays all of them, or one that is looked up.
+
+    Attributes:
+        title: of what they are drawn.
+    """
+
+    def __init__(self, figures: Mapping[str, Picture], title: str) -> None:
+        super().__init__(figures)
+        self.title = title
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write each figure as ``<name>.png`` and return the files.
+
+        Args:
+            folder: of the files; created if it does not exist.
+
+        Raises:
+            RunFolderError: if the folder cannot be written.
+        """
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunFolderError(f"cannot create {folder}: {reason_of(error)}") from error
+        for name, figure in self.items():
+            with atomic_write(folder / f"{name}.png") as file:
+                figure.savefig(file, format="png")
+        return tuple(folder / f"{name}.png" for name in self)
+
+    def _repr_html_(self) -> str:
+        """Return the figures as pictures."""
+        return "".join(_embedded(figure, f"{name}: {self.title}") for name, figure in self.items())
+
+
+def _embedded(figure: Picture, text: str) -> str:
+    data = b64encode(figure._repr_png_()).decode()
+    return f'<img src="data:image/png;base64,{data}" alt="{escape(text)}" style="max-width:100%"><br>'
+
+
+def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
+    """Draw figures.
 
     Args:
-        drawings: file name without ``.png`` -> drawing.
+        drawings: name -> drawing.
         title: of every figure.
-        folder: of the files; created if it does not exist.
 
     Returns:
-        Paths of the files.
+        Those with data.
 
     Raises:
-        RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(f"cannot create {folder}: {reason_of(error)}") from error
-    written = []
+    drawn = {}
     with figure_maker("lgmpc plot") as make:
         for name, draw in drawings.items():
             figure = make()
-            if not draw(figure):
-                continue
-            figure.suptitle(title, x=0.01, ha="left", fontsize=9, color=SOFT)
-            path = folder / f"{name}.png"
-            with atomic_write(path) as file:
-                figure.savefig(file, format="png")
-            written.append(path)
-    return tuple(written)
+            if draw(figure):
+                figure.suptitle(title, x=0.01, ha="left", fontsize=9, color=SOFT)
+                figure.draw_without_rendering()  # ticks are made when they are drawn, in the style of that moment
+                drawn[name] = figure
+    return Plots(drawn, title)
 
 
 def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:

@@ -1,9 +1,8 @@
-"""Figures of a run, as PNG files."""
+"""Figures of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
-from lgmpc.viz.figure_files import Drawing, draw_limits, figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_kinds, legend_above
 from lgmpc.viz.log_axes import finish, label_modes, label_pushes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
 from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
@@ -24,24 +23,20 @@ if TYPE_CHECKING:
 __all__ = ["FIGURES", "plot_run", "run_drawings"]
 
 
-def plot_run(run: Run, out_dir: Path | str | None = None) -> tuple[Path, ...]:
+def plot_run(run: Run) -> Plots:
     """Draw the figures of a run: base, attitude, velocity, gait, feet, centre of mass, joints, forces, torques, ...
 
     Args:
         run: the run folder, read.
-        out_dir: folder of the PNG files; the run folder's ``figures/`` unless given.
 
     Returns:
-        Paths of the files, one for each figure with data.
+        The figures with data.
 
     Raises:
         InputError: if the log has no tick.
-        RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
-    return write_figures(
-        run_drawings(run), figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures"
-    )
+    return draw_figures(run_drawings(run), figure_title(run.result))
 
 
 def run_drawings(run: Run) -> dict[str, Drawing]:

@@ -11,7 +11,7 @@ from lgmpc.errors import MissingDependencyError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from matplotlib.figure import Figure
+    from lgmpc.viz.picture import Picture
 
 __all__ = ["EXTRA", "INK", "LIMIT", "PALETTE", "PUSH", "SOFT", "THEMED", "X", "Y", "Z", "figure_maker"]
 
@@ -50,7 +50,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Figure]]:
+def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Picture]]:
     """Yield a function that creates empty figures, without a display and in the common style.
 
     Args:
@@ -62,15 +62,10 @@ def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[],
     """
     try:
         import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+
+        from lgmpc.viz.picture import Picture
     except ImportError as error:
         raise MissingDependencyError("matplotlib", purpose, "pip install matplotlib") from error
 
-    def make() -> Figure:
-        figure = Figure(layout="constrained")
-        FigureCanvasAgg(figure)
-        return figure
-
     with matplotlib.rc_context(_STYLE | _VECTOR if vector else _STYLE):
-        yield make
+        yield Picture

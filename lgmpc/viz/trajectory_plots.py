@@ -1,9 +1,8 @@
-"""Figures of a solved trajectory, as PNG files."""
+"""Figures of a solved trajectory."""
 
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,7 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import Drawing, draw_limits, figure_title, joint_kinds, legend_above, write_figures
+from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_kinds, legend_above
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
@@ -28,24 +27,21 @@ _NEAR = 0.3
 """Velocities below this fraction of their limits are drawn without the limits."""
 
 
-def plot_trajectory(robot: Robot, run: SolvedRun, out_dir: Path | str | None = None) -> tuple[Path, ...]:
+def plot_trajectory(robot: Robot, run: SolvedRun) -> Plots:
     """Draw the figures of a solved trajectory: base, joints, controls, contact forces, convergence.
 
     Args:
         robot: the robot of the run.
         run: the run folder, read.
-        out_dir: folder of the PNG files; the run folder's ``figures/`` unless given.
 
     Returns:
-        Paths of the files, one for each figure with data.
+        The figures with data.
 
     Raises:
         InputError: if the trajectory contains NaN or infinity.
-        RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
-    drawings = trajectory_drawings(robot, run)
-    return write_figures(drawings, figure_title(run.result), Path(out_dir) if out_dir else run.path / "figures")
+    return draw_figures(trajectory_drawings(robot, run), figure_title(run.result))
 
 
 def trajectory_drawings(robot: Robot, run: SolvedRun) -> dict[str, Drawing]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from matplotlib.figure import Figure
 
 import lgmpc
 from lgmpc import load_config, load_solve_config, plot, run_config, show, solve_config
@@ -21,16 +22,25 @@ def test_a_finished_run_and_its_folder_give_the_same_page(tmp_path: Path) -> Non
     assert page == tmp_path / "run.html"
     assert page.read_text(encoding="utf-8") == again.read_text(encoding="utf-8")
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert run.show(tmp_path / "method.html") == tmp_path / "method.html"
+    assert (tmp_path / "method.html").read_text(encoding="utf-8") == page.read_text(encoding="utf-8")
+
+
+def test_a_runs_figures_are_matplotlibs_and_saved_where_they_are_wanted(tmp_path: Path) -> None:
+    run = run_config(load_config("solo12_stand", ["duration_s=0.1"]), tmp_path)
     figures = plot(run)
-    assert figures and {figure.parent for figure in figures} == {run.folder.path / "figures"}
-    assert [figure.name for figure in plot(run.folder.path, tmp_path / "drawn")] == [figure.name for figure in figures]
+    assert isinstance(figures["torques"], Figure) and list(figures) == list(run.plot())
+    files = figures.save(tmp_path / "drawn")
+    assert files == tuple(tmp_path / "drawn" / f"{name}.png" for name in figures) and all(map(Path.is_file, files))
+    assert not (run.folder.path / "figures").exists()
 
 
 def test_a_solved_problem_is_shown_too(tmp_path: Path) -> None:
     solved = solve_config(load_solve_config("panda_reach"), tmp_path)
     page = show(solved, tmp_path / "reach.html")
     assert page is not None and "panda" in page.read_text(encoding="utf-8")
-    assert all(figure.is_file() for figure in plot(solved))
+    assert solved.show(tmp_path / "again.html") is not None
+    assert {"joints", "controls"} <= set(solved.plot()) == set(plot(solved.folder.path))
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
@@ -68,10 +78,8 @@ def test_solutions_of_ones_own_problem_are_shown_and_drawn_without_a_run(tmp_pat
         np.testing.assert_allclose((after - before) / 0.02, log.contact_forces[k].sum(axis=0) + weight, atol=0.5)
     page = lgmpc.show_solution(robot, solution, tmp_path / "page.html")
     assert page is not None and "stand · lgmpc replay" in page.read_text(encoding="utf-8")
-    figures = lgmpc.plot_solution(robot, solution, tmp_path / "figures", history=history)
-    assert {"base.png", "joints.png", "controls.png", "forces.png", "convergence.png"} <= {
-        file.name for file in figures
-    }
+    figures = lgmpc.plot_solution(robot, solution, history=history)
+    assert {"base", "joints", "controls", "forces", "convergence"} <= set(figures)
     arm = lgmpc.FreeForwardDynamics(pin.buildSampleModelManipulator())
     other = lgmpc.Fddp(lgmpc.ShootingProblem(lgmpc.MultibodyAction("arm", arm), 2)).solve(max_iterations=0)
     with pytest.raises(InputError, match="solution: got states with nx = 12; expected states of solo12, nx = 37"):

@@ -33,7 +33,7 @@ def only(monkeypatch, *names: str) -> None:
 @pytest.fixture(scope="module")
 def figures(pushed_run, tmp_path_factory):
     out = tmp_path_factory.mktemp("figures")
-    return {path.stem: path for path in plot_run(pushed_run, out)}
+    return {path.stem: path for path in plot_run(pushed_run).save(out)}
 
 
 def test_all_figures_are_drawn(figures) -> None:
@@ -103,13 +103,7 @@ def test_limits_are_in_the_warning_colour(figures) -> None:
     assert count(pixels(figures["forces"]), ORANGE) > 200
 
 
-def test_the_run_folder_takes_the_figures_by_default(pushed_run, monkeypatch) -> None:
-    only(monkeypatch, "timing")
-    paths = plot_run(pushed_run)
-    assert {path.parent for path in paths} == {pushed_run.path / "figures"}
-
-
-def test_figures_without_data_are_left_out(pushed_run, tmp_path, monkeypatch) -> None:
+def test_figures_without_data_are_left_out(pushed_run, monkeypatch) -> None:
     only(monkeypatch, "forces", "timing")
     empty = np.zeros(0)
     log = replace(
@@ -125,7 +119,7 @@ def test_figures_without_data_are_left_out(pushed_run, tmp_path, monkeypatch) ->
     }
     bare = replace(log, contact_frames=np.zeros(0, dtype=np.str_), mpc_forces=np.zeros((0, 0, 3)), **contacts)
     # The whole-body ticks were timed; there was no MPC and there are no contacts.
-    assert [path.stem for path in plot_run(replace(pushed_run, log=bare), tmp_path)] == ["timing"]
+    assert list(plot_run(replace(pushed_run, log=bare))) == ["timing"]
 
 
 def test_a_run_that_blew_up_is_drawn(pushed_run, tmp_path) -> None:
@@ -133,13 +127,13 @@ def test_a_run_that_blew_up_is_drawn(pushed_run, tmp_path) -> None:
     arrays = {name: getattr(log, name).copy() for name in ("q", "v", "com", "tau", "contact_forces")}
     for array in arrays.values():
         array[300:] = np.nan
-    assert len(plot_run(replace(pushed_run, log=replace(log, **arrays)), tmp_path)) == 7
+    assert len(plot_run(replace(pushed_run, log=replace(log, **arrays))).save(tmp_path)) == 7
 
 
 def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "torques")
     names = np.array([f"motor{k}" for k in range(12)])
-    (path,) = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=names)), tmp_path)
+    (path,) = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=names))).save(tmp_path)
     assert count(pixels(path), ORANGE) > 200
 
 
@@ -147,21 +141,21 @@ def test_errors_of_drawing_and_writing_are_reported(pushed_run, tmp_path) -> Non
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(RunFolderError, match="cannot create .*file"):
-        plot_run(pushed_run, file)
+        plot_run(pushed_run).save(file)
     empty = Recorder(
         nq=7, nv=6, effort_limit=[], contact_frames=(), friction=1.0, contact_radius=0.0, control_period_s=1.0, ticks=0
     ).log()
     with pytest.raises(InputError, match="0 ticks"):
-        plot_run(replace(pushed_run, log=empty), tmp_path)
+        plot_run(replace(pushed_run, log=empty))
 
 
 def test_the_error_of_an_estimate_is_drawn_where_there_is_one(pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "estimate")
-    assert plot_run(pushed_run, tmp_path) == ()
+    assert plot_run(pushed_run) == {}
     log = pushed_run.log
     estimate = {"estimate_q": log.q + 1e-3, "estimate_v": log.v + 1e-2}
     contacts, spent = np.ones((log.ticks, 4), np.int8), np.full(log.ticks, 0.05)
     estimated = replace(log, **estimate, estimate_contacts=contacts, estimate_ms=spent)
-    (path,) = plot_run(replace(pushed_run, log=estimated), tmp_path)
+    (path,) = plot_run(replace(pushed_run, log=estimated)).save(tmp_path)
     assert path.stem == "estimate"
     assert 0.01 < np.mean(pixels(path).min(axis=2) < 250) < 0.6

@@ -202,7 +202,7 @@ def test_the_figures_that_there_are_data_for_are_drawn(
         "fly": (iris, flight, ["base", "controls", "convergence"]),
     }
     for name, (robot, run, figures) in expected.items():
-        written = plot_trajectory(robot, run, tmp_path / name)
+        written = plot_trajectory(robot, run).save(tmp_path / name)
         assert [path.stem for path in written] == figures
         for path in written:
             image = imread(path)[..., :3]

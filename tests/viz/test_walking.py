@@ -49,12 +49,10 @@ def overlay(stepping_log):
     return add
 
 
-def test_a_walking_run_has_its_figures_and_a_standing_one_has_not(
-    pushed_run, stepping_log, tmp_path, monkeypatch
-) -> None:
+def test_a_walking_run_has_its_figures_and_a_standing_one_has_not(pushed_run, stepping_log, monkeypatch) -> None:
     only(monkeypatch, *NAMES)
-    assert plot_run(pushed_run, tmp_path) == ()
-    assert [path.stem for path in plot_run(replace(pushed_run, log=stepping_log), tmp_path)] == NAMES
+    assert plot_run(pushed_run) == {}
+    assert list(plot_run(replace(pushed_run, log=stepping_log))) == NAMES
 
 
 def test_velocity_is_drawn_against_the_command(draw, stepping_log) -> None:

@@ -119,6 +119,9 @@ class FootholdPlanner:
         self._rate = math.sqrt(_GRAVITY / legs.height)
         self._rolling = legs.radius / legs.height
         self._feet = [(float(x), float(y)) for x, y, _ in legs.feet]
+        x, y, _ = legs.feet.mean(axis=0).tolist()
+        # A robot that stands need not be above the middle of its feet; one on two feet at a time is driven off it.
+        self._walking = [(ahead - x, left - y) for ahead, left in self._feet]
         self._hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self._sides = [s.side_share * y for _, y in self._feet]
         drops = legs.hips[:, 2] + legs.height
@@ -145,7 +148,8 @@ class FootholdPlanner:
             remaining: time until the touchdown, s.
             stance: duration of the stance after it, s; inf to stand from then on.
             others: where other feet are or will be.
-            width: of the gait; a foot that stands from then on is put down where the reference posture has it.
+            width: of the gait; a foot that stands from then on is put down where the reference posture has it, others
+                around the centre of mass.
         """
         vx, vy = motion.vx, motion.vy
         x, y = motion.x + vx * remaining, motion.y + vy * remaining
@@ -190,7 +194,10 @@ class FootholdPlanner:
         gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         outward = s.centrifugal * omega / (rate * rate)
         ahead, left = self._feet[foot]
-        fx, fy = _turn(ahead, left * (width if stance < math.inf else 1.0), motion.yaw + turned + omega * half)
+        if stance < math.inf:
+            ahead, left = self._walking[foot]
+            left *= width
+        fx, fy = _turn(ahead, left, motion.yaw + turned + omega * half)
         ax, ay = motion.astray_x, motion.astray_y
         x = com[0] + fx + neutral * nx + gain * (vx - wx) - rolled * wx + outward * wy + s.position_feedback * ax
         y = com[1] + fy + neutral * ny + gain * (vy - wy) - rolled * wy - outward * wx + s.position_feedback * ay

@@ -56,6 +56,15 @@ def test_at_rest_the_feet_stay_where_they_belong(legs: LegGeometry) -> None:
         np.testing.assert_allclose(place, legs.feet[foot, :2] + [1.0, 2.0], atol=1e-12)
 
 
+def test_a_robot_that_walks_is_above_the_middle_of_its_feet_one_that_stands_need_not_be(legs: LegGeometry) -> None:
+    """HyQ's posture has its centre of mass 39 mm ahead of the middle: it trotted 23 mm beside its path."""
+    shifted = replace(legs, feet=legs.feet + [-0.04, 0.015, 0.0])
+    planner = FootholdPlanner(shifted)
+    for stance, expected in ((TROT.stance_s, legs.feet), (math.inf, shifted.feet)):
+        places = [planner.place(foot, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), 0.1, stance) for foot in range(4)]
+        np.testing.assert_allclose(places, expected[:, :2], atol=1e-12)
+
+
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
 def test_one_stance_takes_the_velocity_error_away(legs: LegGeometry, v: float, wanted: float, stance: float) -> None:
     planner = FootholdPlanner(replace(legs, radius=0.0), FootholdSettings(reach_share=1.0))

@@ -14,6 +14,7 @@ import time
 
 import casadi as ca
 import numpy as np
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
 from lgmpc.compile import BatchKernel, StageKernel
@@ -46,8 +47,8 @@ def stance() -> tuple[MultibodyAction, np.ndarray]:
 
 def measure(
     kernel: type[StageKernel], function: ca.Function, point: list[np.ndarray], options: argparse.Namespace
-) -> str:
-    """Return processor time of the compilation, s, and median (least) time of a stage, us, as columns."""
+) -> dict[str, float]:
+    """Return processor time of the compilation, s, and median and least time of a stage, us."""
     start = sum(os.times()[:4])
     made = kernel(function)
     took = sum(os.times()[:4]) - start
@@ -61,8 +62,8 @@ def measure(
         begun = time.perf_counter()
         call()
         samples.append(time.perf_counter() - begun)
-    median, least = (1e6 * value / options.stages for value in (np.median(samples), min(samples)))
-    return f" {took:>10.1f} {median:>8.1f} ({least:5.1f})"
+    median, least = (1e6 * float(value) / options.stages for value in (np.median(samples), min(samples)))
+    return {"compiler_s": took, "median_us": median, "least_us": least}
 
 
 def main() -> None:
@@ -70,7 +71,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=2000, help="evaluations to take the median of")
     parser.add_argument("--stages", type=int, default=20, help="stages of an evaluation")
+    add_json_option(parser)
     options = parser.parse_args()
+    print_machine()
+    figures = {}
     action, x = stance()
     u = np.zeros(action.nu)
     print(f"{'':<25} {'one by one':>27} {'in lanes':>27}")
@@ -79,8 +83,14 @@ def main() -> None:
         ("values", action.value_function, (x, u, action.parameters.default)),
         ("expansion", action.quadratic_function, (x, u, x, action.parameters.default)),
     ):
-        columns = [measure(kernel, function, list(arguments), options) for kernel in (StageKernel, BatchKernel)]
+        kernels = (("one by one", StageKernel), ("in lanes", BatchKernel))
+        each = {name: measure(kernel, function, list(arguments), options) for name, kernel in kernels}
+        columns = [
+            " {compiler_s:>10.1f} {median_us:>8.1f} ({least_us:5.1f})".format(**taken) for taken in each.values()
+        ]
         print(f"{label:<12} {function.n_instructions():>12}{''.join(columns)}")
+        figures[label] = {"instructions": function.n_instructions(), **each}
+    write_record(options.json, figures)
 
 
 if __name__ == "__main__":

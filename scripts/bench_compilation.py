@@ -17,10 +17,11 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import example_robot_data
 import numpy as np
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import CostItem
@@ -99,7 +100,10 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", nargs="+", choices=sorted(FEET), default=list(FEET))
+    add_json_option(parser)
     options = parser.parse_args()
+    print_machine()
+    taken: dict[str, dict[str, dict[str, float]]] = {}
     print(f"{'':34s}{'libraries':>10s}{'compiler, s':>13s}{'Python, s':>11s}{'elapsed, s':>12s}")
     for robot in options.robots:
         with tempfile.TemporaryDirectory() as cache:
@@ -107,6 +111,8 @@ def main() -> None:
             for name, step in steps_of(robot).items():
                 figures = f"{step.libraries:10d}{step.compiler_s:13.1f}{step.python_s:11.1f}{step.elapsed_s:12.1f}"
                 print(f"{robot:10s}{name:24s}{figures}", flush=True)
+                taken.setdefault(robot, {})[name] = asdict(step)
+    write_record(options.json, taken)
 
 
 if __name__ == "__main__":

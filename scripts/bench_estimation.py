@@ -6,12 +6,14 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported: threads only slow matrices of this size down
 
+import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from record import add_json_option, print_machine, quantiles, write_record
 
 from lgmpc.compile import find_compiler, jit_enabled
 from lgmpc.config.build import build_estimator, build_sensors
@@ -21,13 +23,14 @@ from lgmpc.control.interface import Measurement
 from lgmpc.estimation import ImuNoise, InvariantEkf, LegSensing, Preintegration
 from lgmpc.estimation.invariant_ekf import FORMS, ErrorForm
 from lgmpc.robot import Robot
-from lgmpc.runs import host_info, versions
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
 CONFIG = Path(__file__).parent.parent / "configs" / "solo12_balance_inekf.yaml"
 CALLS = 5000
 PERIOD = 1e-3
+FIGURES: dict[str, dict[str, float]] = {}
+"""us, by the name of the row."""
 PREDICT_LIMIT, CORRECT_LIMIT = 20.0, 60.0  # us
 
 
@@ -42,7 +45,8 @@ def timed(call: Callable[[], object], calls: int = CALLS) -> Array:
 
 
 def row(name: str, times: Array, limit: float | None = None) -> None:
-    """Print a line of the table."""
+    """Print a line of the table, and keep it for the record."""
+    FIGURES[name] = quantiles(times)
     bound = "" if limit is None else f"at most {limit:g}"
     print(f"{name:34s}{np.median(times):10.1f}{np.percentile(times, 99):10.1f}   {bound}")
 
@@ -69,9 +73,10 @@ def filter_rows(robot: Robot, form: ErrorForm) -> None:
 
 def main() -> None:
     """Print machine, versions and the table."""
-    host = host_info()
-    print(f"{host.cpu}, {host.cores} cores, {host.system}, OMP_NUM_THREADS={host.threads}")
-    print(", ".join(f"{name} {version}" for name, version in versions().items()))
+    parser = argparse.ArgumentParser(description=__doc__)
+    add_json_option(parser)
+    options = parser.parse_args()
+    print_machine()
     compiled = jit_enabled() and find_compiler() is not None
     print(f"\nestimator of Solo12, four contacts, {CALLS} calls, {'compiled' if compiled else 'interpreted'}; us\n")
     print(f"{'':34s}{'median':>10}{'99 %':>10}")
@@ -93,6 +98,7 @@ def main() -> None:
     row("estimator's whole tick", tick)
     motion = Preintegration(ImuNoise(), np.zeros(3), np.zeros(3))
     row("preintegration of one sample", timed(lambda: motion.integrate(gyro, force, PERIOD)))
+    write_record(options.json, FIGURES)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
-import json
 import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -26,10 +25,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.config.build import prepare
 from lgmpc.config.loading import load_config
-from lgmpc.runs import Metrics, RunLog, WalkingMetrics, host_info, versions
+from lgmpc.runs import Metrics, RunLog, WalkingMetrics
 
 CONFIG = Path(__file__).parent.parent / "configs" / "solo12_velocity.yaml"
 START_S, PLATEAU_S, PUSH_S = 0.5, 3.5, 0.2
@@ -169,7 +169,8 @@ def velocities(bench: Bench, motions: tuple[Motion, ...]) -> list[dict[str, obje
         assert walking is not None and mpc is not None
         p50, p99 = np.percentile(tick_ms(log), [50.0, 99.0])
         times = {"mpc_ms": asdict(mpc), "tick_ms": {"p50": p50, "p99": p99}}
-        rows.append({"command": str(motion), "fell": metrics.fell, **asdict(walking), **times})
+        saturated = {"torque_saturation_fraction": metrics.torque_saturation_fraction}
+        rows.append({"command": str(motion), "fell": metrics.fell, **asdict(walking), **saturated, **times})
         cells = " ".join(column.cell(metrics, walking) for column in COLUMNS)
         cells = f"fell after {metrics.survived_s:.2f} s".ljust(len(cells)) if metrics.fell else cells
         timing = f"{mpc.p50:.2f} / {mpc.p99:.2f}"
@@ -245,7 +246,7 @@ def main() -> None:
     parser.add_argument("--resolution", type=float, help="of impulses, N.s: 0.1, or 0.5 with --quick")
     parser.add_argument("--quick", action="store_true", help="few velocities, few pushes, coarsely")
     parser.add_argument("--skip-pushes", action="store_true")
-    parser.add_argument("--json", type=Path, help="write all figures to this file, too")
+    add_json_option(parser)
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
     logging.getLogger("lgmpc").setLevel(logging.ERROR)  # falls are figures here
@@ -253,9 +254,7 @@ def main() -> None:
         f"{section}.friction={arguments.friction}" for section in ("plant", "mpc", "wbc")
     ]  # fmt: skip
     bench = Bench(arguments.config, arguments.gait, [*same, *arguments.overrides])
-    packages = versions()
-    print(host_info())
-    print(", ".join(f"{name} {version}" for name, version in packages.items()))
+    print_machine()
     print(f"{arguments.config.stem}, {arguments.gait}, " + (", ".join([*same, *arguments.overrides]) or "as it is"))
     quick = arguments.quick
     found: dict[str, object] = {"velocities": velocities(bench, QUICK_MOTIONS if quick else MOTIONS)}
@@ -270,10 +269,7 @@ def main() -> None:
             pushes(bench, Motion(arguments.push_speed), arguments.body, directions, phases, resolution),
             pushes(steps, Motion(), arguments.body, directions, 1, resolution),
         ]
-    if arguments.json is not None:
-        arguments.json.write_text(
-            json.dumps({"host": str(host_info()), "versions": packages, **found}, indent=2) + "\n"
-        )
+    write_record(arguments.json, found)
 
 
 if __name__ == "__main__":

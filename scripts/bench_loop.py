@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
-from lgmpc.runs import host_info, versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
@@ -108,9 +108,9 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--plant", choices=["mujoco", "pinocchio"], default="mujoco")
     parser.add_argument("--skip-start", action="store_true", help="leave out the time to a first command")
+    add_json_option(parser)
     arguments = parser.parse_args()
-    print(host_info())
-    print(", ".join(f"{name} {version}" for name, version in versions().items()))
+    print_machine()
     config_file = CONFIGS / f"solo12_balance{MODELS[arguments.model]}.yaml"
     overrides = [f"plant.kind={arguments.plant}"]
     found = [
@@ -120,12 +120,18 @@ def main() -> None:
     runs = [metrics for metrics in found if metrics is not None and metrics.wbc_ms and metrics.mpc_ms]
     updates = 1e3 / load_config(config_file).mpc.rate_hz
     print(f"MPC: {arguments.model}, one update every {updates:g} ms")
+    figures: dict[str, Any] = {}
     for name, timings in (("MPC update", [m.mpc_ms for m in runs]), ("whole-body tick", [m.wbc_ms for m in runs])):
         p50, p99 = (np.median([getattr(t, q) for t in timings]) for q in ("p50", "p99"))
+        figures[name] = {"p50_ms": float(p50), "p99_ms": float(p99)}
         print(f"{name:22s} median {1e3 * p50:6.0f} us   99th percentile {1e3 * p99:6.0f} us")
     factors = [m.real_time_factor for m in runs]
     print(f"real-time factor       median {np.median(factors):6.2f}      of {len(factors)} runs of 10 s, one process")
     shares, ticks = part_shares(config_file, overrides)
+    figures["real-time factor"] = float(np.median(factors))
+    figures["parts"] = {
+        part: {"us_a_tick": 1e6 * s / ticks, "share": s / sum(shares.values())} for part, s in shares.items()
+    }
     print("\npart                us a tick   share")
     for part, spent in sorted(shares.items(), key=lambda item: -item[1]):
         print(f"{part:18s} {1e6 * spent / ticks:10.1f} {100 * spent / sum(shares.values()):6.1f} %")
@@ -135,6 +141,8 @@ def main() -> None:
             cold = first_command_s(config_file, cache)
             warm = np.median([first_command_s(config_file, cache) for _ in range(3)])
         print(f"first command          {cold:.1f} s with an empty compile cache, {warm:.1f} s with a warm one")
+        figures["first command"] = {"empty_cache_s": cold, "warm_cache_s": float(warm)}
+    write_record(arguments.json, figures)
 
 
 if __name__ == "__main__":

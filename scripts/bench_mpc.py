@@ -13,8 +13,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import platform
-from importlib.metadata import version
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -24,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from record import add_json_option, print_machine, quantiles, write_record
 
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
@@ -85,6 +84,11 @@ class ClosedLoop(ABC):
     @abstractmethod
     def standing(self) -> Array:
         """(9,) reference of centre of mass and momenta."""
+
+    def figures(self) -> dict[str, float]:
+        """Times of all updates but the first two, ms, and what the worst of them left."""
+        ms = 1e3 * np.array(self.times[2:])
+        return {**quantiles(ms), "failures": self.failures, "deviation_m": self.deviation}
 
     def row(self) -> str:
         """One line of the table."""
@@ -216,6 +220,7 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, default=20)
     parser.add_argument("--facets", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=3.0)
+    add_json_option(parser)
     options = parser.parse_args()
 
     loops = MODELS[options.model](options.nodes, options.facets, options.solvers)
@@ -228,9 +233,7 @@ def main() -> None:
         for loop in loops:
             loop.step(t, wrench)
 
-    print(f"{_processor()}, {os.cpu_count()} cores, {platform.platform()}, Python {platform.python_version()}")
-    packages = ("lgmpc", "casadi", "osqp", "piqp", "proxsuite", "numpy")
-    print(", ".join(f"{name} {version(name)}" for name in packages))
+    print_machine()
     print(
         f"{options.model}, N = {options.nodes}, 4 contacts, {options.facets} facets, {options.impulse} N.s in 0.2 s, "
         f"one thread, {'compiled' if loops[0].compiled else 'interpreted'}; times in ms"
@@ -241,14 +244,7 @@ def main() -> None:
     )
     for loop in loops:
         print(loop.row())
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo") as file:
-            return next(line.split(":")[1].strip() for line in file if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    write_record(options.json, {loop.name: loop.figures() for loop in loops})
 
 
 if __name__ == "__main__":

@@ -16,24 +16,22 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
 
 import argparse
 import importlib.util
-import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait
 from paired_robots import Pair, arm, paired, quadrotor, talos
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CoMPosition, Control, FrictionCone, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.runs import host_info, versions
 from lgmpc.solvers import BoxFddp, Fddp, LineSearchSqp
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver
 
@@ -194,16 +192,15 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, nargs="+", default=[20, 50, 100], help="horizons of the stance")
     parser.add_argument("--problems", nargs="+", help="beginnings of names (stance, trot, ANYmal, Talos, constrained)")
     parser.add_argument("--rounds", type=int, default=30, help="rounds of each measurement")
-    parser.add_argument("--json", type=Path, help="also write the figures there")
+    add_json_option(parser)
     options = parser.parse_args()
-    host, packages = host_info(), versions()
     crocoddyl: Any = None
+    packages: dict[str, str] = {}
     if importlib.util.find_spec("crocoddyl") is None:
         print("Crocoddyl is not installed: only lgmpc is timed")
     else:
-        crocoddyl, packages = importlib.import_module("crocoddyl"), packages | {"crocoddyl": version("crocoddyl")}
-    print(f"{host.cpu}, {host.cores} cores, {host.system}, OMP_NUM_THREADS={host.threads}")
-    print(", ".join(f"{name} {number}" for name, number in packages.items()))
+        crocoddyl, packages = importlib.import_module("crocoddyl"), {"crocoddyl": version("crocoddyl")}
+    print_machine(packages)
     theirs = crocoddyl is not None
     problems: dict[str, Callable[[], Pair]] = {
         **{f"stance {nodes}": partial(paired, Stance(nodes), theirs=theirs) for nodes in options.nodes},
@@ -221,9 +218,7 @@ def main() -> None:
     figures = [f for name in chosen for f in compare(name, problems[name](), options.rounds, crocoddyl)]
     if not options.problems or "constrained" in options.problems:
         figures += time_constrained(20, options.rounds)
-    if options.json is not None:
-        content = {"host": asdict(host), "versions": packages, "figures": [asdict(figure) for figure in figures]}
-        options.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_record(options.json, [asdict(figure) for figure in figures], packages)
 
 
 if __name__ == "__main__":

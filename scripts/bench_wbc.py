@@ -11,11 +11,11 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from record import add_json_option, print_machine, quantiles, write_record
 
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.robot import Robot
-from lgmpc.runs import host_info, versions
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
@@ -64,17 +64,20 @@ def main() -> None:
     """Print machine, versions and the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--facets", type=int, nargs="+", default=[4, 8, 12, 16])
+    add_json_option(parser)
     arguments = parser.parse_args()
-    host = host_info()
-    print(f"{host.cpu}, {host.cores} cores, {host.system}, OMP_NUM_THREADS={host.threads}")
-    print(", ".join(f"{name} {version}" for name, version in versions().items()))
+    print_machine()
     print(f"\nwhole-body control of Solo12, {TICKS} ticks, three pushes of 2 N.s; median / 99th percentile, us\n")
     print("facets" + "".join(f"{part:>16}" for part in (*PARTS, "tick", "ticks by ProxQP")))
     robot = build_robot(load_config(CONFIG))
+    figures = {}
     for facets in arguments.facets:
         times, left = pushed_run(robot, WholeBodySettings(friction_facets=facets))
         cells = [f"{np.median(column):.0f} / {np.percentile(column, 99):.0f}" for column in times.T]
         print(f"{facets:6d}" + "".join(f"{cell:>16}" for cell in cells) + f"{left:16d}")
+        parts = {f"{part}_us": quantiles(column) for part, column in zip((*PARTS, "tick"), times.T, strict=True)}
+        figures[str(facets)] = {**parts, "ticks_by_proxqp": left}
+    write_record(arguments.json, figures)
 
 
 if __name__ == "__main__":

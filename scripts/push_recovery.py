@@ -19,18 +19,16 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
-import json
 import logging
-import platform
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from bench_locomotion import FOOT_LIMIT_M, STEPPING, Bench, Motion, largest, pushes
+from record import add_json_option, print_machine, write_record
 
 from lgmpc.config.build import prepare
 from lgmpc.config.loading import load_config
-from lgmpc.runs import versions
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
@@ -73,7 +71,7 @@ def compare_standing(
 
 
 def main() -> None:
-    """Measure and print, as a table and as JSON."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="what predicts")
     parser.add_argument("--friction", type=float, nargs="+", default=[0.6], help="of floor and controller")
@@ -83,10 +81,10 @@ def main() -> None:
     parser.add_argument("--phases", type=int, default=1, help="of the gait at which pushes begin, with --command")
     parser.add_argument("--resolution", type=float, default=0.05, help="N.s")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
+    add_json_option(parser)
     arguments = parser.parse_args()
     logging.getLogger("lgmpc").setLevel(logging.ERROR)  # falls are figures here
-    packages = versions()
-    print(platform.machine(), {name: packages[name] for name in ("pin", "mujoco", "proxsuite", "osqp")})
+    print_machine()
     angles = 2.0 * np.pi * np.arange(arguments.directions) / arguments.directions
     config_file = CONFIGS / f"solo12_balance{MODELS[arguments.model]}.yaml"
     moving = arguments.command is not None and arguments.command.moves
@@ -103,7 +101,7 @@ def main() -> None:
         else:
             found = {"controllers": compare_standing(config_file, same, angles, arguments.resolution)}
         results.append({"friction": friction, **found})
-    print(json.dumps(results))
+    write_record(arguments.json, results)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """C of a stage function that evaluates several stages at once: every scalar is a vector, with one stage in each lane.
 
 The long straight-line bodies of dynamics' derivatives are limited by the machine code that streams from the caches;
-lanes share it. Each lane does the operations of CasADi's own C in the same order, and the C library computes functions
-such as the sine one lane after the other, so results have the same bits. The preprocessor decides how many lanes there
-are: as many doubles as the processor's vectors hold; one where the compiler has no vector extensions.
+lanes share it. Each lane does the operations of CasADi's own C in the same order, with the same sines and angles
+(``trigonometry.c``: of all lanes at once), and the C library computes other functions one lane after the other, so
+results have the same bits. The preprocessor decides how many lanes there are: as many doubles as the processor's
+vectors hold; one where the compiler has no vector extensions.
 
 One body of 100,000 vector statements takes GCC a minute (register allocation). So the statements are cut into functions
 that pass values through memory, and these are spread over files, which compile in parallel.
@@ -12,13 +13,14 @@ that pass values through memory, and these are spread over files, which compile 
 from __future__ import annotations
 
 import re
+from importlib.resources import files
 from typing import NamedTuple
 
 import casadi
 
 from lgmpc.errors import CompileError
 
-__all__ = ["LANES_IDENTITY", "VECTORS", "generate_lanes", "has_lanes"]
+__all__ = ["LANES_IDENTITY", "SCALAR_TRIGONOMETRY", "VECTORS", "generate_lanes", "has_lanes"]
 
 _STATEMENTS = 500  # of one function; 200 and 1000 are slower
 _PARTS = 20  # of one file
@@ -52,8 +54,18 @@ _FORMULAS = {
     **{getattr(casadi, f"OP_{name.upper()}"): f"each_{name}({{0}}, {{1}})" for name in _BINARY},
 }
 
+# A vector of one lane. Macros, so that CasADi's code can follow without them.
+_ONE_LANE = """\
+#define V double
+#define M int
+#define LANE(v, i) (v)
+#define ALL(x) (x)
+#define NOT(m) (!(m))
+#define CHOOSE(m, a, b) ((m) ? (a) : (b))
+"""
+
 # How many doubles the processor's vectors hold, and the vectors' type.
-VECTORS = """\
+VECTORS = f"""\
 #include <math.h>
 
 #ifndef LANES
@@ -74,19 +86,32 @@ VECTORS = """\
 typedef double V __attribute__((vector_size(8 * LANES)));
 typedef long long M __attribute__((vector_size(8 * LANES)));
 #define LANE(v, i) (v)[i]
-static inline V all(double x) { V zero = {0}; return x - zero; }
-static inline V truth(M m) { return (V) (m & (M) all(1.0)); }
-static inline V select(V c, V a) { return (V) ((M) a & (M) (c != all(0.0))); }
+#define ALL(x) all(x)
+#define NOT(m) (~(M) (m))
+#define CHOOSE(m, a, b) ((V) (((M) (a) & (M) (m)) | ((M) (b) & ~(M) (m))))
+static inline V all(double x) {{ V zero = {{0}}; return x - zero; }}
+static inline V truth(M m) {{ return (V) (m & (M) all(1.0)); }}
+static inline V select(V c, V a) {{ return (V) ((M) a & (M) (c != all(0.0))); }}
 #else
-typedef double V;
-typedef int M;
-#define LANE(v, i) (v)
-static inline V all(double x) { return x; }
-static inline V truth(M m) { return m; }
-static inline V select(V c, V a) { return c != 0.0 ? a : 0.0; }
+{_ONE_LANE}\
+static inline V all(double x) {{ return x; }}
+static inline V truth(M m) {{ return m; }}
+static inline V select(V c, V a) {{ return c != 0.0 ? a : 0.0; }}
 #endif
 
 """
+
+_TRIGONOMETRY = files("lgmpc.compile").joinpath("trigonometry.c").read_text(encoding="utf-8")
+_SINES = ("sin", "cos", "tan", "atan2")  # what is there
+
+# The same functions of single numbers, instead of the C library's.
+SCALAR_TRIGONOMETRY = "".join(
+    [
+        "#undef LANES\n#define LANES 1\n", _ONE_LANE, _TRIGONOMETRY,
+        *(f"#undef {name}\n" for name in ("LANES", "V", "M", "LANE", "ALL", "NOT", "CHOOSE")),
+        *(f"#define {name} each_{name}\n" for name in _SINES),
+    ]
+)  # fmt: skip
 
 _ARGUMENT = re.compile(r"\b([xr])(\d+)\[")
 
@@ -101,7 +126,13 @@ static inline double sign(double x) { return x < 0 ? -1 : x > 0 ? 1 : x; }
   { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i), LANE(b, i)); return v; }
 """
 )
-_HEAD += "".join([*(f"EACH({name})\n" for name in _UNARY), *(f"EACH2({name})\n" for name in _BINARY)])
+_HEAD += "".join(
+    [
+        _TRIGONOMETRY,
+        *(f"EACH({name})\n" for name in _UNARY if name not in _SINES),
+        *(f"EACH2({name})\n" for name in _BINARY if name not in _SINES),
+    ]
+)
 
 # Work memory follows the results; those that are always zero are never written, in memory that is zero at first.
 _ENTRY = """
@@ -117,7 +148,7 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 }}
 """
 
-_VERSION = "3"  # part of every cache key: increase it when the functions below change
+_VERSION = "4"  # part of every cache key: increase it when the functions below change
 LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{_STATEMENTS} {_PARTS}")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler
 from lgmpc.compile.function import Signature
-from lgmpc.compile.lanes import LANES_IDENTITY, generate_lanes
+from lgmpc.compile.lanes import LANES_IDENTITY, SCALAR_TRIGONOMETRY, generate_lanes
 from lgmpc.errors import CompileError
 from lgmpc.typing import Array
 
@@ -36,7 +36,7 @@ Progress = Callable[[str], None]
 
 _log = logging.getLogger("lgmpc.compile")
 _ALIGNMENT = 8  # doubles: the widest vectors hold so many
-_CODEGEN_VERSION = "2"  # part of every cache key: increase it when the code around CasADi's changes
+_CODEGEN_VERSION = "3"  # part of every cache key: increase it when the code around CasADi's changes
 
 # Passing one pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
 # casadi.Function.map copies every output twice and every shared input once per stage.
@@ -61,6 +61,7 @@ CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
 # CasADi's runtime (dense products, factorisations) consists of loops, 2.7 times faster at -O2 than at the -O1 of the
 # long straight-line bodies after it. The pragma is GCC's; clang's -O1 is as fast without one.
 _RUNTIME = re.compile(r"^#include <math\.h>\n(.*?)^static int casadi_f\d+\(", re.MULTILINE | re.DOTALL)
+_HEADER = "#include <math.h>\n"
 _NOT_C = re.compile(r"#error Code generation not supported for (\w+)")
 _FAST = '#pragma GCC push_options\n#pragma GCC optimize ("O2")\n'
 
@@ -80,6 +81,8 @@ def generate_source(function: casadi.Function) -> str:
     missing = _NOT_C.search(code)
     if missing is not None:
         raise CompileError(function.name(), "CasADi code generation", f"{missing[1]} has no C code")
+    # Behind the header, whose declarations keep their names.
+    code = code.replace(_HEADER, _HEADER + SCALAR_TRIGONOMETRY, 1)
     runtime = _RUNTIME.search(code)
     if runtime is not None:
         start, end = runtime.span(1)
@@ -105,7 +108,7 @@ def _one_file(function: casadi.Function) -> tuple[str, ...]:
 
 
 # Stages one after the other, which may read what those before them wrote.
-ONE_BY_ONE = CodeWriter((_ENTRY, _FAST), _one_file)
+ONE_BY_ONE = CodeWriter((_ENTRY, _FAST, SCALAR_TRIGONOMETRY), _one_file)
 # Several at a time: functions that are a list of scalar operations.
 LANES = CodeWriter(LANES_IDENTITY, generate_lanes)
 

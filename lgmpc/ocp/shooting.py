@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
-from lgmpc.compile import BatchKernel, Pipeline, StageKernel
+from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros
 from lgmpc.ocp.packing import pipeline_of
 from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut
 from lgmpc.ocp.problem import ShootingProblem
@@ -62,8 +62,9 @@ class ShootingFunctions:
         self.problem = problem
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
         self.us: Array = np.zeros((n, nu))
-        self.jacobian: Array = np.zeros((n, ndx + nu, ndx))
-        self.hessian: Array = np.zeros((n, ndx + nu, ndx + nu))
+        # Vectors that begin within a line of the caches take twice as long to write.
+        self.jacobian: Array = aligned_zeros(n * (ndx + nu) * ndx).reshape(n, ndx + nu, ndx)
+        self.hessian: Array = aligned_zeros(n * (ndx + nu) ** 2).reshape(n, ndx + nu, ndx + nu)
         self.gradient: Array = np.zeros((n, ndx + nu))
         self.gaps: Array = np.zeros((n + 1, ndx))
         self.costs: Array = np.zeros(n + 1)

@@ -23,13 +23,13 @@ from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction
 from lgmpc.compile.kernel import BatchKernel, StageKernel
-from lgmpc.compile.lanes import VECTORS
+from lgmpc.compile.lanes import SQUARES
 from lgmpc.compile.native import aligned_zeros
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
 from lgmpc.compile.programme import compile_programme, compile_source
 
 __all__ = [
-    "VECTORS",
+    "SQUARES",
     "BatchKernel",
     "CacheReport",
     "CompiledFunction",

@@ -20,7 +20,7 @@ import casadi
 
 from lgmpc.errors import CompileError
 
-__all__ = ["LANES_IDENTITY", "SCALAR_TRIGONOMETRY", "VECTORS", "generate_lanes", "has_lanes"]
+__all__ = ["LANES_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_lanes", "has_lanes"]
 
 _STATEMENTS = 500  # of one function; 200 and 1000 are slower
 _PARTS = 20  # of one file
@@ -54,6 +54,8 @@ _FORMULAS = {
     **{getattr(casadi, f"OP_{name.upper()}"): f"each_{name}({{0}}, {{1}})" for name in _BINARY},
 }
 
+_FOLDER = files("lgmpc.compile")
+
 # A vector of one lane. Macros, so that CasADi's code can follow without them.
 _ONE_LANE = """\
 #define V double
@@ -65,7 +67,7 @@ _ONE_LANE = """\
 """
 
 # How many doubles the processor's vectors hold, and the vectors' type.
-VECTORS = f"""\
+_VECTORS = f"""\
 #include <math.h>
 
 #ifndef LANES
@@ -101,7 +103,10 @@ static inline V select(V c, V a) {{ return c != 0.0 ? a : 0.0; }}
 
 """
 
-_TRIGONOMETRY = files("lgmpc.compile").joinpath("trigonometry.c").read_text(encoding="utf-8")
+# Vectors, and transposition of squares of them: for lgmpc's own C sources.
+SQUARES = _VECTORS + _FOLDER.joinpath("squares.c").read_text(encoding="utf-8")
+
+_TRIGONOMETRY = _FOLDER.joinpath("trigonometry.c").read_text(encoding="utf-8")
 _SINES = ("sin", "cos", "tan", "atan2")  # what is there
 
 # The same functions of single numbers, instead of the C library's.
@@ -118,7 +123,7 @@ _ARGUMENT = re.compile(r"\b([xr])(\d+)\[")
 _COMMUTATIVE = (casadi.OP_ADD, casadi.OP_MUL)
 
 _HEAD = (
-    VECTORS
+    _VECTORS
     + """\
 static inline double sign(double x) { return x < 0 ? -1 : x > 0 ? 1 : x; }
 #define EACH(f) static V each_##f(V a) { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i)); return v; }

@@ -1,54 +1,11 @@
 /* A pipeline of functions in lanes (see lgmpc.compile.pipeline): inputs and outputs are transposed, one stage to a lane.
-   A group of stages that is not full repeats the last one. LANES and V come before. */
+   A group of stages that is not full repeats the last one. squares.c comes before. */
 
 #ifdef __GNUC__
   #define EXPORT __attribute__((visibility("default")))
   #pragma GCC optimize ("O3")
 #else
   #define EXPORT
-#endif
-
-#ifndef __has_builtin
-  #define __has_builtin(name) 0
-#endif
-
-#if LANES > 1 && __has_builtin(__builtin_shufflevector)
-  #define SQUARES 1
-typedef double Loose __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
-
-/* Exchanges two rows' blocks off the diagonal: of `apart` numbers, where the numbers of the row pass `apart`. */
-  #if LANES == 2
-    #define EXCHANGED(a, b, apart) __builtin_shufflevector(a, b, 0, 2)
-    #define OTHERS(a, b, apart) __builtin_shufflevector(a, b, 1, 3)
-  #elif LANES == 4
-    #define EXCHANGED(a, b, apart) (apart == 2 ? __builtin_shufflevector(a, b, 0, 1, 4, 5) \
-      : __builtin_shufflevector(a, b, 0, 4, 2, 6))
-    #define OTHERS(a, b, apart) (apart == 2 ? __builtin_shufflevector(a, b, 2, 3, 6, 7) \
-      : __builtin_shufflevector(a, b, 1, 5, 3, 7))
-  #else
-    #define EXCHANGED(a, b, apart) (apart == 4 ? __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11) \
-      : apart == 2 ? __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13) \
-      : __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14))
-    #define OTHERS(a, b, apart) (apart == 4 ? __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15) \
-      : apart == 2 ? __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15) \
-      : __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15))
-  #endif
-
-/* Transposes a square of rows. */
-static inline __attribute__((always_inline)) void transpose(V* rows) {
-  int apart, i;
-  #pragma GCC unroll 8
-  for (apart = LANES / 2; apart > 0; apart /= 2)
-    #pragma GCC unroll 8
-    for (i = 0; i < LANES; ++i)
-      if (!(i & apart)) {
-        const V a = rows[i], b = rows[i + apart];
-        rows[i] = EXCHANGED(a, b, apart);
-        rows[i + apart] = OTHERS(a, b, apart);
-      }
-}
-#else
-  #define SQUARES 0
 #endif
 
 typedef void Evaluate(const V* const* arguments, V* const* results, V* work);
@@ -83,7 +40,7 @@ EXPORT int lgmpc_pipeline(void** frame) {
       for (; j + LANES <= size; j += LANES) {
         V square[LANES];
         for (lane = 0; lane < LANES; ++lane) square[lane] = *(const Loose*) (from[lane] + j);
-        transpose(square);
+        transpose_square(square);
         for (lane = 0; lane < LANES; ++lane) ((V*) to)[j + lane] = square[lane];
       }
 #endif
@@ -109,7 +66,7 @@ EXPORT int lgmpc_pipeline(void** frame) {
       for (; j + LANES <= size; j += LANES) {
         V square[LANES];
         for (lane = 0; lane < LANES; ++lane) square[lane] = memory[from[j + lane]];
-        transpose(square);
+        transpose_square(square);
         for (lane = 0; lane < used; ++lane) *(Loose*) (to[lane] + j) = square[lane];
       }
 #endif

@@ -17,7 +17,7 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.compiler import Compiler
-from lgmpc.compile.lanes import VECTORS
+from lgmpc.compile.lanes import SQUARES
 from lgmpc.compile.native import LANES, Progress, aligned_zeros, load_library
 from lgmpc.compile.programme import compile_source
 from lgmpc.typing import Array
@@ -146,7 +146,7 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
         CompileError: the compiler failed, or a function is not a list of scalar operations.
         InputError: the cache folder cannot be used.
     """
-    source = VECTORS + files("lgmpc.compile").joinpath("pipeline.c").read_text(encoding="utf-8")
+    source = SQUARES + files("lgmpc.compile").joinpath("pipeline.c").read_text(encoding="utf-8")
     driver = compile_source("lgmpc_pipeline", source)
     known: dict[int, ctypes.CDLL] = {}
     for step in pipeline.steps:

@@ -1,4 +1,4 @@
-"""The backward sweep as one call: a loop over the stages in C (``sweep.c``).
+"""The backward sweep as one call: a loop over the stages in C (``sweep.c``), compiled once for each size of a stage.
 
 A stage of 36 states and 12 controls takes 200,000 operations, mostly of two products of small matrices. On tiles that
 the registers hold, in the processor's vectors, these take less time than BLAS needs.
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lgmpc.compile import VECTORS, aligned_zeros, compile_source
+from lgmpc.compile import SQUARES, aligned_zeros, compile_source
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite
 
 __all__ = ["CompiledSweep", "make_sweep"]
@@ -29,16 +29,16 @@ class CompiledSweep(BackwardSweep):
 
     def __init__(self, functions: Expansion, library: ctypes.CDLL) -> None:
         super().__init__(functions)
-        n, width, ndx = functions.jacobian.shape
-        self._plan = np.array([n, ndx, width - ndx, 0], dtype=np.int64)
+        n = len(functions.jacobian)
+        self._plan = np.array([n, 0], dtype=np.int64)
         self._shift = np.zeros(1)
         work_size = library.lgmpc_sweep_work
-        work_size.restype, work_size.argtypes = ctypes.c_longlong, [ctypes.c_longlong, ctypes.c_longlong]
+        work_size.restype = ctypes.c_longlong
         f = functions
         arrays = (
             self._plan, self._shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
             f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
-            aligned_zeros(work_size(ndx, width - ndx)),
+            aligned_zeros(work_size()),
         )  # fmt: skip
         addresses = [array.ctypes.data for array in arrays]
         self._frame = (ctypes.c_void_p * len(addresses))(*addresses)
@@ -48,12 +48,16 @@ class CompiledSweep(BackwardSweep):
     def run(self, regularization: float, *, closed: bool) -> bool:
         """Sweep once; return False if some Quu is not positive definite or a value is not finite."""
         self._shift[0] = regularization
-        self._plan[3] = closed
+        self._plan[1] = closed
         return self._call(self._frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
 
 
 def make_sweep(functions: Expansion, progress: Callable[[str], None] | None = None) -> BackwardSweep:
     """Return the compiled sweep, or the one in numpy where nothing can be compiled."""
-    source = VECTORS + (files("lgmpc.solvers") / "sweep.c").read_text()
-    library = compile_source("lgmpc_sweep", source, progress=progress) if functions.compiled else None
+    if not functions.compiled:
+        return BackwardSweep(functions)
+    _, width, ndx = functions.jacobian.shape
+    sizes = f"#define NX {ndx}\n#define NU {width - ndx}\n"
+    source = SQUARES + sizes + (files("lgmpc.solvers") / "sweep.c").read_text()
+    library = compile_source(f"lgmpc_sweep_{ndx}_{width - ndx}", source, progress=progress)
     return BackwardSweep(functions) if library is None else CompiledSweep(functions, ctypes.CDLL(str(library)))

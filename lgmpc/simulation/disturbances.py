@@ -75,7 +75,7 @@ class PushSchedule:
             of mass; zero while nothing pushes it. The arrays are read-only.
         """
         step = round(time / self._dt)
-        active = [i for i, (begin, end) in enumerate(self._spans) if begin < step + 1 and step < end]
+        active = self._active(step)
         if not active:
             return self._at_rest
         wrenches = {body: np.zeros(6) for body in self.bodies}
@@ -87,7 +87,11 @@ class PushSchedule:
 
     def is_active(self, time: float) -> bool:
         """Whether anything is pushed during the step that begins at ``time``."""
-        return self.wrenches(time) is not self._at_rest
+        return bool(self._spans and self._active(round(time / self._dt)))
+
+    def _active(self, step: int) -> list[int]:
+        """Return the indices of the pushes that cover a part of a step."""
+        return [i for i, (begin, end) in enumerate(self._spans) if begin < step + 1 and step < end]
 
     @staticmethod
     def _freeze(wrenches: dict[str, Array]) -> Mapping[str, Array]:

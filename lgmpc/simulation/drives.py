@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Annotated, Generic, Literal, TypeVar
 
 import numpy as np
@@ -138,10 +137,13 @@ class DelayLine(Generic[T]):
 
     def receive(self, time: float) -> T:
         """Return the newest value that has arrived at ``time``."""
-        arrived = [i for i, (arrival, _) in enumerate(self._flying) if arrival <= time + _SAME_TIME]
-        if arrived:
-            for _ in range(arrived[-1] + 1):
-                _, self._last = self._flying.popleft()
+        flying, now = self._flying, time + _SAME_TIME
+        for newest in range(len(flying) - 1, -1, -1):
+            if flying[newest][0] <= now:
+                self._last = flying[newest][1]
+                for _ in range(newest + 1):
+                    flying.popleft()
+                break
         assert self._last is not None
         return self._last
 
@@ -159,7 +161,7 @@ class StateLink(Generic[S]):
     def pass_on(self, value: S, time: float) -> S:
         """Send what is measured at ``time`` and return what has arrived."""
         self._line.send(value, time)
-        return replace(self._line.receive(time), time=time)
+        return self._line.receive(time)._replace(time=time)
 
     def disturb(self, state: RobotState, nu: int) -> RobotState:
         """Return a state with noise on the ``nu`` joints and the base's velocity."""
@@ -172,7 +174,7 @@ class StateLink(Generic[S]):
         v[-nu:] += speeds * noise[1]
         if base > 0.0:
             v[:3] += base * self._rng.normal(size=3)
-        return replace(state, q=q, v=v)
+        return state._replace(q=q, v=v)
 
 
 class Drives:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,8 +94,7 @@ class Rates:
         return cls(substeps, ticks, period)
 
 
-@dataclass(frozen=True)
-class Disturbance:
+class Disturbance(NamedTuple):
     """What pushes the robot during a tick.
 
     Attributes:
@@ -106,8 +106,7 @@ class Disturbance:
     point: Array
 
 
-@dataclass(frozen=True)
-class Tick:
+class Tick(NamedTuple):
     """One control tick, as the observers of a run receive it.
 
     Attributes:

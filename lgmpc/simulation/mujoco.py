@@ -32,10 +32,7 @@ _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
 _FLOOR, _ROBOT = 1, 2  # contact type bits: the robot meets the floor, never itself
 _POINT = 1e-6  # m; radius that stands for a point foot
-
-
-_SPHERE_ON_FLOOR = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""Axes of MuJoCo's contact frame of a foot: the normal from the floor to the robot, two tangents."""
+_NET_FORCE = (1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, 3, 1)  # of a contact sensor: world axes, one row
 
 
 class MujocoPlant:
@@ -69,16 +66,14 @@ class MujocoPlant:
         self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
         self._effort = real_effort_limit(robot, params)
+        self._lowest_effort = -self._effort
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
-        # Contacts of other geometries than feet are collected in a last row that is cut off.
-        self._foot_of_geom = np.full(self.model.ngeom, self._nc)
-        for i, name in enumerate(robot.contact_frames):
-            self._foot_of_geom[self.model.geom(f"foot {name}").id] = i
         # Views into the engine's memory, which stays where it is; looking them up costs more than using them.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._joint_force = self.data.qfrc_applied[robot.joint_v]
         self._applied = self.data.xfrc_applied
+        self._contact_forces = self.data.sensordata.reshape(robot.nc, 3)
         self._tau = np.zeros(self._nu)
         self._steps = 0
         self._inverse = np.zeros(4)
@@ -118,7 +113,7 @@ class MujocoPlant:
             SolverError: if the simulation diverged.
         """
         check_torque(tau, self._nu)
-        self._tau = np.minimum(np.maximum(tau, -self._effort), self._effort)
+        self._tau = np.minimum(np.maximum(tau, self._lowest_effort), self._effort)
         self._joint_force[:] = self._tau
         mujoco.mj_step(self.model, self.data)
         self._steps += 1
@@ -130,7 +125,7 @@ class MujocoPlant:
         if self._floating:
             mujoco.mju_negQuat(self._inverse, self._qpos[3:7])
             mujoco.mju_rotVecQuat(v[:3], self._qvel[:3], self._inverse)
-        return PlantSample(self._steps * self._dt, q, v, self._tau, self._contact_forces())
+        return PlantSample(self._steps * self._dt, q, v, self._tau, self._contact_forces.copy())
 
     def set_wrench(self, body: str, wrench: Array) -> None:
         """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
@@ -150,21 +145,6 @@ class MujocoPlant:
         mujoco.mj_kinematics(self.model, self.data)
         point: Array = self.data.xipos[joint].copy()
         return point
-
-    def _contact_forces(self) -> Array:
-        """Return the (nc, 3) world-frame forces on the feet during the last step."""
-        forces = np.zeros((self._nc + 1, 3))
-        if self.data.ncon:
-            contact = self.data.contact
-            geoms, excluded = contact.geom, contact.exclude
-            if any(excluded.tolist()):  # at a distance of exactly 0 a contact is listed, but has no rows
-                geoms = geoms[excluded == 0]
-            count = len(geoms)
-            # Contacts come last. Rows of an elliptic contact: normal, two tangents. All contacts are with the one
-            # floor, and a sphere touches a plane once, so no foot occurs twice and assigning is summing.
-            local = self.data.efc_force[self.data.nefc - 3 * count :].reshape(count, 3)
-            forces[self._foot_of_geom[geoms[:, 1]]] = local @ _SPHERE_ON_FLOOR
-        return forces[: self._nc]
 
 
 @dataclass(frozen=True)
@@ -309,6 +289,13 @@ def _add_geometry(
         pos = frame.placement.translation
         foot = {"name": f"foot {name}", "type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": (radius, 0, 0)}
         bodies[frame.parentJoint].add_geom(**foot, pos=pos, **shape)
+        spec.add_sensor(
+            name=foot["name"],
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            reftype=mujoco.mjtObj.mjOBJ_GEOM,  # of the two in contact the second: then the force acts on it
+            refname=foot["name"],
+            intprm=_NET_FORCE,
+        )
     for part in robot.collision_shapes:
         kind, size = _geom(part)
         pos, quat = part.placement.translation, _wxyz(part.placement.rotation)

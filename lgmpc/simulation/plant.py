@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,7 @@ __all__ = ["Array", "Plant", "PlantSample", "make_plant"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PlantSample:
+class PlantSample(NamedTuple):
     """State of a plant after a step, all in Pinocchio's conventions.
 
     Attributes:

@@ -179,7 +179,7 @@ class _Observer:
             plan = planner.plan
             failed = int(not plan.status.fresh)
             self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, 1e3 * planner.spent)
-        if tick.index % self._every == 0 or tick.index == self._last:
+        if tick.number % self._every == 0 or tick.number == self._last:
             self._report(sample.time, terms)
         return sample.time < self._end
 

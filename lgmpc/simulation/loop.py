@@ -110,7 +110,7 @@ class Tick(NamedTuple):
     """One control tick, as the observers of a run receive it.
 
     Attributes:
-        index: number of the tick.
+        number: counted from 0.
         sample: true state at which the controller decided, with the torques and forces of the step before.
         state: input of the controller: the true state, or its estimate.
         command: what it decided.
@@ -118,7 +118,7 @@ class Tick(NamedTuple):
         disturbance: what pushed the robot during this tick.
     """
 
-    index: int
+    number: int
     sample: PlantSample
     state: RobotState
     command: Command

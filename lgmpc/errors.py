@@ -11,6 +11,7 @@ import signal
 from collections.abc import Iterable, Sequence
 
 __all__ = [
+    "ClusterError",
     "CompileError",
     "ConfigError",
     "ConfigErrors",
@@ -149,6 +150,10 @@ class SolverError(LgmpcError):
         self.status = status
         self.remedy = remedy
         super().__init__(f"{solver}: {status}. {remedy}")
+
+
+class ClusterError(LgmpcError):
+    """Worker processes on other machines that cannot be used, or are gone."""
 
 
 class MissingDependencyError(LgmpcError):

@@ -93,6 +93,8 @@ OWNERS: dict[str, str] = {
     "rich": "cli",
     "optuna": "sweeps.study",
     "pyarrow": "sweeps.parquet",
+    "distributed": "sweeps.cluster sweeps.slurm sweeps.execution",
+    "dask_jobqueue": "sweeps.slurm",
 }
 
 # Packages that must not be loaded by importing the package or a room that computes: slow, or with a display.

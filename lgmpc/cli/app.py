@@ -122,6 +122,22 @@ def sweep(
     overrides: Overrides = [],  # noqa: B006
     out: NewFolder = None,
     workers: Workers = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on a Dask cluster: the address of its scheduler, or `local` (extra `dask`).",
+            show_default=False,
+        ),
+    ] = None,
+    slurm: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Compute in jobs of SLURM: a YAML file of cores, memory_gb, walltime, ... (extra `dask`).",
+            show_default=False,
+        ),
+    ] = None,
     resume: Resume = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write results.parquet too (package pyarrow).")] = False,
     as_json: AsJson = False,
@@ -135,11 +151,20 @@ def sweep(
     from lgmpc.sweeps import load_sweep
 
     loaded = load_sweep(file, [*overrides, *more])
-    from lgmpc.cli.sweeping import sweep_shown
+    from lgmpc.cli.sweeping import chosen_cluster, sweep_shown
 
     folder = out or Path("sweeps") / loaded.settings.name
+    cluster = chosen_cluster(dask, slurm, workers)
     code = sweep_shown(
-        loaded, folder, file=file, workers=workers, resume=resume, parquet=parquet, as_json=as_json, quiet=quiet
+        loaded,
+        folder,
+        file=file,
+        workers=workers if cluster is None else None,
+        cluster=cluster,
+        resume=resume,
+        parquet=parquet,
+        as_json=as_json,
+        quiet=quiet,
     )
     raise typer.Exit(code)
 

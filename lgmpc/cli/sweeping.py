@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shlex
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -12,18 +14,39 @@ from rich.text import Text
 
 from lgmpc.cli.display import counting_display
 from lgmpc.cli.screen import err, out
-from lgmpc.errors import Interrupted
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
+from lgmpc.sweeps.cluster import LOCAL, dask_client
 from lgmpc.sweeps.figure import draw_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.parquet import check_pyarrow, write_parquet
+from lgmpc.sweeps.slurm import load_slurm, slurm_client
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
 
-__all__ = ["sweep_shown", "swept"]
+if TYPE_CHECKING:
+    from lgmpc.sweeps.execution import Cluster
+
+__all__ = ["chosen_cluster", "sweep_shown", "swept"]
 
 _MOST_REASONS = 5
+
+
+def chosen_cluster(dask: str | None, slurm: Path | None, workers: int | None) -> Cluster | None:
+    """Return what ``--dask`` or ``--slurm`` names; ``None`` for processes of this machine.
+
+    Raises:
+        InputError: both are given, or ``workers`` with a cluster that has its own.
+        ConfigError: the file of ``--slurm`` cannot be read or used.
+    """
+    if dask is not None and slurm is not None:
+        raise InputError("--dask", dask, "either --dask or --slurm")
+    if workers is not None and (slurm is not None or dask not in (None, LOCAL)):
+        raise InputError("--workers", workers, "no --workers with a cluster, which has its own")
+    if slurm is not None:
+        return partial(slurm_client, load_slurm(slurm))
+    return None if dask is None else lambda folder: dask_client(dask, workers)
 
 
 def sweep_shown(
@@ -32,6 +55,7 @@ def sweep_shown(
     *,
     file: Path,
     workers: int | None,
+    cluster: Cluster | None,
     resume: bool,
     parquet: bool,
     as_json: bool,
@@ -40,7 +64,7 @@ def sweep_shown(
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
     if parquet:
         check_pyarrow()
-    finished = swept(err(), sweep, folder, workers=workers, resume=resume, quiet=quiet)
+    finished = swept(err(), sweep, folder, workers=workers, cluster=cluster, resume=resume, quiet=quiet)
     summary = summarize(sweep, finished.rows)
     content = summary.content() | {"versions": dict(versions())}
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -59,14 +83,27 @@ def sweep_shown(
 
 
 def swept(
-    console: Console, sweep: Sweep, folder: Path, *, workers: int | None, resume: bool, quiet: bool
+    console: Console,
+    sweep: Sweep,
+    folder: Path,
+    *,
+    workers: int | None,
+    resume: bool,
+    quiet: bool,
+    cluster: Cluster | None = None,
 ) -> FinishedSweep:
     """Run a sweep, showing its progress."""
     total = len({point.key for point in sweep.points})
     every = max(1, total // 10)
     with counting_display(console, total, "points", _state, every=every, quiet=quiet) as display:
         return run_sweep(
-            sweep, folder, workers=workers, resume=resume, notify=display.announce, progress=display.advance
+            sweep,
+            folder,
+            workers=workers,
+            cluster=cluster,
+            resume=resume,
+            notify=display.announce,
+            progress=display.advance,
         )
 
 

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from signal import Signals
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.schema import Config
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports
+from lgmpc.sweeps.cluster import DaskPool, Machine
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.folder import Claim, SweepFolder
-from lgmpc.sweeps.pool import Died, Hung, Pool
+from lgmpc.sweeps.pool import Died, Executor, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
-__all__ = ["FinishedSweep", "SweepProgress", "available_cores", "run_sweep"]
+if TYPE_CHECKING:
+    import distributed
+
+    Cluster = Callable[[Path], AbstractContextManager[distributed.Client]]
+    """Connects to a Dask cluster for the duration of a block, for the sweep of a folder."""
+
+__all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
 
 
 @dataclass(frozen=True)
@@ -93,16 +101,12 @@ class FinishedSweep:
         return html_table(self.sweep.settings.name, rows)
 
 
-def available_cores() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def run_sweep(
     sweep: Sweep,
     folder: Path,
     *,
     workers: int | None = None,
+    cluster: Cluster | None = None,
     resume: bool = False,
     notify: Callable[[str], None] | None = None,
     progress: Callable[[SweepProgress], None] | None = None,
@@ -116,31 +120,42 @@ def run_sweep(
         sweep: what to compute.
         folder: its folder.
         workers: number of processes; that of the processors unless given.
+        cluster: of Dask, which computes the points instead of processes of this machine; called with the folder:
+            ``lambda folder: dask_client("tcp://host:8786")``, say.
         resume: whether to take up a folder that is there; other processes may work on it at the same time.
         notify: called with what is being prepared.
         progress: called after every point. In a notebook a bar displays both unless either is given.
 
     Raises:
-        InputError: ``workers`` is below 1.
+        InputError: ``workers`` is below 1, or given with a cluster, which has its own.
         RunFolderError: as :meth:`SweepFolder.open`, or if results cannot be written.
+        ClusterError: the cluster cannot be used, or is gone.
     """
-    if workers is not None and workers < 1:
-        raise InputError("workers", workers, "at least 1")
+    if workers is not None and (workers < 1 or cluster is not None):
+        raise InputError("workers", workers, "at least 1" if cluster is None else "none: the cluster has its own")
     place = SweepFolder.open(folder, sweep, resume=resume)
     received = None
     with reports(notify, progress, _counted) as (announce, advance):
         session = _Session(sweep, place, advance)
         try:
-            with (
-                stop_signals() as stop,
-                Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool,
-            ):
-                session.run(pool, stop, announce)
+            with stop_signals() as stop, _executor(sweep, folder, workers, cluster) as executor:
+                session.run(executor, stop, announce)
         except Interrupted as error:
             received = error.signal
         finally:
             session.close()
     return FinishedSweep(sweep, folder, session.finished(), session.now, received)
+
+
+@contextmanager
+def _executor(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Executor]:
+    limit = sweep.settings.time_limit_s
+    if cluster is None:
+        with Pool(workers or available_cores(), start_worker, limit) as pool:
+            yield pool
+    else:
+        with cluster(folder) as client, DaskPool(client, start_worker, limit, Machine.of(folder)) as there:
+            yield there
 
 
 def _counted(now: SweepProgress) -> tuple[float, str]:
@@ -162,17 +177,17 @@ class _Session:
         """Return the sweep's finished points by their keys."""
         return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
 
-    def run(self, pool: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
+    def run(self, executor: Executor, stop: StopSignals, notify: Callable[[str], None]) -> None:
         """Compute and save every point that nobody else has finished or computes."""
         if self.now.done == self.now.total:
             return
         self._progress(self.now)
         notify("starting, and compiling what is not in the cache")
-        for _ in pool.map(warm, self._typical(), workers=1):
+        for _ in executor.map(warm, self._typical(), workers=1):
             pass  # what cannot be built is the reason of its points' rows
         self._started = perf_counter()
         notify("running")
-        for task, result in pool.map(compute, self._tasks(stop)):
+        for task, result in executor.map(compute, self._tasks(stop)):
             with stop.held():  # all of it or nothing: a row whose claim stays, say, would be nobody's
                 self._save(task, result)
             self._progress(self.now)
@@ -198,7 +213,7 @@ class _Session:
             with stop.held():
                 claimed = self._claim(key)
             if claimed:
-                scratch = self._folder.scratch(key)
+                scratch = self._folder.scratch(key).resolve()  # also for workers that run in another folder
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
     def _claim(self, key: str) -> bool:

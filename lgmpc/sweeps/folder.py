@@ -27,6 +27,8 @@ from lgmpc.sweeps.settings import SweepSettings
 __all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
+_FOLDERS = ("claims", "logs", "scratch")
+"""What a folder contains whose sweep was stopped before its document was written."""
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
 """Sections of the document that may differ when a sweep is resumed: no result depends on them."""
 
@@ -75,17 +77,19 @@ class SweepFolder:
             if not resume:
                 hint = "add --resume to finish it, or choose another folder with --out"
                 raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
-            return cls(path, Results(path / ROWS))
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        elif path.exists() and not (path.is_dir() and {each.name for each in path.iterdir()} <= set(_FOLDERS)):
             raise RunFolderError(f"{path} is there and is no folder of a sweep: choose another one with --out")
         try:
-            for name in ("claims", "logs", "scratch"):
+            for name in _FOLDERS:
                 (path / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RunFolderError(f"cannot make {path}: {reason_of(error)}. Choose another one with --out") from error
-        with atomic_write(there) as file:
-            head = "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
-            file.write((head + write_yaml(document)).encode())
+        if not there.is_file():
+            with atomic_write(there) as file:
+                head = (
+                    "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
+                )
+                file.write((head + write_yaml(document)).encode())
         return cls(path, Results(path / ROWS))
 
     @property

@@ -6,20 +6,45 @@ import itertools
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, TimeoutError, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from time import monotonic
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-__all__ = ["Died", "Hung", "Pool"]
+__all__ = ["Died", "Executor", "Hung", "Pool", "available_cores"]
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _POLL_S = 0.5
+_START_S = 60.0
+
+
+def available_cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Executor(Protocol):
+    """Applies functions to tasks somewhere: :class:`Pool` here, :class:`lgmpc.sweeps.cluster.DaskPool` anywhere."""
+
+    def map(
+        self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
+    ) -> Iterator[tuple[T, R | Exception]]:
+        """Yield each task with what the function returned or raised, as they finish.
+
+        Args:
+            function: of a task; importable by name.
+            tasks: the next one is drawn when it can be computed at once.
+            workers: largest number of tasks at once; as many as there are processes if not given.
+
+        Yields:
+            The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
+        """
+        ...
 
 
 class Hung(Exception):
@@ -30,23 +55,30 @@ class Died(Exception):
     """A task's process ended under it."""
 
 
-@dataclass(eq=False)
 class _Worker:
     """One process, an executor of its own: so a death is known to be of the task that ran in it."""
 
-    executor: ProcessPoolExecutor
-    pid: Future[int]
+    def __init__(self, initialize: Callable[[], None]) -> None:
+        self._executor = ProcessPoolExecutor(1, get_context("spawn"), initialize)
+        self._pid: Future[int] | None = None
 
-    @classmethod
-    def start(cls, initialize: Callable[[], None]) -> _Worker:
-        executor = ProcessPoolExecutor(1, get_context("spawn"), initialize)
-        return cls(executor, executor.submit(os.getpid))
+    @property
+    def started(self) -> bool:
+        """Whether its process accepts tasks."""
+        return self._pid is not None and self._pid.done()
+
+    def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
+        """Hand a task to its process, which is started for the first one."""
+        if self._pid is None:
+            self._pid = self._executor.submit(os.getpid)
+        return self._executor.submit(function, task)
 
     def kill(self) -> None:
-        if self.pid.done() and self.pid.exception() is None:
-            with suppress(ProcessLookupError):
-                os.kill(self.pid.result(), signal.SIGKILL)
-        self.executor.shutdown(wait=False, cancel_futures=True)
+        """End its process whatever it does; one that is being started would begin its task otherwise."""
+        if self._pid is not None:
+            with suppress(BrokenProcessPool, CancelledError, TimeoutError, ProcessLookupError):
+                os.kill(self._pid.result(_START_S), signal.SIGKILL)
+        self._executor.shutdown(wait=False, cancel_futures=True)
 
 
 @dataclass
@@ -57,7 +89,7 @@ class _Running(Generic[T]):
 
     def age_s(self) -> float:
         """Return how long the task has run, s; the start of its process does not count."""
-        if self.started is None and self.worker.pid.done():
+        if self.started is None and self.worker.started:
             self.started = monotonic()
         return 0.0 if self.started is None else monotonic() - self.started
 
@@ -123,14 +155,13 @@ class Pool:
     def _submit(self, function: Callable[[T], R], task: T) -> tuple[_Worker, Future[R]]:
         """Hand a task to an idle process, or to a new one; one that ended while it was idle is replaced."""
         while True:
-            worker = self._idle.pop() if self._idle else _Worker.start(self._initialize)
+            worker = self._idle.pop() if self._idle else _Worker(self._initialize)
+            self._busy.append(worker)  # first: a signal that comes from here on finds the process that it has to end
             try:
-                future = worker.executor.submit(function, task)
+                return worker, worker.submit(function, task)
             except BrokenProcessPool:
+                self._busy.remove(worker)
                 worker.kill()
-                continue
-            self._busy.append(worker)
-            return worker, future
 
     def _result(self, future: Future[R], worker: _Worker) -> R | Exception:
         self._busy.remove(worker)

@@ -21,8 +21,7 @@ from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
 from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Sweep
-from lgmpc.sweeps.execution import available_cores
-from lgmpc.sweeps.pool import Pool
+from lgmpc.sweeps.pool import Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.statistics import Estimate, mean_difference
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm

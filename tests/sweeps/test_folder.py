@@ -91,6 +91,19 @@ def test_a_folder_is_taken_up_only_if_asked_and_only_by_its_sweep(tmp_path: Path
         SweepFolder.open(tmp_path / "mine", parse(VARIED), resume=True)
 
 
+def test_a_folder_whose_sweep_was_stopped_before_its_document_was_written_is_taken_up(
+    tmp_path: Path, parse: Parse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("lgmpc.sweeps.folder.atomic_write", stopped)
+        SweepFolder.open(tmp_path / "out", parse(VARIED), resume=False)
+    SweepFolder.open(tmp_path / "out", parse(VARIED), resume=False)
+    assert (tmp_path / "out" / "sweep.yaml").is_file()
+
+
 def test_a_claim_excludes_others_until_its_holder_ends(tmp_path: Path, parse: Parse, row: Make) -> None:
     folder = SweepFolder.open(tmp_path / "out", parse(VARIED), resume=False)
     script = f"""

@@ -1,12 +1,17 @@
 """Worker processes under tasks that raise, hang and kill them."""
 
+import multiprocessing
 import os
 import signal
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
 
 import pytest
 
+from lgmpc.config.interrupts import stop_signals
+from lgmpc.errors import Interrupted
 from lgmpc.sweeps.pool import Died, Hung, Pool
 
 
@@ -61,3 +66,27 @@ def test_tasks_are_drawn_when_a_process_is_free_and_no_process_is_left_behind() 
             return
         time.sleep(0.05)
     pytest.fail(f"process {process} still runs")
+
+
+@pytest.mark.parametrize("task", [0, 1])
+def test_a_signal_while_a_task_is_handed_over_leaves_no_process_behind(
+    monkeypatch: pytest.MonkeyPatch, task: int
+) -> None:
+    """Of the first call, which starts the process, or of the second, which would keep it for ten minutes."""
+    whole = ProcessPoolExecutor.submit
+    calls = []
+
+    def interrupted(self: ProcessPoolExecutor, *args: Any) -> Any:
+        future = whole(self, *args)
+        calls.append(args)
+        if len(calls) == task + 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", interrupted)
+    with pytest.raises(Interrupted), stop_signals(), Pool(1, nothing, time_limit_s=60.0) as pool:
+        next(pool.map(act, ["hang"]))
+    assert len(calls) == task + 1
+    for process in multiprocessing.active_children():
+        process.join(30.0)
+        assert not process.is_alive()

@@ -1,0 +1,138 @@
+"""Workers in jobs of SLURM."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field, ValidationError
+
+from lgmpc.config.schema import ConfigSource
+from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.errors import ClusterError, ConfigError, ConfigErrors, InputError, MissingDependencyError
+from lgmpc.runs.atomic import reason_of
+from lgmpc.settings import Count, Positive, Settings
+from lgmpc.settings.messages import find_problems, show_value
+
+if TYPE_CHECKING:
+    import distributed
+
+__all__ = ["SlurmSettings", "load_slurm", "slurm_client"]
+
+
+class SlurmSettings(Settings):
+    """The jobs that compute a sweep: all alike, and submitted again when they reach their wall time."""
+
+    jobs: Count = Field(default=1, description="How many jobs run at once.")
+    cores: Count = Field(description="Processors of a job; each computes one point at a time.")
+    memory_gb: Positive = Field(description="Memory of a job, GB: at least what a point takes, times `cores`.")
+    walltime: str = Field(
+        pattern=r"^(\d+-)?\d{1,2}:\d{2}:\d{2}$",
+        description="Longest time of a job, [days-]hours:minutes:seconds; points in flight at its end are repeated.",
+    )
+    queue: str | None = Field(default=None, min_length=1, description="Partition; SLURM's default unless given.")
+    account: str | None = Field(default=None, min_length=1, description="Account that is charged.")
+    directives: tuple[Annotated[str, Field(pattern=r"^-")], ...] = Field(
+        default=(), description="Further options of sbatch, such as '--constraint=avx2': one #SBATCH line each."
+    )
+    setup: tuple[str, ...] = Field(
+        default=(), description="Lines of shell that a job executes first, such as 'module load gcc'."
+    )
+    interface: str | None = Field(
+        default=None, min_length=1, description="Network interface of the scheduler and the workers, such as ib0."
+    )
+    start_s: Positive = Field(
+        default=60.0, description="How long a job waits for the sweep's scheduler before it gives up, s."
+    )
+
+
+def load_slurm(file: Path) -> SlurmSettings:
+    """Read and check a YAML file of :class:`SlurmSettings`.
+
+    Raises:
+        ConfigError: if it cannot be read, is not YAML, or has keys or values that cannot be used.
+    """
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        got = reason_of(error) if isinstance(error, OSError) else "a file that is not text"
+        raise ConfigError(str(file), "", got, "a YAML file of cores, memory_gb, walltime, ...") from error
+    data, places = parse_yaml(text, str(file))
+    if not isinstance(data, dict):
+        raise ConfigError(
+            str(file), "", show_value(data), "a table of keys (cores: ..., memory_gb: ..., walltime: ...)"
+        )
+    source = ConfigSource(str(file), places)
+    try:
+        return SlurmSettings.model_validate(data)
+    except ValidationError as error:
+        found = [
+            ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
+            for each in find_problems(error, SlurmSettings, data)
+        ]
+        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
+
+
+@contextmanager
+def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.Client]:
+    """Submit jobs for the duration of a block, and connect to the Dask workers in them.
+
+    The scheduler is in this process, so this process must run where the jobs' machines reach it: on a login node, or
+    in a job of its own. Jobs still there at the end of the block are cancelled.
+
+    Args:
+        settings: of the jobs.
+        folder: for what the jobs print, ``lgmpc-<number>.out`` and ``.err``.
+
+    Raises:
+        InputError: this machine has no ``sbatch``.
+        ClusterError: SLURM refuses the job.
+        MissingDependencyError: dask-jobqueue is not installed.
+    """
+    try:
+        import dask_jobqueue
+        import distributed
+    except ImportError as error:
+        raise MissingDependencyError("dask-jobqueue", "a sweep on SLURM", 'pip install "lgmpc[dask]"') from error
+    if shutil.which("sbatch") is None:
+        raise InputError("slurm", "no program sbatch on this machine", "a machine that submits jobs to SLURM")
+    options: dict[str, Any] = {} if settings.interface is None else {"interface": settings.interface}
+    cluster = dask_jobqueue.SLURMCluster(
+        job_name="lgmpc",
+        cores=settings.cores,
+        processes=settings.cores,
+        memory=f"{settings.memory_gb:g}GB",
+        walltime=settings.walltime,
+        queue=settings.queue,
+        account=settings.account,
+        job_extra_directives=list(settings.directives),
+        job_script_prologue=list(settings.setup),
+        log_directory=str(folder.resolve()),
+        python=sys.executable,
+        death_timeout=settings.start_s,
+        scheduler_options={"dashboard_address": None},
+        silence_logs=logging.CRITICAL,
+        **options,
+    )
+    with cluster, distributed.Client(cluster) as client:
+        _check_accepted(cluster.job_script())
+        cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
+        yield client
+
+
+def _check_accepted(script: str) -> None:
+    """Ask SLURM whether it would accept a job: a refusal of the real one would only be logged, and waited for."""
+    with NamedTemporaryFile("w", suffix=".sh", encoding="utf-8") as file:
+        file.write(script)
+        file.flush()
+        done = subprocess.run(["sbatch", "--test-only", file.name], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        said = (done.stderr or done.stdout).strip() or f"exit code {done.returncode}"
+        raise ClusterError(f"SLURM refuses the job: {said}. Change the file given to --slurm")

@@ -1,0 +1,100 @@
+"""Sweeps on Dask: two workers on this machine, one of which is killed; schedulers and workers that cannot be used."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lgmpc.config.execution import run_config
+from lgmpc.errors import ClusterError, InputError
+from lgmpc.sweeps import Ending, SweepProgress, run_sweep
+from lgmpc.sweeps.cluster import DaskPool, Machine, dask_client
+from lgmpc.sweeps.pool import Died, Hung
+from lgmpc.sweeps.trial import start_worker
+
+from .conftest import Parse
+
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+
+FAILURES = {"distributed.scheduler.allowed-failures": 1}
+"""One worker may end under a task, not two; three by default, which would only take longer."""
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator["distributed.Client"]:
+    with dask.config.set(FAILURES), dask_client("local", 2) as found:
+        yield found
+
+
+def act(task: tuple[str, str]) -> str:
+    """The parent of the process that computes a task is Dask's worker."""
+    name, marker = task
+    if name == "raise":
+        raise ValueError("no such luck")
+    if name == "hang":
+        time.sleep(600.0)
+    if name == "kill always" or (name == "kill once" and not Path(marker).exists()):
+        Path(marker).touch()
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(600.0)
+    return f"{name} in {os.getpid()}"
+
+
+def test_each_task_pays_for_itself_only(client: "distributed.Client", tmp_path: Path) -> None:
+    """As with a pool of processes; a task whose worker is killed is computed again, unless it kills every one."""
+    machine = Machine.of(tmp_path)
+    names = ["raise", "hang", "kill once", "a", "kill always", "b"]
+    with DaskPool(client, start_worker, 6.0, machine) as pool:
+        found = dict(pool.map(act, [(name, str(tmp_path / name)) for name in names]))
+    by_name = {name: result for (name, _), result in found.items()}
+    assert isinstance(by_name["raise"], ValueError)
+    assert isinstance(by_name["hang"], Hung)
+    assert isinstance(by_name["kill always"], Died)
+    assert {name: str(by_name[name]).split(" in ")[0] for name in "ab"} == {name: name for name in "ab"}
+    assert str(by_name["kill once"]).startswith("kill once in ")
+
+
+def test_a_sweep_survives_a_killed_worker_and_its_points_are_what_one_machine_computes(
+    client: "distributed.Client", tmp_path: Path, parse: Parse
+) -> None:
+    sweep = parse("factors: [{key: seed, kind: values, values: [1, 2, 3, 4]}]\nmetrics: [max_tilt_deg]")
+
+    def kill_one(now: SweepProgress) -> None:
+        if now.new == 1:
+            os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+    address = client.scheduler.address
+    there = run_sweep(sweep, tmp_path / "there", cluster=lambda _: dask_client(address), progress=kill_one)
+    assert {row.ending for row in there.rows.values()} == {Ending.PASS}
+    lines = (tmp_path / "there" / "results.jsonl").read_text().splitlines()
+    assert len(lines) == len(there.rows) == 4  # the killed worker's point is computed again, and is one row
+    for point in sweep.points:
+        here = run_config(point.config, tmp_path / "here").session.metrics
+        assert here is not None
+        assert there.rows[point.key].metrics == {"max_tilt_deg": here.max_tilt_deg}
+    assert [list((tmp_path / "there" / name).iterdir()) for name in ("claims", "scratch")] == [[], []]
+    assert len(list((tmp_path / "there" / "logs").iterdir())) == 4
+
+
+def test_a_worker_that_sees_another_folder_or_has_other_versions_ends_the_sweep(
+    client: "distributed.Client", tmp_path: Path
+) -> None:
+    for machine, words in (
+        (Machine.of(tmp_path / "elsewhere"), "does not see .*elsewhere: choose a shared folder"),
+        (replace(Machine.of(tmp_path), versions=(("lgmpc", "0.0"),)), "has other versions: lgmpc .* instead of 0.0"),
+    ):
+        with DaskPool(client, start_worker, 4.0, machine) as pool, pytest.raises(ClusterError, match=words):
+            list(pool.map(act, [("a", "")]))
+
+
+def test_no_scheduler_and_workers_of_a_scheduler_are_one_error() -> None:
+    with pytest.raises(InputError, match="dask: got tcp://127.0.0.1:9; expected the address of a running scheduler"):
+        dask_client("tcp://127.0.0.1:9").__enter__()
+    with pytest.raises(InputError, match="workers: got 2; expected none with the address of a scheduler"):
+        dask_client("tcp://127.0.0.1:9", 2).__enter__()

@@ -9,12 +9,13 @@ import typer
 
 from lgmpc import __version__
 from lgmpc.cli import help
-from lgmpc.cli.completion import complete_config, complete_demo, complete_run, complete_sweep
+from lgmpc.cli.completion import complete_config, complete_demo, complete_run
 from lgmpc.cli.failures import guarded
 from lgmpc.cli.options import (
     AsJson,
     Changes,
     ConfigFile,
+    DaskAddress,
     FigureKind,
     MoreOverrides,
     NewFolder,
@@ -25,6 +26,9 @@ from lgmpc.cli.options import (
     Resume,
     RunName,
     RunsFolder,
+    SlurmFile,
+    SweepFile,
+    TunedKeys,
     Workers,
 )
 
@@ -109,35 +113,13 @@ def solve(
 @app.command(epilog=help.SWEEP)
 @guarded
 def sweep(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SWEEP",
-            help="A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
-            show_default=False,
-            autocompletion=complete_sweep,
-        ),
-    ],
+    file: SweepFile,
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
     out: NewFolder = None,
     workers: Workers = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Compute on a Dask cluster: the address of its scheduler, or `local` (extra `dask`).",
-            show_default=False,
-        ),
-    ] = None,
-    slurm: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Compute in jobs of SLURM: a YAML file of cores, memory_gb, walltime, ... (extra `dask`).",
-            show_default=False,
-        ),
-    ] = None,
+    dask: DaskAddress = None,
+    slurm: SlurmFile = None,
     resume: Resume = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write results.parquet too (package pyarrow).")] = False,
     as_json: AsJson = False,
@@ -323,16 +305,7 @@ def tune(
             autocompletion=complete_config,
         ),
     ],
-    keys: Annotated[
-        list[str],
-        typer.Option(
-            "--keys",
-            metavar="KEY...",
-            help="Keys to tune: KEY (a third to three times the present value), KEY=LOW:HIGH, KEY=LOW:HIGH:log, or "
-            "KEY=[A, B]. Vectors are scaled. More may follow, or the option again.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006
+    keys: TunedKeys = [],  # noqa: B006
     more: Annotated[list[str], typer.Argument(metavar="KEY", help="More keys.", hidden=True, show_default=False)] = [],  # noqa: B006
     objective: Annotated[
         str, typer.Option(help="A metric of the runs, `passed`, or for sweeps that bisect `boundary`.")

@@ -8,12 +8,13 @@ from typing import Annotated
 
 import typer
 
-from lgmpc.cli.completion import complete_config, complete_run
+from lgmpc.cli.completion import complete_config, complete_run, complete_sweep
 
 __all__ = [
     "AsJson",
     "Changes",
     "ConfigFile",
+    "DaskAddress",
     "FigureKind",
     "MoreOverrides",
     "NewFolder",
@@ -24,6 +25,9 @@ __all__ = [
     "Resume",
     "RunName",
     "RunsFolder",
+    "SlurmFile",
+    "SweepFile",
+    "TunedKeys",
     "Workers",
 ]
 
@@ -83,4 +87,39 @@ Changes = Annotated[
 NewFolder = Annotated[
     Path | None,
     typer.Option("--out", help="Folder of the results; one by the name, if not given.", show_default=False),
+]
+SweepFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SWEEP",
+        help="A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
+        show_default=False,
+        autocompletion=complete_sweep,
+    ),
+]
+DaskAddress = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Compute on a Dask cluster: the address of its scheduler, or `local` (extra `dask`).",
+        show_default=False,
+    ),
+]
+SlurmFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Compute in jobs of SLURM: a YAML file of cores, memory_gb, walltime, ... (extra `dask`).",
+        show_default=False,
+    ),
+]
+TunedKeys = Annotated[
+    list[str],
+    typer.Option(
+        "--keys",
+        metavar="KEY...",
+        help="Keys to tune: KEY (a third to three times the present value), KEY=LOW:HIGH, KEY=LOW:HIGH:log, or "
+        "KEY=[A, B]. Vectors are scaled. More may follow, or the option again.",
+        show_default=False,
+    ),
 ]

@@ -52,6 +52,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.control": "",
         "lgmpc.control.legged": "",
         "lgmpc.control.modes": "/guide/walking",
+        "lgmpc.hardware": "/guide/hardware",
+        "lgmpc.config.deploying": "/guide/hardware",
         "lgmpc.estimation": "/guide/estimation",
         "lgmpc.estimation.invariant_ekf": "/guide/estimation",
         "lgmpc.estimation.inertial": "/guide/estimation",

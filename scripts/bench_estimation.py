@@ -8,7 +8,6 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported: threads only sl
 
 import argparse
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -92,7 +91,7 @@ def main() -> None:
     x = robot.x_reference
     sample = PlantSample(0.0, x[: robot.nq], x[robot.nq :], np.zeros(robot.nu), np.zeros((robot.nc, 3)))
     row("simulated sensors", timed(lambda: sensors.read(sample)))
-    reading = replace(sensors.read(sample), torques=still.torques)
+    reading = sensors.read(sample)._replace(torques=still.torques)
     estimator.update(reading)
     tick = timed(lambda: estimator.update(reading))
     row("estimator's whole tick", tick)

@@ -4,7 +4,7 @@ The arrows:
 
     lie -> state -> robot -> costs -> actions -> ocp -> solvers -> mpc
     robot -> wbc, locomotion      lie, robot -> estimation      lie -> mechanics      parts -> control
-    control.interface -> estimation, simulation
+    control.interface -> estimation, simulation, hardware      simulation -> hardware
     everything -> config -> sweeps -> cli
 """
 
@@ -46,24 +46,27 @@ ARROWS: dict[str, str] = {
     "mechanics": "lie",
     "control": _PARTS,
     "control.interface": "",
+    "hardware": "control.interface",
+    "hardware.simulated": "control.interface simulation",
     "demos": f"{_PARTS} mechanics control simulation",
     "runs": "",
     "viz": "lie state robot runs demos",
     "config": "",
     # A document composes the settings of the rooms.
-    "config.schema": f"{_PARTS} simulation control runs problems",
+    "config.schema": f"{_PARTS} simulation control hardware runs problems",
     "config.notes": "simulation",
     "config.robots": "robot locomotion simulation",
     "config.build": f"{_PARTS} simulation control runs",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
+    "config.deploying": f"{_PARTS} simulation control hardware runs",
     "config.execution": "runs viz",
     "config.showing": "robot problems solvers runs viz",
     "config.solutions": "actions ocp problems robot runs solvers",
     "config.session": "runs",
     "sweeps": "config runs viz",
     "doctor": f"{_PARTS} simulation",
-    "cli": "config problems robot runs viz doctor demos sweeps",
+    "cli": "config problems robot runs viz doctor demos sweeps hardware",
     "__main__": "cli",
     # The foundation itself, and the package's own module.
     "errors": "",

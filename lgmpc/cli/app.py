@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from lgmpc import __version__
-from lgmpc.cli import help
+from lgmpc.cli import help, robots
 from lgmpc.cli.completion import complete_config, complete_demo, complete_run
 from lgmpc.cli.failures import guarded
 from lgmpc.cli.options import (
@@ -108,6 +108,10 @@ def solve(
     from lgmpc.cli.solving import solve_shown
 
     raise typer.Exit(solve_shown(loaded, out, as_json=as_json, quiet=quiet))
+
+
+app.command(epilog=help.DEPLOY)(robots.deploy)
+app.command(epilog=help.ROBOT)(robots.robot)
 
 
 @app.command(epilog=help.SWEEP)
@@ -434,15 +438,6 @@ def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
 ) -> None:
     """Print the JSON schema of configs, from which editors complete and explain keys."""
-    from lgmpc.config.schema import json_schema_text
+    from lgmpc.cli.configs import print_schema
 
-    text = json_schema_text()
-    if out is None:
-        print(text, end="")
-        return
-    from lgmpc.errors import InputError
-
-    try:
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError("--out", out, f"a file that can be written ({error.strerror})") from error
+    print_schema(out)

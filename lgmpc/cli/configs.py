@@ -1,4 +1,4 @@
-"""``lgmpc configs``: the list of shipped configs, and copies of them to edit."""
+"""``lgmpc configs`` and ``lgmpc schema``: the shipped configs, copies of them to edit, and the schema for editors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
 
-__all__ = ["copy_config", "list_configs"]
+__all__ = ["copy_config", "list_configs", "print_schema"]
 
 
 def list_configs() -> None:
@@ -51,3 +51,21 @@ def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
         stream.write(config.copy_text().encode("utf-8"))
     out().print(Text(f"wrote {file}"))
     out().print(Text(f"next: lgmpc {config.command} {shlex.quote(str(file))}"), style="dim")
+
+
+def print_schema(file: Path | None) -> None:
+    """Write the JSON schema of configs to a file, or to stdout.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    from lgmpc.config.schema import json_schema_text
+
+    text = json_schema_text()
+    if file is None:
+        print(text, end="")
+        return
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError("--out", file, f"a file that can be written ({error.strerror})") from error

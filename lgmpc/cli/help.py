@@ -8,12 +8,14 @@ __all__ = [
     "COMPARE",
     "CONFIGS",
     "DEMO",
+    "DEPLOY",
     "DOCTOR",
     "EXPLAIN",
     "OVERVIEW",
     "PLAY",
     "PLOT",
     "REPORT",
+    "ROBOT",
     "RUN",
     "SCHEMA",
     "SOLVE",
@@ -133,4 +135,14 @@ SCHEMA = (
     + """
 As first line of a config: # yaml-language-server: $schema=schema.json
 """
+)
+DEPLOY = _examples(
+    "lgmpc robot solo12_velocity_inekf                                 in one terminal: a robot in real time",
+    "lgmpc deploy solo12_velocity_inekf                                in another: its controller",
+    "lgmpc deploy solo12_balance_inekf --robot 192.168.1.20:47800      a robot whose driver speaks the protocol",
+)
+ROBOT = _examples(
+    "lgmpc robot solo12_balance_inekf",
+    "lgmpc robot solo12_balance_inekf plant.friction=0.4 --port 47801",
+    "lgmpc robot solo12_balance_inekf --lock-step      as slow as its controller, and repeatable bit for bit",
 )

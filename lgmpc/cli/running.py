@@ -20,22 +20,22 @@ from lgmpc.runs import Gate, Metrics, Outcome, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 
-__all__ = ["run_shown"]
+__all__ = ["run_display", "run_shown", "show_run"]
 
 
 def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> int:
     """Run ``config`` with a progress display, print the verdict, and return the exit code."""
     console = err()
-    with _display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
+    with run_display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
         finished = run_config(config, folder, notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
-        _show(finished, config.gate, quiet=quiet)
+        show_run(finished, config.gate, quiet=quiet)
     return finished.exit_code
 
 
-def _show(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
+def show_run(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
     console, metrics = out(), run.session.metrics
     if metrics is not None and not quiet:
@@ -108,7 +108,8 @@ class _Moving:
 
 
 @contextmanager
-def _display(console: Console, duration_s: float, *, quiet: bool) -> Iterator[Display[Progress]]:
+def run_display(console: Console, duration_s: float, *, quiet: bool) -> Iterator[Display[Progress]]:
+    """Show the progress of a run on ``console``: a bar on a terminal, a line per stage elsewhere."""
     if quiet:
         yield Silent()
         return

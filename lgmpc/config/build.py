@@ -27,12 +27,13 @@ from lgmpc.simulation.loop import Hardware, Rates, Sensing, TrueState
 from lgmpc.simulation.parameters import real_effort_limit
 from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import Sensors
+from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController
 
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
 """Streams of random numbers besides that of the sensors, each with the config's seed."""
 
-__all__ = ["build_controller", "build_estimator", "build_robot", "build_sensors", "prepare"]
+__all__ = ["build_controller", "build_estimator", "build_recorder", "build_robot", "build_sensors", "prepare"]
 
 
 def build_sensors(config: Config, robot: Robot) -> Sensors:
@@ -73,6 +74,40 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
     )
 
 
+def build_recorder(
+    config: Config, robot: Robot, rates: Rates, *, effort_limit: Array, mass: float, friction: float, estimated: bool
+) -> Recorder:
+    """Return an empty recorder.
+
+    Args:
+        config: the closed loop.
+        robot: its robot.
+        rates: of its ticks.
+        effort_limit: (nu,) torque limits of the joints, N.m.
+        mass: of the recorded robot, kg.
+        friction: coefficient of its floor.
+        estimated: whether an estimate is recorded beside the true state.
+    """
+    mpc = config.mpc
+    return Recorder(
+        nq=robot.nq,
+        nv=robot.nv,
+        effort_limit=effort_limit,
+        joint_names=robot.joint_names,
+        estimated=estimated,
+        stepping=True,
+        mass=mass,
+        contact_frames=robot.contact_frames,
+        friction=friction,
+        contact_radius=robot.contact_radius,
+        control_period_s=rates.period,
+        ticks=rates.ticks,
+        mpc_nodes=mpc.nodes if mpc.enabled else 0,
+        mpc_period_s=1.0 / mpc.rate_hz if mpc.enabled else 0.0,
+        mpc_updates=int(config.duration_s * mpc.rate_hz) + 1 if mpc.enabled else 0,
+    )
+
+
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:
     """Build the session of a closed loop.
 
@@ -89,23 +124,14 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     controller = build_controller(config, robot, notify)
     estimator = build_estimator(config, robot, notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
-    mpc = config.mpc
-    recorder = Recorder(
-        nq=robot.nq,
-        nv=robot.nv,
+    recorder = build_recorder(
+        config,
+        robot,
+        rates,
         effort_limit=real_effort_limit(robot, config.plant),
-        joint_names=robot.joint_names,
-        estimated=estimator is not None,
-        stepping=True,
         mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
-        contact_frames=robot.contact_frames,
         friction=config.plant.friction,
-        contact_radius=robot.contact_radius,
-        control_period_s=rates.period,
-        ticks=rates.ticks,
-        mpc_nodes=mpc.nodes if mpc.enabled else 0,
-        mpc_period_s=1.0 / mpc.rate_hz if mpc.enabled else 0.0,
-        mpc_updates=int(config.duration_s * mpc.rate_hz) + 1 if mpc.enabled else 0,
+        estimated=estimator is not None,
     )
     return ClosedLoopSession(
         robot=robot,

@@ -6,6 +6,7 @@ import logging
 import math
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from lgmpc.simulation.plant import Plant
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyTerms
 
-__all__ = ["ClosedLoopSession"]
+__all__ = ["ClosedLoopSession", "Observed", "RunObserver"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
@@ -82,7 +83,7 @@ class ClosedLoopSession:
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate from the initial state; see :meth:`lgmpc.config.session.Session.run`."""
-        observer = _Observer(self, progress)
+        observer = RunObserver(self, progress)
         self.plant.reset(self.initial)
         interrupted, broken = False, ""
         started = perf_counter()
@@ -116,10 +117,22 @@ class ClosedLoopSession:
         return certify(finite, JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit), balances)
 
 
-class _Observer:
+class Observed(Protocol):
+    """What an observer reads of a session."""
+
+    robot: Robot
+    controller: LeggedController
+    rates: Rates
+    recorder: Recorder
+    after_fall_s: float
+    sensing: Sensing | TrueState | None
+    estimator: LeggedEstimator | None
+
+
+class RunObserver:
     """Record every control tick, report the progress periodically, and end a run soon after the robot fell."""
 
-    def __init__(self, session: ClosedLoopSession, progress: ProgressReport) -> None:
+    def __init__(self, session: Observed, progress: ProgressReport) -> None:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
         self._record_steps = session.recorder.record_steps
@@ -138,6 +151,7 @@ class _Observer:
         self._started = perf_counter()
 
     def __call__(self, tick: Tick) -> bool:
+        """Record a tick that was decided, and return whether to go on."""
         sample, controller = tick.sample, self._controller
         wbc, planner = controller.wbc, controller.planner
         terms = wbc.terms

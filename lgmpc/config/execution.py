@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +14,7 @@ from lgmpc.config.build import prepare
 from lgmpc.config.interrupts import stop_signals
 from lgmpc.config.loading import dump_config
 from lgmpc.config.schema import Config, SolveConfig
-from lgmpc.config.session import IterationReport, Notify, ProgressReport, SessionResult, SolveOutcome
+from lgmpc.config.session import IterationReport, Notify, ProgressReport, Session, SessionResult, SolveOutcome
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import Interrupted
 from lgmpc.notebook import reports
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lgmpc.config.session import Iteration, Progress
     from lgmpc.viz import Plots
 
-__all__ = ["FinishedRun", "FinishedSolve", "new_folder", "run_config", "solve_config"]
+__all__ = ["FinishedRun", "FinishedSolve", "new_folder", "run_config", "run_session", "solve_config"]
 
 
 @contextmanager
@@ -122,12 +122,24 @@ def run_config(
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the simulation begins.
     """
+    return run_session(config, lambda announce: prepare(config, notify=announce), out, notify=notify, progress=progress)
+
+
+def run_session(
+    config: Config,
+    prepare: Callable[[Notify], Session],
+    out: str | Path,
+    *,
+    notify: Notify | None = None,
+    progress: ProgressReport | None = None,
+) -> FinishedRun:
+    """Run the session that ``prepare`` returns and save it; see :func:`run_config`."""
     with (
         stop_signals() as stop,
         new_folder(config, out) as folder,
         reports(notify, progress, _simulated) as (announce, advance),
     ):
-        session = prepare(config, notify=announce)
+        session = prepare(announce)
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             result = session.run(report)

@@ -18,6 +18,7 @@ from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import ConfigError
 from lgmpc.estimation import DelaySettings, LeggedEstimatorSettings
+from lgmpc.hardware.deployment import DeploymentSettings
 from lgmpc.locomotion.command import Timeline
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
@@ -142,6 +143,9 @@ class Config(Document):
     locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
     delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
     modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, giving up, and beginning again.")
+    deployment: DeploymentSettings = Field(
+        default=DeploymentSettings(), description="Limits of `lgmpc deploy`, which runs the controllers on a robot."
+    )
     pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
     gate: Gate = Field(default=Gate(), description="What counts as success.")
     log: LogSettings = Field(default=LogSettings(), description="What is recorded.")

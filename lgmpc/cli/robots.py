@@ -1,0 +1,66 @@
+"""``lgmpc deploy`` and ``lgmpc robot``: a controller and a robot in two processes, in real time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lgmpc.cli.failures import guarded
+from lgmpc.cli.options import AsJson, ConfigFile, MoreOverrides, OutFolder, Overrides, Quiet
+
+__all__ = ["deploy", "robot"]
+
+PORT = 47800
+
+
+@guarded
+def deploy(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006 (typer copies it)
+    overrides: Overrides = [],  # noqa: B006
+    address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Where the robot is.")] = (
+        f"127.0.0.1:{PORT}"
+    ),
+    out: OutFolder = Path("runs"),
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a config's controllers on a robot in real time, over UDP, save the run and judge it.
+
+    Needs an estimator in the config. The run is judged by the estimate. At the end, at Ctrl-C, and when measurements
+    stay away, the joints are damped.
+    """
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.deploying import deploy_shown
+    from lgmpc.hardware.udp import parse_address
+
+    raise typer.Exit(deploy_shown(loaded, parse_address(address), out, as_json=as_json, quiet=quiet))
+
+
+@guarded
+def robot(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006
+    overrides: Overrides = [],  # noqa: B006
+    host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = PORT,
+    lock_step: Annotated[
+        bool,
+        typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
+    ] = False,
+) -> None:
+    """Simulate a config's robot in real time, and let the controller at the other end of UDP move it.
+
+    Waits for `lgmpc deploy`, or for a program of one's own that speaks its protocol. Pushes, sensors' noise, drives
+    and floor are those of the config.
+    """
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.deploying import serve_shown
+
+    serve_shown(loaded, host, port, lock_step=lock_step)

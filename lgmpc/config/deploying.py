@@ -1,0 +1,215 @@
+"""The two ends of a deployment, from one config: the controllers on a robot, and a simulated robot to try them on."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lgmpc.config.build import build_controller, build_estimator, build_recorder, build_robot, build_sensors
+from lgmpc.config.closed_loop import RunObserver
+from lgmpc.config.execution import FinishedRun, run_session
+from lgmpc.config.schema import Config, GroundTruth
+from lgmpc.config.session import Notify, ProgressReport, SessionResult
+from lgmpc.control.legged import LeggedController
+from lgmpc.estimation import LeggedEstimator
+from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettings, Driver, Ending, deploy
+from lgmpc.hardware.simulated import LockStep, Pace, RealTime, Served, serve
+from lgmpc.hardware.udp import UdpRobot
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write, compute_metrics, judge
+from lgmpc.simulation.disturbances import PushSchedule
+from lgmpc.simulation.drives import Computing, Drives, TimingSettings
+from lgmpc.simulation.initial import initial_state
+from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Sensing, Tick, TrueState
+from lgmpc.simulation.plant import PlantSample, make_plant
+
+__all__ = ["DEPLOYMENT_FILE", "deploy_config", "serve_config"]
+
+DEPLOYMENT_FILE = "deployment.json"
+"""File of a run folder with the figures of the link and of the loop's timing."""
+
+_DRIVES = 2
+"""Stream of random numbers of the drives, that of a closed loop."""
+
+
+def deploy_config(
+    config: Config,
+    driver: Callable[[int], Driver],
+    out: str | Path = "runs",
+    *,
+    notify: Notify | None = None,
+    progress: ProgressReport | None = None,
+) -> tuple[FinishedRun, Deployment]:
+    """Run the controllers of ``config`` on a robot, in real time, and save the run.
+
+    The run folder is that of :func:`lgmpc.config.execution.run_config`, with the estimated state in place of the true
+    one, and contact forces estimated from the torques; it has no certificate, and ``deployment.json`` besides.
+
+    Args:
+        config: the closed loop; of its plant, only the rates are used.
+        driver: makes the driver of the robot for a number of joints, when everything else is ready: a
+            :class:`lgmpc.hardware.UdpDriver`, or one's own.
+        out: folder of run folders.
+        notify: called with a description of what is being prepared.
+        progress: called with the progress of the run.
+
+    Returns:
+        The run, and the figures of link and loop.
+
+    Raises:
+        ConfigError: if the config has no estimator: a robot measures no state.
+        LgmpcError: as :func:`lgmpc.config.execution.run_config`.
+    """
+    sessions: list[_DeploymentSession] = []
+
+    def prepare(announce: Notify) -> _DeploymentSession:
+        sessions.append(_prepare(config, driver, announce))
+        return sessions[0]
+
+    finished = run_session(config, prepare, out, notify=notify, progress=progress)
+    deployment = sessions[0].deployment
+    assert deployment is not None
+    with atomic_write(finished.folder.path / DEPLOYMENT_FILE) as file:
+        file.write((json.dumps(_figures(deployment), indent=2, allow_nan=False) + "\n").encode())
+    return finished, deployment
+
+
+def serve_config(
+    config: Config,
+    link: Callable[[int], UdpRobot],
+    *,
+    lock_step: bool = False,
+    wait_s: float = math.inf,
+    notify: Notify = lambda message: None,
+) -> Served:
+    """Simulate the robot of ``config`` at the end of a link, with its sensors, drives and pushes.
+
+    Args:
+        config: the closed loop; of its controllers, only the rates are used.
+        link: makes the robot's end for a number of joints; it is closed at the end.
+        lock_step: whether the robot waits for the answer to each measurement, instead of moving in real time.
+        wait_s: how long to wait for a controller, s.
+        notify: called with a description of what is being done.
+
+    Raises:
+        LgmpcError: if the robot cannot be built, or no controller comes.
+    """
+    robot = build_robot(config)
+    plant = make_plant(robot, config.plant)
+    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
+    way = config.plant.link
+    drives = Drives(way, config.plant.actuators, plant.dt, np.random.default_rng((config.seed, _DRIVES)))
+    hardware = Hardware(drives, Computing(TimingSettings(), np.random.default_rng(0)), lambda: (0.0, False))
+    end = link(robot.nu)
+    try:
+        notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
+        end.wait_for_controller(wait_s)
+        plant.reset(initial_state(robot, config.plant))
+        pace: Pace = LockStep(end) if lock_step else RealTime(end, rates.period)
+        pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
+        return serve(plant, build_sensors(config, robot), pushes, rates, pace, hardware)
+    finally:
+        end.close()
+
+
+def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) -> _DeploymentSession:
+    if isinstance(config.estimator, GroundTruth):
+        raise config.error("estimator.kind", "ground_truth", "inekf: a robot measures no state")
+    notify("loading the robot")
+    robot = build_robot(config)
+    controller = build_controller(config, robot, notify)
+    estimator = build_estimator(config, robot, notify)
+    assert estimator is not None
+    rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
+    recorder = build_recorder(
+        config,
+        robot,
+        rates,
+        effort_limit=robot.effort_limit,
+        mass=robot.mass,
+        friction=config.wbc.friction,
+        estimated=False,
+    )
+    return _DeploymentSession(
+        robot=robot,
+        controller=controller,
+        rates=rates,
+        recorder=recorder,
+        legs=estimator,
+        driver=driver,
+        limits=config.deployment,
+        gate=config.gate,
+        log_every=round(config.wbc.rate_hz / config.log.rate_hz),
+    )
+
+
+@dataclass
+class _DeploymentSession:
+    """A :class:`lgmpc.config.session.Session` whose plant is a robot."""
+
+    robot: Robot
+    controller: LeggedController
+    rates: Rates
+    recorder: Recorder
+    legs: LeggedEstimator
+    driver: Callable[[int], Driver]
+    limits: DeploymentSettings
+    gate: Gate
+    log_every: int
+    deployment: Deployment | None = None
+    # What a run observer reads: the estimate takes the place of the true state, and a fall does not end the run.
+    after_fall_s: float = math.inf
+    sensing: Sensing | TrueState | None = None
+    estimator: LeggedEstimator | None = None
+    nothing: Disturbance = field(default_factory=lambda: Disturbance(np.zeros(6), np.zeros(3)))
+
+    @property
+    def log_bytes(self) -> int:
+        """Size of the log's arrays, B."""
+        return self.recorder.log_bytes(self.log_every)
+
+    def run(self, progress: ProgressReport) -> SessionResult:
+        """Run until the end of the config's duration, by the robot's clock."""
+        observer = RunObserver(self, progress)
+
+        def record(tick: DeployedTick) -> None:
+            measured, state = tick.measurement, tick.state
+            sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
+            torque = tick.command.torque(measured.joints, measured.speeds)
+            observer(Tick(tick.index, sample, state, tick.command, torque, self.nothing))
+
+        self.deployment = deploy(
+            self.driver(self.robot.nu),
+            self.controller,
+            self.legs,
+            period_s=self.rates.period,
+            duration_s=self.rates.ticks * self.rates.period,
+            settings=self.limits,
+            on_tick=record,
+        )
+        ending = self.deployment.ending
+        interrupted = ending is Ending.INTERRUPTED
+        log = self.recorder.log()
+        if log.ticks == 0:
+            outcome = Outcome.INTERRUPTED if interrupted else Outcome.FAIL
+            return SessionResult(log, None, Verdict(outcome, (ending.value,)), interrupted)
+        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s)
+        verdict = judge(metrics, self.gate, interrupted=interrupted)
+        if ending is Ending.LOST:
+            verdict = Verdict(Outcome.FAIL, (ending.value, *verdict.reasons))
+        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
+
+
+def _figures(deployment: Deployment) -> dict[str, object]:
+    """Return the content of ``deployment.json``."""
+    content = {**vars(deployment), "ending": deployment.ending.name.lower()}
+    spent = 1e3 * content.pop("spent")
+    if spent.size:
+        p50, p99 = np.percentile(spent, [50.0, 99.0])
+        content |= {"command_p50_ms": p50, "command_p99_ms": p99, "command_max_ms": spent.max()}
+    return content

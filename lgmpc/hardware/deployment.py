@@ -1,0 +1,236 @@
+"""The loop that runs a controller on a robot in real time, through a driver.
+
+The robot's clock sets the pace: each measurement that arrives is a tick. Whatever fails, the last thing that is written
+is a command that damps the joints.
+"""
+
+from __future__ import annotations
+
+import enum
+import gc
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+from pydantic import Field
+
+from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
+from lgmpc.settings import Positive, Settings
+
+__all__ = ["DeployedTick", "Deployment", "DeploymentSettings", "Driver", "Ending", "deploy"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class Driver(Protocol):
+    """What a robot's drives and sensors offer to the loop."""
+
+    def read(self, timeout_s: float) -> Sequence[Measurement]:
+        """Return the measurements that have arrived since the last call, oldest first.
+
+        Waits for the first one, at most ``timeout_s``; empty if none arrived. Measurements are taken at the control
+        rate; ``Measurement.time`` is the robot's clock.
+        """
+
+    def write(self, command: Command) -> None:
+        """Send a command, which answers the newest measurement; the drives follow it until the next."""
+
+    def close(self) -> None:
+        """Release the link. The robot's own watchdog is what guards it from here on."""
+
+
+class DeploymentSettings(Settings):
+    """Limits of the loop that runs a controller on a robot in real time."""
+
+    silence_s: Positive = Field(
+        default=0.02, description="Time without a measurement after which the joints are damped, s."
+    )
+    lost_s: Positive = Field(default=1.0, description="Time without a measurement after which the run ends, s.")
+    damping_nms: Positive = Field(
+        default=0.1, description="Damping of each joint, N.m.s, when the controller cannot decide, and after the run."
+    )
+
+
+class Ending(enum.Enum):
+    """What ended a run."""
+
+    DURATION = "its duration is over"
+    LOST = "no measurements arrive"
+    INTERRUPTED = "it was stopped by the user"
+
+
+@dataclass(frozen=True)
+class DeployedTick:
+    """One tick, after its command has been written.
+
+    Attributes:
+        index: number of the tick.
+        measurement: the newest one.
+        state: its estimate, on which the controller decided.
+        command: as written.
+        spent: time from the measurement's arrival until the command was written, s.
+    """
+
+    index: int
+    measurement: Measurement
+    state: RobotState
+    command: Command
+    spent: float
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """Figures of a run on a robot.
+
+    Attributes:
+        ending: what ended it.
+        ticks: measurements that were answered.
+        overtaken: measurements that had been followed by a newer one when they were read; the estimator processed them,
+            but no command answers them.
+        missing: measurements that never arrived, by the robot's clock.
+        late: commands written later than one period after their measurement's arrival.
+        silences: times that the joints were damped because no measurement arrived.
+        not_finite: commands that were not finite, in whose place the joints were damped.
+        spent: (ticks,) time from each measurement's arrival until its command was written, s.
+    """
+
+    ending: Ending
+    ticks: int
+    overtaken: int
+    missing: int
+    late: int
+    silences: int
+    not_finite: int
+    spent: np.ndarray
+
+
+def deploy(
+    driver: Driver,
+    controller: Controller,
+    estimator: Estimator,
+    *,
+    period_s: float,
+    duration_s: float,
+    settings: DeploymentSettings | None = None,
+    on_tick: Callable[[DeployedTick], None] = lambda tick: None,
+) -> Deployment:
+    """Run ``controller`` on a robot until ``duration_s`` of the robot's clock has passed.
+
+    The joints are damped at the end, also after Ctrl-C or an exception: a robot that shall not sink down lies down
+    first, by its commands. No garbage is collected meanwhile.
+
+    Args:
+        driver: of the robot; closed at the end.
+        controller: decides at every measurement.
+        estimator: of the state.
+        period_s: of the measurements, s.
+        duration_s: of the run, s.
+        settings: see :class:`DeploymentSettings`.
+        on_tick: called after a command has been written, in the rest of its period; it may raise KeyboardInterrupt to
+            end the run.
+    """
+    settings = DeploymentSettings() if settings is None else settings
+    loop = _Loop(driver, controller, estimator, period_s, settings, on_tick)
+    try:
+        with _no_garbage_collection():
+            ending = loop.run(duration_s)
+    except KeyboardInterrupt:
+        ending = Ending.INTERRUPTED
+    finally:
+        loop.damp()
+        driver.close()
+    return loop.figures(ending)
+
+
+class _Loop:
+    """The state of a run."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        controller: Controller,
+        estimator: Estimator,
+        period: float,
+        settings: DeploymentSettings,
+        on_tick: Callable[[DeployedTick], None],
+    ) -> None:
+        self._driver, self._controller, self._estimator = driver, controller, estimator
+        self._period, self._settings, self._on_tick = period, settings, on_tick
+        self._overtaken = self._missing = self._silences = self._not_finite = 0
+        self._spent: list[float] = []
+        self._last: Measurement | None = None
+
+    def run(self, duration: float) -> Ending:
+        begun: float | None = None
+        heard, silent = perf_counter(), False
+        while True:
+            readings = self._driver.read(self._settings.silence_s)
+            now = perf_counter()
+            if not readings:
+                if now - heard > self._settings.lost_s:
+                    _LOG.error("no measurement for %.1f s: the run ends", now - heard)
+                    return Ending.LOST
+                if begun is not None and not silent:
+                    silent = True
+                    self._silences += 1
+                    _LOG.warning("no measurement for %.0f ms: the joints are damped", 1e3 * (now - heard))
+                    self.damp()
+                continue
+            heard, silent = now, False
+            begun = readings[0].time if begun is None else begun
+            self._tick(readings, now)
+            if readings[-1].time - begun > duration - 1.5 * self._period:
+                return Ending.DURATION
+
+    def damp(self) -> None:
+        """Write the command that damps the joints."""
+        if self._last is not None:
+            joints = self._last.joints
+            self._driver.write(Command.damping(np.zeros_like(joints), joints, self._settings.damping_nms))
+
+    def figures(self, ending: Ending) -> Deployment:
+        spent = np.array(self._spent)
+        late = int((spent > self._period).sum())
+        return Deployment(
+            ending, spent.size, self._overtaken, self._missing, late, self._silences, self._not_finite, spent
+        )
+
+    def _tick(self, readings: Sequence[Measurement], arrived: float) -> None:
+        for reading in readings:
+            if self._last is not None:
+                self._missing += max(0, round((reading.time - self._last.time) / self._period) - 1)
+            self._last = reading
+            state = self._estimator.update(reading)
+        self._overtaken += len(readings) - 1
+        command = self._controller.update(state)
+        if not _finite(command):
+            if self._not_finite == 0:
+                _LOG.error("a command at %.3f s is not finite: the joints are damped instead", state.time)
+            self._not_finite += 1
+            command = Command.damping(np.zeros_like(command.tau), reading.joints, self._settings.damping_nms)
+        self._driver.write(command)
+        spent = perf_counter() - arrived
+        self._spent.append(spent)
+        self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, spent))
+
+
+def _finite(command: Command) -> bool:
+    total = command.tau.sum() + command.q_des.sum() + command.v_des.sum() + command.kp + command.kd
+    return bool(np.isfinite(total))
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Collect what there is, then keep the collector from pausing a tick."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

@@ -1,0 +1,230 @@
+"""A simulated robot at the end of a link: its controller is in another process, as that of a real robot would be."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from lgmpc.control.interface import Command, Measurement, RobotState
+from lgmpc.errors import LgmpcError
+from lgmpc.hardware.udp import UdpRobot
+from lgmpc.simulation.disturbances import PushSchedule
+from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, simulate
+from lgmpc.simulation.plant import Plant
+from lgmpc.simulation.sensors import Sensors
+from lgmpc.typing import Array
+
+__all__ = ["LockStep", "NoControllerError", "Pace", "RealTime", "Served", "serve"]
+
+_LOG = logging.getLogger(__name__)
+
+_FIRST_S = 60.0
+"""Longest time until the first command: a controller may compile before."""
+
+_GONE_S = 2.0
+"""Time without a command after which a controller is taken for ended."""
+
+_WATCHDOG_S = 0.05
+"""Age of the last command beyond which the drives damp the joints on their own, as those of real robots do."""
+
+_WATCHDOG_DAMPING = 0.1  # N.m.s
+
+
+class NoControllerError(LgmpcError):
+    """No controller is at the other end of the link."""
+
+    exit_code = 1
+
+
+class Pace(Protocol):
+    """When measurements are sent, and which command acts on the state at which one was taken.
+
+    Attributes:
+        behind: ticks that began more than a period late.
+        unanswered: ticks without a recent command.
+    """
+
+    behind: int
+    unanswered: int
+
+    def answer(self, measurement: Measurement) -> Command:
+        """Send a measurement and return the command that acts from its time on.
+
+        Raises:
+            NoControllerError: if no command arrives any more.
+        """
+
+
+class LockStep:
+    """The robot waits for the answer to each measurement: simulated time has no relation to the clock's.
+
+    Args:
+        link: the robot's end.
+        timeout_s: longest time to wait, s.
+    """
+
+    def __init__(self, link: UdpRobot, timeout_s: float = _FIRST_S) -> None:
+        self._link, self._timeout = link, timeout_s
+        self.behind = self.unanswered = 0
+
+    def answer(self, measurement: Measurement) -> Command:
+        """Return the command that answers the measurement."""
+        self._link.send(measurement)
+        command = self._link.receive_answer(self._timeout)
+        if command is None:
+            raise NoControllerError(f"no command within {self._timeout:g} s")
+        return command
+
+
+class RealTime:
+    """Simulated time is the clock's, from the first command on; a command acts from the tick after its arrival on.
+
+    Args:
+        link: the robot's end.
+        period_s: of the ticks, s.
+
+    Attributes:
+        behind: ticks that began more than a period late, because the simulation or the machine was too slow; the
+            robot's clock is set back by that time.
+        unanswered: ticks at which the last command was older than the drives' watchdog allows.
+    """
+
+    def __init__(self, link: UdpRobot, period_s: float) -> None:
+        self._link, self._period = link, period_s
+        self._start = math.nan
+        self._command: Command | None = None
+        self._received = 0.0
+        self.behind = self.unanswered = 0
+
+    def answer(self, measurement: Measurement) -> Command:
+        """Wait for the measurement's time, send it, and return the newest command that has arrived."""
+        if self._command is None:
+            self._command = LockStep(self._link).answer(measurement)
+            self._start, self._received = perf_counter() - measurement.time, measurement.time
+            return self._command
+        now = self._wait(self._start + measurement.time) - self._start
+        if now > measurement.time + self._period:
+            self.behind += 1
+            self._start += now - measurement.time
+        self._link.send(measurement)
+        newest = self._link.receive()
+        if newest is not None:
+            self._command, self._received = newest, measurement.time
+        silence = measurement.time - self._received
+        if silence > _GONE_S:
+            raise NoControllerError(f"no command for {silence:.1f} s")
+        if silence > _WATCHDOG_S:
+            self.unanswered += 1
+            joints = measurement.joints
+            return Command.damping(np.zeros_like(joints), joints, _WATCHDOG_DAMPING)
+        return self._command
+
+    @staticmethod
+    def _wait(until: float) -> float:
+        while (left := until - perf_counter()) > 0.0:
+            time.sleep(left)
+        return perf_counter()
+
+
+class _Sent:
+    """Stands where the loop of a simulation has its estimator: keeps the measurement for its controller."""
+
+    def __init__(self) -> None:
+        self.measurement: Measurement | None = None
+        self._nothing = np.empty(0)
+
+    def update(self, measurement: Measurement) -> RobotState:
+        self.measurement = measurement
+        return RobotState(measurement.time, self._nothing, self._nothing)
+
+
+class _Answered:
+    """Stands where the loop of a simulation has its controller."""
+
+    def __init__(self, sent: _Sent, pace: Pace) -> None:
+        self._sent, self._pace = sent, pace
+
+    def update(self, state: RobotState) -> Command:
+        assert self._sent.measurement is not None
+        return self._pace.answer(self._sent.measurement)
+
+
+@dataclass(frozen=True)
+class Served:
+    """The true motion of a robot at the end of a link.
+
+    Attributes:
+        time: (n,) of the ticks, s.
+        q: (n, nq) configuration.
+        v: (n, nv) velocity.
+        ending: why it ended.
+        behind: see :class:`RealTime`.
+        unanswered: see :class:`RealTime`.
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    ending: str
+    behind: int = 0
+    unanswered: int = 0
+
+    @property
+    def max_tilt_deg(self) -> float:
+        """Largest angle between the base's vertical axis and the world's, degrees."""
+        x, y = self.q[:, 3], self.q[:, 4]
+        return math.degrees(math.acos(float(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0).min())))
+
+    @property
+    def final_displacement_m(self) -> float:
+        """Horizontal distance of the base from where it began, m."""
+        return float(np.linalg.norm(self.q[-1, :2] - self.q[0, :2]))
+
+
+def serve(
+    plant: Plant,
+    sensors: Sensors,
+    pushes: PushSchedule,
+    rates: Rates,
+    pace: Pace,
+    hardware: Hardware | None = None,
+    on_tick: Callable[[float], None] = lambda time: None,
+) -> Served:
+    """Simulate a robot until its duration is over, or its controller gone.
+
+    Args:
+        plant: reset before, at the state where the robot begins.
+        sensors: of the robot.
+        pushes: disturbances.
+        rates: of plant and link.
+        pace: how simulated time relates to the clock's.
+        hardware: what commands pass through besides the link; the joints follow at once unless given.
+        on_tick: called at every tick with the simulated time.
+    """
+    sent = _Sent()
+    times: list[float] = []
+    states: list[tuple[Array, Array]] = []
+
+    def record(tick: Tick) -> bool:
+        times.append(tick.sample.time)
+        states.append((tick.sample.q, tick.sample.v))
+        on_tick(tick.sample.time)
+        return True
+
+    ending = "the duration is over"
+    try:
+        simulate(plant, _Answered(sent, pace), pushes, rates, record, Sensing(sensors, sent), hardware)
+    except NoControllerError as error:
+        if not times:
+            raise
+        ending = str(error)
+        _LOG.info("the robot ends: %s", ending)
+    qs, vs = (np.array(each) for each in zip(*states, strict=True))
+    return Served(np.array(times), qs, vs, ending, pace.behind, pace.unanswered)

@@ -1,0 +1,177 @@
+"""Both ends of a link over UDP: the controller's driver, and the robot."""
+
+from __future__ import annotations
+
+import select
+import socket
+from collections.abc import Iterator
+from time import perf_counter
+
+from lgmpc.control.interface import Command, Measurement
+from lgmpc.errors import InputError
+from lgmpc.hardware.packets import Layout
+
+__all__ = ["LOCALHOST", "UdpDriver", "UdpRobot", "parse_address"]
+
+LOCALHOST = "127.0.0.1"
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Return host and port of ``host:port``.
+
+    Raises:
+        InputError: if it is no address.
+    """
+    host, colon, port = text.rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
+        raise InputError("robot", text, "host:port, as in 127.0.0.1:47800")
+    return host, int(port)
+
+
+class UdpDriver:
+    """A :class:`lgmpc.hardware.Driver` of a robot at the other end of a link.
+
+    It says hello until the first measurement arrives. Packets of another sender are ignored by the operating system,
+    those that are no measurement of this robot here, and measurements that a newer one has overtaken on their way, too.
+
+    Args:
+        address: host and port of the robot.
+        nu: number of joints.
+
+    Attributes:
+        ignored: packets that were no measurement.
+
+    Raises:
+        InputError: if the address cannot be used.
+    """
+
+    def __init__(self, address: tuple[str, int], nu: int) -> None:
+        self._layout, self._number, self.ignored = Layout(nu), -1, 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.connect(address)
+        except OSError as error:
+            self._socket.close()
+            raise InputError("robot", "{}:{}".format(*address), f"an address that can be reached ({error})") from error
+        self._socket.setblocking(False)
+
+    def read(self, timeout_s: float) -> list[Measurement]:
+        """Return the measurements that have arrived; see :meth:`lgmpc.hardware.Driver.read`."""
+        if self._number < 0:
+            _send(self._socket, self._layout.hello())
+        readings = self._arrived()
+        end = perf_counter() + timeout_s
+        while not readings and (left := end - perf_counter()) > 0.0:
+            select.select([self._socket], [], [], left)
+            readings = self._arrived()
+        return readings
+
+    def write(self, command: Command) -> None:
+        """Send the answer to the newest measurement."""
+        _send(self._socket, self._layout.command(max(self._number, 0), command))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _arrived(self) -> list[Measurement]:
+        readings = []
+        for packet in _packets(self._socket, self._layout.longest):
+            found = self._layout.read_measurement(packet)
+            if found is None:
+                self.ignored += 1
+            elif found[0] > self._number:
+                self._number = found[0]
+                readings.append(found[1])
+        return readings
+
+
+class UdpRobot:
+    """The robot's end: it sends measurements to the controller that said hello, and receives its commands.
+
+    Args:
+        nu: number of joints.
+        host: address to listen at.
+        port: 0 takes any free one.
+
+    Raises:
+        InputError: if the port cannot be used.
+    """
+
+    def __init__(self, nu: int, host: str = LOCALHOST, port: int = 0) -> None:
+        self._layout, self._number = Layout(nu), -1
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            raise InputError("port", port, f"a free port of {host} ({error})") from error
+        self._socket.setblocking(False)
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port that it listens at."""
+        host, port = self._socket.getsockname()
+        return str(host), int(port)
+
+    def wait_for_controller(self, timeout_s: float) -> bool:
+        """Wait until a controller says hello, and return whether one did; from then on no other one is heard."""
+        end = perf_counter() + timeout_s
+        while (left := end - perf_counter()) > 0.0:
+            select.select([self._socket], [], [], min(left, 1.0))
+            try:
+                packet, sender = self._socket.recvfrom(self._layout.longest + 1)
+            except (BlockingIOError, ConnectionError):
+                continue
+            if self._layout.is_hello(packet):
+                self._socket.connect(sender)
+                return True
+        return False
+
+    def send(self, measurement: Measurement) -> None:
+        """Send the next measurement."""
+        self._number += 1
+        _send(self._socket, self._layout.measurement(self._number, measurement))
+
+    def receive(self) -> Command | None:
+        """Return the newest command that has arrived, if any."""
+        commands = list(self._commands())
+        return max(commands, key=lambda found: found[0])[1] if commands else None
+
+    def receive_answer(self, timeout_s: float) -> Command | None:
+        """Wait for the command that answers the last measurement; None if it does not come."""
+        end = perf_counter() + timeout_s
+        while (left := end - perf_counter()) > 0.0:
+            for number, command in self._commands():
+                if number == self._number:
+                    return command
+            select.select([self._socket], [], [], left)
+        return None
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _commands(self) -> Iterator[tuple[int, Command]]:
+        for packet in _packets(self._socket, self._layout.longest):
+            found = self._layout.read_command(packet)
+            if found is not None:
+                yield found
+
+
+def _packets(link: socket.socket, longest: int) -> Iterator[bytes]:
+    """Yield what has arrived, without waiting."""
+    while True:
+        try:
+            yield link.recv(longest + 1)
+        except BlockingIOError:
+            return
+        except ConnectionError:  # nobody listens at the other end: UDP reports it for a packet sent before
+            continue
+
+
+def _send(link: socket.socket, packet: bytes) -> None:
+    try:
+        link.send(packet)
+    except (BlockingIOError, ConnectionError):
+        pass  # a packet that is lost, as any may be

@@ -1,0 +1,123 @@
+"""The loop that runs a controller on a robot: what it does when measurements or commands are not as they should be."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from lgmpc.control import Command, Measurement, RobotState
+from lgmpc.hardware import DeployedTick, DeploymentSettings, Ending, deploy
+
+NU, PERIOD = 2, 0.001
+QUICK = DeploymentSettings(silence_s=0.002, lost_s=0.5, damping_nms=0.3)
+
+
+def at(tick: int) -> Measurement:
+    return Measurement(tick * PERIOD, np.zeros(3), np.zeros(3), np.full(NU, 0.1), np.zeros(NU), np.zeros(NU))
+
+
+class ScriptedRobot:
+    """A driver that offers measurements in given batches, and none afterwards."""
+
+    def __init__(self, *batches: Sequence[int]) -> None:
+        self.batches, self.written, self.closed = list(batches), list[Command](), False
+
+    def read(self, timeout_s: float) -> list[Measurement]:
+        batch = self.batches.pop(0) if self.batches else []
+        if not batch:
+            time.sleep(timeout_s)
+        return [at(tick) for tick in batch]
+
+    def write(self, command: Command) -> None:
+        assert not self.closed
+        self.written.append(command)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Copying:
+    """An estimator of a robot without a base, and a controller whose torque is the number of its decision."""
+
+    def __init__(self) -> None:
+        self.estimated: list[float] = []
+        self.decided: list[float] = []
+        self.torque = 1.0
+
+    def estimate(self, m: Measurement) -> RobotState:
+        self.estimated.append(m.time)
+        return RobotState(m.time, m.joints, m.speeds)
+
+    def decide(self, state: RobotState) -> Command:
+        self.decided.append(state.time)
+        return Command(np.full(NU, self.torque), np.zeros(NU), np.zeros(NU))
+
+
+class Part:
+    def __init__(self, update: object) -> None:
+        self.update = update
+
+
+def run(robot: ScriptedRobot, copying: Copying, ticks: int, **options: object) -> object:
+    controller, estimator = Part(copying.decide), Part(copying.estimate)
+    return deploy(robot, controller, estimator, period_s=PERIOD, duration_s=ticks * PERIOD, settings=QUICK, **options)  # type: ignore[arg-type]
+
+
+def is_damping(command: Command) -> bool:
+    return bool((command.tau == 0.0).all()) and command.kp == 0.0 and command.kd == QUICK.damping_nms
+
+
+def test_each_measurement_is_answered_and_the_joints_are_damped_at_the_end() -> None:
+    robot, copying = ScriptedRobot([0], [1], [2], [3]), Copying()
+    found = run(robot, copying, 3)
+    assert (found.ending, found.ticks, found.overtaken, found.missing) == (Ending.DURATION, 3, 0, 0)
+    assert [is_damping(command) for command in robot.written] == [False] * 3 + [True]
+    assert robot.closed
+    assert found.spent.shape == (3,) and (found.spent > 0.0).all()
+
+
+def test_the_estimator_receives_all_measurements_and_the_controller_the_newest() -> None:
+    robot, copying = ScriptedRobot([0], [1, 2, 3], [6]), Copying()
+    found = run(robot, copying, 7)
+    assert (found.ticks, found.overtaken, found.missing) == (3, 2, 2)
+    np.testing.assert_allclose(copying.estimated, PERIOD * np.array([0, 1, 2, 3, 6]))
+    np.testing.assert_allclose(copying.decided, PERIOD * np.array([0, 3, 6]))
+
+
+def test_silence_damps_the_joints_once_and_what_is_lost_ends_the_run() -> None:
+    robot, copying = ScriptedRobot([0], [], [], [1]), Copying()
+    found = run(robot, copying, 100)
+    assert (found.ending, found.ticks, found.silences) == (Ending.LOST, 2, 2)
+    assert [is_damping(command) for command in robot.written] == [False, True, False, True, True]
+
+
+def test_a_robot_that_never_answers_ends_the_run_without_a_command() -> None:
+    robot = ScriptedRobot()
+    found = run(robot, Copying(), 100)
+    assert (found.ending, found.ticks, robot.written) == (Ending.LOST, 0, [])
+    assert robot.closed
+
+
+def test_a_command_that_is_not_finite_damps_the_joints() -> None:
+    robot, copying = ScriptedRobot([0], [1]), Copying()
+    copying.torque = np.nan
+    found = run(robot, copying, 2)
+    assert (found.ending, found.not_finite) == (Ending.DURATION, 2)
+    assert all(map(is_damping, robot.written))
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_whatever_ends_it_the_last_command_damps_the_joints(error: type[BaseException]) -> None:
+    robot = ScriptedRobot([0], [1])
+
+    def stop(tick: DeployedTick) -> None:
+        raise error
+
+    if error is KeyboardInterrupt:
+        assert run(robot, Copying(), 2, on_tick=stop).ending is Ending.INTERRUPTED
+    else:
+        with pytest.raises(error):
+            run(robot, Copying(), 2, on_tick=stop)
+    assert [is_damping(command) for command in robot.written] == [False, True]
+    assert robot.closed

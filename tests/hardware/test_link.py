@@ -1,0 +1,205 @@
+"""A controller in one thread or process, a simulated robot in another, UDP between them."""
+
+import json
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lgmpc.config import Config, load_config
+from lgmpc.config.deploying import DEPLOYMENT_FILE, deploy_config, serve_config
+from lgmpc.config.execution import run_config
+from lgmpc.control import Command, Measurement
+from lgmpc.errors import ConfigError, InputError
+from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
+from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
+from lgmpc.hardware.udp import LOCALHOST, parse_address
+from lgmpc.runs import RunFolder
+
+NU = 2
+
+
+def at(time: float) -> Measurement:
+    return Measurement(time, np.zeros(3), np.zeros(3), np.zeros(NU), np.zeros(NU), np.zeros(NU))
+
+
+def torque(value: float) -> Command:
+    return Command(np.full(NU, value), np.zeros(NU), np.zeros(NU))
+
+
+def on_a_link(config: Config, out: Path, **options: Any) -> tuple[Any, Deployment, Served]:
+    ready, ends, served = threading.Event(), list[UdpRobot](), list[Served]()
+
+    def link(nu: int) -> UdpRobot:
+        ends.append(UdpRobot(nu))
+        ready.set()
+        return ends[0]
+
+    robot = threading.Thread(target=lambda: served.append(serve_config(config, link, wait_s=60.0, **options)))
+    robot.start()
+    assert ready.wait(60.0)
+    finished, deployment = deploy_config(config, lambda nu: UdpDriver(ends[0].address, nu), out)
+    robot.join(60.0)
+    return finished, deployment, served[0]
+
+
+def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path) -> None:
+    """The controller depends on no simulator: across a link, from measurements only, it decides the same."""
+    push = "pushes=[{body: base_link, time_s: 0.2, duration_s: 0.1, impulse_ns: [0.3, 1.0, 0]}]"
+    config = load_config("solo12_balance_inekf", ["duration_s=0.6", "log.rate_hz=1000", "gate={}", push])
+    finished, deployment, served = on_a_link(config, tmp_path / "deployed", lock_step=True)
+    alone = run_config(config, tmp_path / "alone").session
+    np.testing.assert_array_equal(served.q, alone.log.q)
+    np.testing.assert_array_equal(served.v, alone.log.v)
+    assert served.max_tilt_deg > 0.05
+    assert (deployment.ticks, deployment.overtaken, deployment.missing, deployment.silences) == (600, 0, 0, 0)
+    # The saved run holds what the controller knew: the estimate.
+    saved = RunFolder.load(finished.folder.path)
+    np.testing.assert_array_equal(saved.log.q, alone.log.estimate_q)
+    np.testing.assert_array_equal(saved.log.tau_command, alone.log.tau_command)
+    assert saved.result.verdict.passed and saved.result.certificate is None
+    figures = json.loads((finished.folder.path / DEPLOYMENT_FILE).read_text())
+    assert (figures["ending"], figures["ticks"], figures["missing"]) == ("duration", 600, 0)
+    assert 0.0 < figures["command_p50_ms"] <= figures["command_max_ms"]
+
+
+def test_in_real_time_the_robot_stands(tmp_path: Path) -> None:
+    """On a busy machine ticks are late, measurements are overtaken; the robot stands all the same."""
+    config = load_config("solo12_balance_inekf", ["duration_s=0.5", "pushes=[]", "gate={}"])
+    finished, deployment, served = on_a_link(config, tmp_path)
+    if not served.unanswered:  # else the machine paused for so long that the robot's watchdog damped its joints
+        assert served.max_tilt_deg < 2.0
+        assert served.q[:, 2].min() > 0.9 * served.q[0, 2]
+    assert deployment.ticks + deployment.overtaken + deployment.missing <= 500
+    assert deployment.ticks > 10
+    assert finished.result.metrics is not None
+
+
+def test_a_config_without_an_estimator_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"estimator.kind.*inekf: a robot measures no state"):
+        deploy_config(load_config("solo12_balance"), lambda nu: UdpDriver((LOCALHOST, 9), nu), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+class Lost:
+    """A robot that takes one measurement, and is silent from then on."""
+
+    def __init__(self, nu: int) -> None:
+        self.left = [
+            Measurement(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(nu), np.zeros(nu), np.zeros(nu))
+        ]
+        self.written: list[Command] = []
+        self.waited: list[float] = []
+
+    def read(self, timeout_s: float) -> list[Measurement]:
+        self.waited.append(timeout_s)
+        if not self.left:
+            time.sleep(timeout_s)
+        return [self.left.pop()] if self.left else []
+
+    def write(self, command: Command) -> None:
+        self.written.append(command)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_robot_that_is_lost_fails_its_gate_and_the_section_deployment_applies(tmp_path: Path) -> None:
+    limits = ["deployment.silence_s=0.003", "deployment.lost_s=0.5", "deployment.damping_nms=0.37"]
+    robots: list[Lost] = []
+    finished, deployment = deploy_config(
+        load_config("solo12_balance_inekf", limits), lambda nu: robots.append(Lost(nu)) or robots[0], tmp_path
+    )
+    assert finished.result.verdict.reasons[0] == "no measurements arrive"
+    assert finished.exit_code == 1
+    assert (deployment.ticks, deployment.silences) == (1, 1)
+    assert [command.kd for command in robots[0].written[1:]] == [0.37, 0.37]
+    assert set(robots[0].waited) == {0.003}
+
+
+@pytest.mark.parametrize("text", ["", "robot", "127.0.0.1", "127.0.0.1:", ":47800", "host:0", "host:65536", "host:-1"])
+def test_an_address_is_host_and_port(text: str) -> None:
+    with pytest.raises(InputError, match=r"host:port, as in 127.0.0.1:47800"):
+        parse_address(text)
+    assert parse_address("robot.local:1") == ("robot.local", 1)
+
+
+def test_a_port_that_is_taken_is_refused() -> None:
+    first = UdpRobot(NU)
+    with pytest.raises(InputError, match="port"):
+        UdpRobot(NU, port=first.address[1])
+    first.close()
+
+
+def test_old_foreign_and_broken_packets_are_no_measurements() -> None:
+    robot = UdpRobot(NU)
+    driver = UdpDriver(robot.address, NU)
+    assert driver.read(0.0) == []
+    assert robot.wait_for_controller(5.0)
+    for moment in (0.0, 0.1):
+        robot.send(at(moment))
+    assert [m.time for m in _all(driver, 2)] == [0.0, 0.1]
+    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stranger.sendto(b"anything", driver._socket.getsockname())
+    robot._number = -1  # a packet that was overtaken on its way has an old number
+    robot.send(at(7.0))
+    robot._socket.send(b"no measurement")
+    robot._number = 1
+    robot.send(at(0.2))
+    assert [m.time for m in _all(driver, 1)] == [0.2]
+    assert driver.ignored == 1
+    for end in (robot, driver, stranger):
+        end.close()
+
+
+def _all(driver: UdpDriver, count: int) -> list[Measurement]:
+    found: list[Measurement] = []
+    for _ in range(100):
+        found += driver.read(0.1)
+        if len(found) >= count:
+            break
+    return found
+
+
+def test_the_newest_command_acts_and_an_old_one_gives_way_to_the_watchdog() -> None:
+    robot = UdpRobot(NU)
+    driver = UdpDriver(robot.address, NU)
+    driver.read(0.0)
+    assert robot.wait_for_controller(5.0)
+    pace = RealTime(robot, period_s=0.001)
+
+    def controller() -> None:
+        assert _all(driver, 1)
+        driver.write(torque(1.0))
+
+    thread = threading.Thread(target=controller)
+    thread.start()
+    assert pace.answer(at(0.0)).tau[0] == 1.0  # the clock starts with the first command
+    thread.join()
+    assert pace.answer(at(0.001)).tau[0] == 1.0
+    driver.write(torque(2.0))
+    driver.write(torque(3.0))
+    received = [pace.answer(at(0.002 + 0.001 * k)).tau[0] for k in range(20)]
+    assert received[-1] in (2.0, 3.0)
+    silent = pace.answer(at(0.2))
+    assert (silent.tau == 0.0).all() and silent.kd > 0.0
+    assert pace.unanswered == 1
+    with pytest.raises(NoControllerError, match="no command for"):
+        pace.answer(at(2.5))
+    robot.close()
+    driver.close()
+
+
+def test_lock_step_ends_without_an_answer() -> None:
+    robot = UdpRobot(NU)
+    driver = UdpDriver(robot.address, NU)
+    driver.read(0.0)
+    assert robot.wait_for_controller(5.0)
+    with pytest.raises(NoControllerError, match=r"no command within 0.05 s"):
+        LockStep(robot, timeout_s=0.05).answer(at(0.0))
+    robot.close()
+    driver.close()

@@ -48,6 +48,7 @@ class Feet:
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
+        ground: mean height of the feet that carry, m; of the lowest foot if none does.
     """
 
     def __init__(self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
@@ -77,12 +78,12 @@ class Feet:
         self.stepping = not self.standing
         self.footholds[:] = points
         self.position[:] = points
+        self.ground = self._height_of_ground(self.stance.tolist())
 
     @property
     def settled(self) -> list[bool]:
         """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
-        before = self.clock.time - _SETTLED_S
-        return [self.events.steady(foot, before) for foot in range(len(self.stance))]
+        return self.events.steady(self.clock.time - _SETTLED_S)
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand."""
@@ -145,9 +146,15 @@ class Feet:
             for foot, carries in enumerate(stands):
                 self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
         self._stood[:] = stance
-        clock, feet = self.clock, range(len(stance))
-        self.stepping = any(clock.swing(foot, time) or math.isfinite(clock.next_liftoff(foot, time)) for foot in feet)
-        self.standing = not self.stepping and all(stands)
+        self.standing = self.events.resting
+        self.stepping = not (self.standing or self.clock.rests(time))
+        self.ground = self._height_of_ground(stands)
+
+    def _height_of_ground(self, stands: list[bool]) -> float:
+        """Return the mean height of the feet that carry; the lowest foot's if none does."""
+        heights: list[float] = self.footholds[:, 2].tolist()
+        standing = [height for height, carries in zip(heights, stands, strict=True) if carries]
+        return sum(standing) / len(standing) if standing else min(heights)
 
     def _update_foot(
         self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
@@ -186,8 +193,7 @@ class Feet:
 
     def loading(self, time: float, shares: Array) -> None:
         """Write (nc,) the share of its largest force that each foot may carry now."""
-        for foot in range(len(shares)):
-            shares[foot] = self.events.loading(foot, time)
+        shares[:] = self.events.loading(time)
 
     def write_horizon(
         self,

@@ -123,9 +123,12 @@ class LeggedController:
         self._folding = Folding(robot, self._mode_settings.lying)
         self._lift = Lift(self._mode_settings.lying)
         self._displaced_since = math.inf
+        self._mass = robot.mass
         self._weight = -robot.mass * float(robot.gravity[2])
         self._grip = _GRIP_SHARE * self._weight / robot.mass
         self._begun = False
+        self._at_rest = np.zeros(robot.nu)
+        self._at_rest.flags.writeable = False
         self.target = np.zeros(3)
         self.base_target = robot.q_reference[:7].copy()
         self.wbc_ms = 0.0
@@ -190,7 +193,7 @@ class LeggedController:
             else:
                 planner.skip()
         joints = state.q[self.robot.joint_q]
-        command = Command(self.wbc.tau.copy(), joints, np.zeros(self.robot.nu), 0.0, self.wbc.damping)
+        command = Command(self.wbc.tau.copy(), joints, self._at_rest, 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
         return command
 
@@ -217,7 +220,7 @@ class LeggedController:
             situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
             if mode.upright and not situation.failure:
                 touching = state.contacts is None or any(state.contacts.tolist())
-                situation.failure = self._fall.update_support(time, height - self._ground(), touching)
+                situation.failure = self._fall.update_support(time, height - self.feet.ground, touching)
         transition = machine.update(situation)
         if transition is not None:
             self._enter(transition, state)
@@ -290,11 +293,10 @@ class LeggedController:
         if self.feet.stepping:
             self._reference.shorten(terms.com, yaw)
         wanted = self._reference.velocity(command)
-        velocity = terms.momentum[:2] / self.robot.mass
-        (x, y), (vx, vy) = terms.com[:2].tolist(), velocity.tolist()
+        (x, y), (px, py), mass = terms.com[:2].tolist(), terms.momentum[:2].tolist(), self._mass
         astray = (x - self._reference.x, y - self._reference.y)
         ramp = self._limiter.ramp.turned(yaw)
-        self._motion = motion = BaseMotion(x, y, vx, vy, yaw, command.yaw_rate, *wanted, *astray, ramp)
+        self._motion = motion = BaseMotion(x, y, px / mass, py / mass, yaw, command.yaw_rate, *wanted, *astray, ramp)
         feet = self.feet
         self.push_steps.follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
@@ -307,14 +309,16 @@ class LeggedController:
         contacts.friction[:] = self.floor.update(terms.contact_velocities, feet.settled, self.wbc.forces)
         np.multiply(self._shares, self._highest, out=contacts.highest_normal)
         np.minimum(self._lowest, contacts.highest_normal, out=contacts.lowest_normal)
-        swing = self.wbc.tasks["swing"].target
-        swing.position[:], swing.velocity[:], swing.acceleration[:] = feet.position, feet.velocity, feet.acceleration
+        if not feet.standing:
+            swing = self.wbc.tasks["swing"].target
+            swing.position[:], swing.velocity[:] = feet.position, feet.velocity
+            swing.acceleration[:] = feet.acceleration
 
     def _set_targets(self, time: float) -> None:
         """Write the reference into the tasks: what the whole-body QP tracks where no plan says otherwise."""
-        pose, tasks = self._reference.pose(self._followed, self._ground()), self.wbc.tasks
-        com, base, origin = (tasks[name].target for name in ("com", "base_orientation", "base_position"))
-        self.target[:], self.base_target[:3], self.base_target[3:] = pose.com, pose.base, pose.quaternion
+        pose, tasks = self._reference.pose(self._followed, self.feet.ground), self.wbc.tasks
+        com, base, origin = tasks["com"].target, tasks["base_orientation"].target, tasks["base_position"].target
+        self.target[:], self.base_target[:] = pose.com, pose.base_pose
         com.velocity[:], com.acceleration[:] = pose.velocity, 0.0
         if self._offset is not None:
             offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
@@ -367,7 +371,7 @@ class LeggedController:
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
         self.feet.write_horizon(time, settings.node_s, self._motion, self._friction(planner), planner.contacts)
-        self._reference.write(planner.motion, self._followed, settings.node_s, self._ground(), self._limiter.ramp)
+        self._reference.write(planner.motion, self._followed, settings.node_s, self.feet.ground, self._limiter.ramp)
         if self._offset is not None:
             offset, velocity, _ = self._offset.sample(time + self._node_times)
             planner.motion.com += offset
@@ -376,12 +380,6 @@ class LeggedController:
     def _friction(self, planner: Planner) -> float:
         """Friction coefficient to rely on over the horizon."""
         return min(planner.mpc.settings.friction, float(self.wbc.contacts.friction[0]))
-
-    def _ground(self) -> float:
-        """Mean height of the feet that stand, m; of the lowest foot if none does."""
-        heights: list[float] = self.feet.footholds[:, 2].tolist()
-        standing = [height for height, stands in zip(heights, self.feet.stance.tolist(), strict=True) if stands]
-        return sum(standing) / len(standing) if standing else min(heights)
 
     def _begin(self, state: RobotState) -> None:
         """Stand where the robot is now; lie if it lies, and do nothing if it is tilted too far."""

@@ -28,13 +28,14 @@ class Mode(Enum):
     SIT = "lowers itself onto its belly"
     DAMP = "has no torque but the damping of its joints"
 
+    __hash__ = object.__hash__  # members are unique: Enum's own hashes their names, in Python
+
     @property
     def upright(self) -> bool:
         """Whether the feet carry the robot at its commanded height."""
-        return self in _UPRIGHT
+        return self is Mode.STAND or self is Mode.LOCOMOTE or self is Mode.RECOVER
 
 
-_UPRIGHT = frozenset({Mode.STAND, Mode.LOCOMOTE, Mode.RECOVER})
 _ARMED = frozenset(Mode) - {Mode.DAMP}
 
 

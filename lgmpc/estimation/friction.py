@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
@@ -69,14 +67,14 @@ class FrictionMonitor:
         self._rise = 1.0 - math.exp(-period / rise_time)
         self._speeds_squared: list[float] = []
         self._smoothing = 1.0 - math.exp(-period / _SMOOTHING)
-        self._velocities: Array | None = None
+        self._velocities: list[tuple[float, float]] = []
         self.coefficient = nominal
 
     def reset(self) -> None:
         """Return to the nominal coefficient."""
         self.coefficient = self._nominal
         self._speeds_squared.clear()
-        self._velocities = None
+        self._velocities.clear()
 
     def update(self, contact_velocities: Array, stance: Sequence[bool], forces: Array) -> float:
         """Return the new coefficient.
@@ -86,11 +84,16 @@ class FrictionMonitor:
             stance: (nc,) feet whose sliding is evidence.
             forces: (nc, 3) commanded since the last update, world axes, N.
         """
-        if self._velocities is None or not math.isfinite(self._velocities.sum()):
-            self._velocities = np.zeros_like(contact_velocities)
-        self._velocities += self._smoothing * (contact_velocities - self._velocities)
         # Plain numbers: for a handful of feet they are faster than NumPy's calls.
-        speeds = [x * x + y * y for x, y, _ in self._velocities.tolist()]
+        measured: list[list[float]] = contact_velocities.tolist()
+        velocities, share = self._velocities, self._smoothing
+        if not (velocities and math.isfinite(sum(self._speeds_squared))):
+            velocities = [(0.0, 0.0)] * len(measured)
+        self._velocities = velocities = [
+            (x + share * (vx - x), y + share * (vy - y))
+            for (x, y), (vx, vy, _) in zip(velocities, measured, strict=True)
+        ]
+        speeds = [x * x + y * y for x, y in velocities]
         before, self._speeds_squared = self._speeds_squared or speeds, speeds
         sliding = [foot for foot, stands in enumerate(stance) if stands and speeds[foot] > self._sliding_speed_squared]
         faster = [foot for foot in sliding if speeds[foot] >= before[foot]]

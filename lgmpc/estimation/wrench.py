@@ -74,7 +74,9 @@ class WrenchObserver:
         self._rates = np.full((int(whole) + len(shares), 6), math.nan)  # r of the commands, the newest first
         self._error, self._error_before = np.zeros((2, 6))
         self.wrench = np.zeros(6)
-        self._force = self.wrench[:3]
+        self._force, self._force_error, self._force_error_before = (
+            each[:3] for each in (self.wrench, self._error, self._error_before)
+        )
 
     def reset(self) -> None:
         """Clear the history: the estimate is zero until a first expectation has been compared."""
@@ -102,7 +104,8 @@ class WrenchObserver:
 
     def expect(self, momentum_rate: Array) -> None:
         """Store the momentum rate (6,) of the command that was just computed, the estimated wrench included."""
-        self._rates[1:] = self._rates[:-1]
+        if len(self._rates) > 1:
+            self._rates[1:] = self._rates[:-1]
         np.subtract(momentum_rate, self.wrench, out=self._rates[0])
 
     def skip(self) -> None:
@@ -118,7 +121,7 @@ class WrenchObserver:
 
     def _adapt(self, error: Array) -> None:
         """Choose the time constant by the noise of the errors (6,)."""
-        covariance = float(error[:3].dot(self._error_before[:3])) / 3.0
+        covariance = float(self._force_error.dot(self._force_error_before)) / 3.0
         self._covariance += self._memory * (covariance - self._covariance)
         self._error_before[:] = error
         noise = self._period * math.sqrt(max(0.0, -self._covariance))

@@ -96,6 +96,15 @@ class GaitClock:
         """Whether the gait ends, or has ended, in standing."""
         return self._end < math.inf or self.gait.stands
 
+    def rests(self, t: float) -> bool:
+        """Return whether no foot swings at time ``t``, and none is to lift off, unless the gait changes."""
+        for foot, swings in enumerate(self._swings):
+            if self._next[foot] < math.inf:
+                self._fill(foot, t)
+            if swings and swings[-1].touchdown > t:
+                return False
+        return True
+
     # Gait changes
 
     def follow(self, t: float, gait: Gait, moving: bool) -> None:

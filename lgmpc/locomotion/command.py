@@ -59,7 +59,7 @@ class MotionCommand:
     @property
     def moves(self) -> bool:
         """Whether any velocity is commanded."""
-        return max(abs(self.vx), abs(self.vy), abs(self.yaw_rate)) > _REST
+        return abs(self.vx) > _REST or abs(self.vy) > _REST or abs(self.yaw_rate) > _REST
 
 
 class CommandSource(Protocol):
@@ -224,6 +224,8 @@ class Ramp:
 
     def turned(self, angle: float) -> Ramp:
         """Return the same in axes that are turned by minus ``angle``, rad."""
+        if self.duration == 0.0:
+            return self
         c, s = math.cos(angle), math.sin(angle)
         return Ramp(c * self.ax - s * self.ay, s * self.ax + c * self.ay, self.duration)
 
@@ -258,8 +260,10 @@ class CommandLimiter:
         """
         now, most = self.command, self.limits
         self.ramp = _NO_RAMP
-        if now == command and math.hypot(now.vx, now.vy) <= most.speed_m_s and abs(now.yaw_rate) <= most.yaw_rate_rad_s:
-            return now
+        arrived = now is command or now == command
+        if arrived and math.hypot(now.vx, now.vy) <= most.speed_m_s and abs(now.yaw_rate) <= most.yaw_rate_rad_s:
+            self.command = command  # itself: the next comparison is one of identity
+            return command
         vx, vy = command.vx, command.vy
         speed = math.hypot(vx, vy)
         if speed > most.speed_m_s:

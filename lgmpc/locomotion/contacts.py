@@ -59,10 +59,12 @@ class ContactState(Enum):
     MISSING = "in the air for longer than the schedule waits"
     LOST = "in the air in the middle of a stance between swings, descending"
 
+    __hash__ = object.__hash__  # members are unique: Enum's own hashes their names, in Python
+
     @property
     def carries(self) -> bool:
         """Whether the foot can carry a force."""
-        return self in (ContactState.STANCE, ContactState.EARLY)
+        return self is ContactState.STANCE or self is ContactState.EARLY
 
 
 class ContactEvents:
@@ -77,6 +79,7 @@ class ContactEvents:
         states: (nc,) of the last update.
         stance: (nc,) which feet carry: the flags for the whole-body QP and for the first interval of a horizon.
         since: (nc,) when each foot entered its state, s.
+        resting: whether all feet stand and none is to lift off, at the last update.
     """
 
     def __init__(self, clock: GaitClock, weight: float, settings: ContactEventSettings | None = None) -> None:
@@ -88,6 +91,7 @@ class ContactEvents:
         self.states = [ContactState.STANCE if stands else ContactState.SWING for stands in flags]
         self.stance: BoolArray = flags
         self.since = [-np.inf if stands else clock.time for stands in flags]
+        self.resting = False
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
 
@@ -107,22 +111,26 @@ class ContactEvents:
         Returns:
             :attr:`stance`.
         """
-        # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
         measured = None if contacts is None else contacts.tolist()
-        carries = self.stance.tolist()
-        feet = range(self.clock.nc)
-        for foot in [*(f for f in feet if not carries[f]), *(f for f in feet if carries[f])]:
-            touching = None
-            if measured is not None:
-                touching = measured[foot]
+        if measured is not None and measured != self._touching:
+            for foot, touching in enumerate(measured):
                 if touching != self._touching[foot]:
                     self._touching[foot], self._changed[foot] = touching, t
-            state = self._next_state(foot, t, touching)
+        carries = self.stance.tolist()
+        self.resting = False not in carries and self.clock.rests(t)
+        if self.resting and measured is not None:
+            self.clock.advance(t)  # all stand, whatever they measure
+            return self.stance
+        # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
+        feet = range(self.clock.nc)
+        for foot in [*(f for f in feet if not carries[f]), *(f for f in feet if carries[f])]:
+            state = self._next_state(foot, t, None if measured is None else measured[foot])
             if state is not self.states[foot]:
                 self.states[foot], self.since[foot] = state, t
                 carries[foot] = state.carries
         self.stance[:] = carries
         self.clock.advance(t)
+        self.resting = False not in carries and self.clock.rests(t)
         return self.stance
 
     def _next_state(self, foot: int, t: float, touching: bool | None) -> ContactState:
@@ -166,9 +174,10 @@ class ContactEvents:
         """Return whether a foot descends in search of the ground beyond its schedule."""
         return self.states[foot] in (ContactState.LATE, ContactState.MISSING, ContactState.LOST)
 
-    def steady(self, foot: int, since: float) -> bool:
-        """Return whether a foot has carried since before ``since``, s, and touches the ground now."""
-        return bool(self.stance[foot]) and self.since[foot] < since and self._touching[foot]
+    def steady(self, since: float) -> list[bool]:
+        """Return (nc,) which feet have carried since before ``since``, s, and touch the ground now."""
+        feet = zip(self.stance.tolist(), self.since, self._touching, strict=True)
+        return [carries and begin < since and touching for carries, begin, touching in feet]
 
     def correct(self, flags: BoolArray, dt: float) -> None:
         """Overwrite the beginning of a horizon's flags (N, nc), intervals of ``dt``, s, with what the feet really do.
@@ -182,14 +191,13 @@ class ContactEvents:
             if self.searching(foot):
                 flags[:searched, foot] = False
 
-    def loading(self, foot: int, t: float) -> float:
-        """Return the share of its largest force that a foot may carry now: ramps at touchdown and before lift-off."""
-        if not self.stance[foot]:
-            return 0.0
+    def loading(self, t: float) -> list[float]:
+        """Return (nc,) the shares of their largest forces that feet may carry: ramps at touchdown, before lift-off."""
         s = self.settings
-        share = 1.0
+        shares = [1.0 if carries else 0.0 for carries in self.stance.tolist()]
         if s.ramp_s > 0.0:
-            share = min(share, (t - self.since[foot]) / s.ramp_s)
-        if s.release_s > 0.0:
-            share = min(share, (self.clock.next_liftoff(foot, t) - t) / s.release_s)
-        return max(share, 0.0)
+            shares = [min(share, (t - since) / s.ramp_s) for share, since in zip(shares, self.since, strict=True)]
+        if s.release_s > 0.0 and not self.resting:
+            left = [self.clock.next_liftoff(foot, t) - t for foot in range(len(shares))]
+            shares = [min(share, time / s.release_s) for share, time in zip(shares, left, strict=True)]
+        return [max(share, 0.0) for share in shares]

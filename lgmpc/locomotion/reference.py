@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from pydantic import Field
 
+from lgmpc.compile import StageKernel
 from lgmpc.locomotion.command import MotionCommand, Ramp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
@@ -18,6 +23,7 @@ from lgmpc.typing import Array
 __all__ = ["DesiredPose", "ReferenceBuilder", "ReferenceSettings"]
 
 _LEASH_SHARE = 0.1
+_CONSTANT = Ramp()
 
 
 class ReferenceSettings(Settings):
@@ -38,6 +44,7 @@ class DesiredPose:
     Attributes:
         com: (3,) centre of mass, m.
         velocity: (3,) of the centre of mass, m/s.
+        base_pose: (7,) of the base, the next two in one.
         base: (3,) origin of the base, m.
         quaternion: (4,) orientation of the base, x y z w.
         rotation: (3, 3) the same, body to world.
@@ -46,6 +53,7 @@ class DesiredPose:
 
     com: Array
     velocity: Array
+    base_pose: Array
     base: Array
     quaternion: Array
     rotation: Array
@@ -76,8 +84,10 @@ class ReferenceBuilder:
         leash = self.settings.leash_m
         self._leash = _LEASH_SHARE * legs.height if leash is None else leash
         self._joints = robot.q_reference[robot.joint_q].copy()
-        self._intervals = np.zeros(0)
-        self._pose = DesiredPose(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(4), np.eye(3), 0.0)
+        self._bound: MotionReference | None = None  # what _run writes to
+        self._now = np.zeros(17)
+        place = np.zeros(7)
+        self._pose = DesiredPose(np.zeros(3), np.zeros(3), place, place[:3], place[3:], np.eye(3), 0.0)
         self._attitude = (math.nan, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
@@ -116,7 +126,7 @@ class ReferenceBuilder:
         if (self.yaw, command.pitch, command.roll) != self._attitude:
             self._attitude = (self.yaw, command.pitch, command.roll)
             tilt, c, s = _pitch_roll(command.pitch, command.roll), math.cos(self.yaw), math.sin(self.yaw)
-            pose.quaternion[:] = _yawed(tilt, self.yaw)
+            pose.quaternion[:] = _about_vertical(tilt, math.cos(0.5 * self.yaw), math.sin(0.5 * self.yaw))
             pose.rotation[:] = _rotation(*pose.quaternion.tolist())
             bx, by, bz = _rotate(tilt, self._legs.base)
             self._base = (c * bx - s * by, s * bx + c * by, bz)
@@ -140,49 +150,64 @@ class ReferenceBuilder:
             ground: mean height of the feet that stand, m.
             ramp: how the velocity changes from now on; None for a constant one.
         """
-        nodes = len(reference.com)
-        if len(self._intervals) != nodes:
-            self._intervals = np.arange(nodes, dtype=np.float64)
-        time = dt * self._intervals
-        turned = command.yaw_rate * time
-        yaw = self.yaw + turned
-        c, s = np.cos(yaw), np.sin(yaw)
-        vx, vy = c * command.vx - s * command.vy, s * command.vx + c * command.vy
-        # Along the chord of the arc: half the turn, shortened by sin(turn / 2) / (turn / 2).
-        chord = time * np.sinc(turned / (2.0 * math.pi))
-        half = self.yaw + 0.5 * turned
-        ch, sh = np.cos(half), np.sin(half)
-        com, velocity = reference.com, reference.com_velocity
-        com[:, 0] = self.x + chord * (ch * command.vx - sh * command.vy)
-        com[:, 1] = self.y + chord * (sh * command.vx + ch * command.vy)
-        com[:, 2] = ground + self._legs.height + command.height
-        velocity[:, 0], velocity[:, 1], velocity[:, 2] = vx, vy, 0.0
-        if ramp is not None and ramp.duration > 0.0:
-            change = np.minimum(time, ramp.duration)
-            velocity[:, 0] += change * (c * ramp.ax - s * ramp.ay)
-            velocity[:, 1] += change * (s * ramp.ax + c * ramp.ay)
-            # Its integral at the present heading: what it turns within the horizon is of second order.
-            way = change * (time - 0.5 * change)
-            com[:, 0] += way * (c[0] * ramp.ax - s[0] * ramp.ay)
-            com[:, 1] += way * (s[0] * ramp.ax + c[0] * ramp.ay)
-        reference.angular_velocity[:, :2] = 0.0
-        reference.angular_velocity[:, 2] = command.yaw_rate
-        self._write_pose(reference, command, yaw)
-
-    def _write_pose(self, reference: MotionReference, command: MotionCommand, yaw: Array) -> None:
-        """Rz(yaw) Ry(pitch) Rx(roll), and the base where the centre of mass of the reference posture requires it."""
-        q = reference.q
+        if reference is not self._bound:
+            self._bind(reference)
+        np.multiply(dt, self._intervals, out=self._times[:, 0])
+        if ramp is None:
+            ramp = _CONSTANT
         tilt = _pitch_roll(command.pitch, command.roll)
-        cz, sz = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
-        x, y, z, w = tilt
-        q[:, 3], q[:, 4] = cz * x - sz * y, cz * y + sz * x
-        q[:, 5], q[:, 6] = cz * z + sz * w, cz * w - sz * z
-        bx, by, bz = _rotate(tilt, self._legs.base)
-        c, s = np.cos(yaw), np.sin(yaw)
-        q[:, 0] = reference.com[:, 0] + c * bx - s * by
-        q[:, 1] = reference.com[:, 1] + s * bx + c * by
-        q[:, 2] = reference.com[:, 2] + bz
-        q[:, 7:] = self._joints
+        self._now[:] = (
+            self.x, self.y, ground + self._legs.height + command.height, self.yaw,
+            command.vx, command.vy, command.yaw_rate, ramp.ax, ramp.ay, ramp.duration,
+            *tilt, *_rotate(tilt, self._legs.base),
+        )  # fmt: skip
+        self._run()
+
+    def _bind(self, reference: MotionReference) -> None:
+        """Make the call that writes to these buffers."""
+        nodes = len(reference.com)
+        self._bound, self._intervals = reference, np.arange(nodes, dtype=np.float64)
+        self._times = np.zeros((nodes, 1))
+        self._run = _motion_ahead(len(self._joints)).bind(
+            nodes, time=self._times, now=self._now, joints=self._joints, com=reference.com,
+            com_velocity=reference.com_velocity, q=reference.q, angular_velocity=reference.angular_velocity,
+        )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=8)
+def _motion_ahead(joints: int) -> StageKernel:
+    """The desired motion at one node, from where the robot should be now and its limited command."""
+    time, now, posture = ca.SX.sym("time"), ca.SX.sym("now", 17), ca.SX.sym("joints", joints)
+    x, y, z, heading, vx, vy, rate, ax, ay, duration = ca.vertsplit(now[:10])
+    turned = rate * time
+    yaw, half = heading + turned, heading + 0.5 * turned
+    # Along the chord of the arc: half the turn, shortened by sin(turn / 2) / (turn / 2).
+    straight = turned == 0.0
+    chord = time * ca.if_else(straight, 1.0, ca.sin(0.5 * turned) / ca.if_else(straight, 1.0, 0.5 * turned))
+    change = ca.fmin(time, duration)
+    # The ramp's way at the present heading: what it turns within the horizon is of second order.
+    way = change * (time - 0.5 * change)
+    velocity = _turned(yaw, vx + change * ax, vy + change * ay)
+    com = ca.vertcat(x, y) + chord * _turned(half, vx, vy) + way * _turned(heading, ax, ay)
+    # Rz(yaw) Ry(pitch) Rx(roll), and the base where the centre of mass of the reference posture requires it.
+    tilt, base = ca.vertsplit(now[10:14]), now[14:]
+    attitude = _about_vertical(tilt, ca.cos(0.5 * yaw), ca.sin(0.5 * yaw))
+    origin = ca.vertcat(com + _turned(yaw, base[0], base[1]), z + base[2])
+    outputs = {
+        "com": ca.vertcat(com, z),
+        "com_velocity": ca.vertcat(velocity, 0.0),
+        "q": ca.vertcat(origin, *attitude, posture),
+        "angular_velocity": ca.vertcat(0.0, 0.0, rate),
+    }
+    inputs = {"time": time, "now": now, "joints": posture}
+    name = f"motion_ahead_{joints}"
+    return StageKernel(ca.Function(name, list(inputs.values()), list(outputs.values()), list(inputs), list(outputs)))
+
+
+def _turned(angle: Any, x: Any, y: Any) -> Any:
+    """Return the (2,) expression of a plane vector turned by an angle."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.vertcat(c * x - s * y, s * x + c * y)
 
 
 def _pitch_roll(pitch: float, roll: float) -> tuple[float, float, float, float]:
@@ -191,9 +216,8 @@ def _pitch_roll(pitch: float, roll: float) -> tuple[float, float, float, float]:
     return cp * sr, sp * cr, -sp * sr, cp * cr
 
 
-def _yawed(tilt: tuple[float, float, float, float], yaw: float) -> tuple[float, float, float, float]:
-    """Return the quaternion of Rz(yaw) times ``tilt``."""
-    c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+def _about_vertical(tilt: Sequence[Any], c: Any, s: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the quaternion of Rz(yaw) times ``tilt``, from cosine and sine of half the yaw."""
     x, y, z, w = tilt
     return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 

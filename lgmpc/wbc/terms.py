@@ -65,7 +65,8 @@ class WholeBodyTerms:
 
     def momentum_rate(self, acceleration: Array) -> Array:
         """Return (6,) the rate of the momentum at a joint-space acceleration (nv,), ``A_G a + A_G' v``."""
-        rate: Array = self.momentum_matrix @ acceleration + self.momentum_drift
+        rate: Array = self.momentum_matrix.dot(acceleration)
+        rate += self.momentum_drift
         return rate
 
 

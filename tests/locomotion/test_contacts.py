@@ -185,12 +185,12 @@ def test_the_force_bound_opens_after_touchdown_and_closes_before_lift_off() -> N
     script = Script(ContactEventSettings(ramp_s=0.02, release_s=0.01))
     events = script.events
     script.run(TROT.swing_s - 0.01)
-    assert events.loading(0, script.t) == 0.0
+    assert events.loading(script.t)[0] == 0.0
     script.run(TROT.swing_s + 0.0105)
     t = events.since[0] + 0.01
-    assert events.loading(0, t) == pytest.approx(0.5)
-    assert events.loading(0, t + 0.02) == 1.0
-    assert events.loading(0, TROT.period_s - 0.005) == pytest.approx(0.5)
+    assert events.loading(t)[0] == pytest.approx(0.5)
+    assert events.loading(t + 0.02)[0] == 1.0
+    assert events.loading(TROT.period_s - 0.005)[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("late", [1, 2])

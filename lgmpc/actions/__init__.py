@@ -12,6 +12,7 @@ from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
+from lgmpc.actions.penalized import PenalizedAction
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
 from lgmpc.actions.variational import Variational
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
@@ -39,6 +40,7 @@ __all__ = [
     "NumericContactAction",
     "Parameter",
     "ParameterLayout",
+    "PenalizedAction",
     "RigidBody",
     "RigidBodyAction",
     "RungeKutta2",

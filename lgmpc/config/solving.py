@@ -128,7 +128,7 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
     except InputError as error:
         bounds = "" if config.solver.method == "box_fddp" else "box_fddp (bounds on controls), "
         got = f"{config.solver.method} for {error.got}"
-        raise config.error("solver.method", got, f"{bounds}sqp, ipopt or fatrop") from error
+        raise config.error("solver.method", got, f"{bounds}al_fddp, sqp, ipopt or fatrop") from error
     return SolveSession(scenario, solver, config.gate)
 
 

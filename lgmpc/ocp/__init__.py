@@ -2,6 +2,7 @@
 
 from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
+from lgmpc.ocp.path import PathFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
@@ -17,6 +18,7 @@ __all__ = [
     "MultipleShooting",
     "OcpQp",
     "OcpQpStructure",
+    "PathFunctions",
     "ShootingFunctions",
     "ShootingProblem",
     "SubproblemFunctions",

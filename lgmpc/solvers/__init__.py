@@ -1,5 +1,6 @@
 """Solvers of optimal control problems: FDDP, SQP on structured quadratic programmes, ipopt and fatrop."""
 
+from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box_fddp import BoxFddp
 from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
@@ -11,6 +12,8 @@ from lgmpc.solvers.solution import Solution, Status, Timings
 
 __all__ = [
     "AnySolverSettings",
+    "AugmentedLagrangianFddp",
+    "AugmentedLagrangianSettings",
     "BoxFddp",
     "Callback",
     "Fddp",

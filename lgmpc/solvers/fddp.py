@@ -213,10 +213,10 @@ class Fddp(IterativeSolver):
         if not self._finite:
             return None  # the next iteration takes the step back
         lowest = self.settings.regularization[0]
-        regularized, self._regularization = self._regularization > lowest, lowest
+        before, self._regularization = self._regularization, lowest
         if not self._sweep():
             return Status.STALLED
-        if regularized:  # a large regularisation makes any step and its expected reduction small
+        if before > lowest:  # a large regularisation makes any step and its expected reduction small
             slope, curvature = self.sweep.expected(closed=self._closed)
             self._criterion = abs(slope + 0.5 * curvature)
         costates, multipliers, rest = self._stationarity()
@@ -225,6 +225,8 @@ class Fddp(IterativeSolver):
         minimum = self._regularization <= lowest and self._criterion < self.settings.tolerance
         if residual <= self.settings.stationarity and self._accepted and minimum:
             return Status.CONVERGED
+        if before > self._regularization and not self._accepted:  # no step without it: this sweep was to judge
+            self._regularization, self._swept = before, False
         self._patience = _PATIENCE if residual < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, residual)
         rounding = np.finfo(np.float64).eps * (1.0 + abs(self._cost))

@@ -12,6 +12,10 @@ optimality conditions, steps that increase the penalty function must decrease th
 long where the curvature of the cost's residuals is positive, and the search must shorten them. Where the linearised
 constraints are inconsistent, a step removes a part of the gaps and violations only (Powell, "A fast algorithm for
 nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
+
+Where this fails, far from a solution, or makes no progress, an augmented Lagrangian takes over once a solve
+(:class:`~lgmpc.solvers.AugmentedLagrangianFddp`), whose roll-outs follow the dynamics; its trajectory and multipliers
+are where the SQP continues. If it finds a stationary point of the violation, the problem is infeasible.
 """
 
 from __future__ import annotations
@@ -24,8 +28,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.settings import Count
+from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.qp import (
     QpSolver,
@@ -103,13 +109,17 @@ class LineSearchSqp(IterativeSolver):
         self.problem = problem
         self.settings = LineSearchSqpSettings() if settings is None else settings
         self.functions = SubproblemFunctions(problem, progress)
+        self._report = progress
+        self._globaliser: AugmentedLagrangianFddp | None = None  # made when it is first needed
+        self._global = self._was_global = False  # whether it is working, and whether it has been in this solve
         qp = self.functions.qp
         if isinstance(qp_solver, str):
             self.qp_solver = make_qp_solver(qp_solver, qp, progress)
         elif qp_solver is not None:
             self.qp_solver = qp_solver(qp)
         else:
-            self.qp_solver = StructuredSolver(qp, StructuredSettings(1e-2 * self.settings.tolerance), progress=progress)
+            own = StructuredSettings(1e-2 * self.settings.tolerance)
+            self.qp_solver = StructuredSolver(qp, own, progress=progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -124,6 +134,9 @@ class LineSearchSqp(IterativeSolver):
         self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
+        self._global = self._was_global = self._near = False
+        self._take_over(False)
+        self._start = Trajectory(f.xs.copy(), f.us.copy())
         self._linearize(0)
         self._kkt = KktResidual.unknown()
         if not self._finite:
@@ -143,6 +156,68 @@ class LineSearchSqp(IterativeSolver):
         return Status.CONVERGED if self._kkt.largest <= self.settings.tolerance else None
 
     def _iterate(self) -> Status | None:
+        if self._global:
+            assert self._globaliser is not None
+            return self._return_to_steps(self._globaliser._iterate())
+        status = self._step()
+        lost = status in (Status.STALLED, Status.INFEASIBLE, Status.FAILED)
+        if (lost or not (status or self._trusting)) and not self._was_global:
+            if self._start_globaliser():
+                return None
+            return self._step() if status is Status.FAILED else status
+        if status is Status.STALLED and self._was_global and self._near:
+            return Status.ACCEPTABLE
+        return status
+
+    def _start_globaliser(self) -> bool:
+        """Start the augmented Lagrangian from the current point; False if it does not take the problem."""
+        self._was_global = True
+        self._take_over(True)
+        if self._globaliser is None:
+            tolerance = max(self.settings.tolerance, 1e-9)
+            try:
+                self._globaliser = AugmentedLagrangianFddp(
+                    self.problem, AugmentedLagrangianSettings(tolerance=tolerance), self._report
+                )
+            except InputError:
+                return False
+        self._globaliser._known = None
+        self._global = self._globaliser._begin(self._start) is None
+        return self._global
+
+    def _take_over(self, allowed: bool) -> None:
+        """Set whether a slow solver takes the subproblems that lgmpc's own does not solve."""
+        if isinstance(self.qp_solver, StructuredSolver):
+            self.qp_solver.may_take_over = allowed or not self.qp_solver.available
+
+    def _return_to_steps(self, status: Status | None) -> Status | None:
+        """Continue with steps of the SQP when the augmented Lagrangian has ended with a status."""
+        if status is None:
+            return None
+        self._take_global_point()
+        if not self._finite or status is Status.INFEASIBLE:
+            return Status.INFEASIBLE if self._finite else Status.NOT_FINITE
+        self._near = status.solved
+        self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
+        self._last.clear()
+        self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
+        return Status.CONVERGED if self._kkt.largest <= self.settings.tolerance else None
+
+    def _take_global_point(self) -> None:
+        """Take trajectory and multipliers of the augmented Lagrangian."""
+        assert self._globaliser is not None
+        self._global, f = False, self.functions
+        found = self._globaliser._finish(Status.STOPPED, 0, time.perf_counter())
+        f.xs[...], f.us[...] = found.xs, found.us
+        self._costates, self._multipliers = found.costates.copy(), found.multipliers.copy()
+        self._linearize(0)
+        self._kkt = self._residual() if self._finite else KktResidual.unknown()
+        self.qp_solver.reset()
+        if all_finite(self._costates, self._multipliers):
+            self.qp_solver.solution.write(0.0, 0.0, self._costates, self._multipliers)
+
+    def _step(self) -> Status | None:
+        """Take one step of the SQP; return a status if it was the last."""
         f, s = self.functions, self.settings
         status, kept = self._subproblem()
         if status in _FAILED:
@@ -197,6 +272,9 @@ class LineSearchSqp(IterativeSolver):
         return self.functions.qp
 
     def _progress(self, iteration: int, elapsed: float) -> Progress:
+        if self._global:
+            assert self._globaliser is not None
+            return self._globaliser._progress(iteration, elapsed)
         f, s = self.functions, self.qp.structure
         iterate = Iterate.of(f.xs, f.us, np.zeros((0, s.nu, s.ndx)))
         return Progress(
@@ -212,14 +290,19 @@ class LineSearchSqp(IterativeSolver):
         )
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
+        if self._global:
+            self._take_global_point()
         f, s = self.functions, self.qp.structure
         if not self._finite:
             status = Status.NOT_FINITE
         expansion, backward, forward = self._clock
         gaps = np.vstack([np.zeros(s.ndx), self.qp.vector("b")])
         kkt = self._residual() if status is not Status.NOT_FINITE else KktResidual.unknown()
+        feedback = np.zeros((0, s.nu, s.ndx))
+        if isinstance(self.qp_solver, StructuredSolver) and status is not Status.NOT_FINITE:
+            feedback = self.qp_solver.feedback(self._multipliers)
         return Solution(
-            self.problem.copy(), f.xs.copy(), f.us.copy(), np.zeros((0, s.nu, s.ndx)), np.zeros((0, s.nu)),
+            self.problem.copy(), f.xs.copy(), f.us.copy(), feedback, np.zeros((0, s.nu)),
             self._costates.copy(), self._multipliers.copy(), status, iterations, self._cost, gaps, kkt,
             Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
         )  # fmt: skip

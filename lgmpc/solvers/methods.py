@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, Union
 from pydantic import Discriminator, Tag
 
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box_fddp import BoxFddp
 from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
@@ -38,6 +39,7 @@ class Solver(Protocol):
 _METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {
     "fddp": (FddpSettings, Fddp),
     "box_fddp": (FddpSettings, BoxFddp),
+    "al_fddp": (AugmentedLagrangianSettings, AugmentedLagrangianFddp),
     "sqp": (LineSearchSqpSettings, LineSearchSqp),
     "ipopt": (NlpSettings, NlpSolver),
     "fatrop": (NlpSettings, NlpSolver),

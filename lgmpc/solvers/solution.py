@@ -34,7 +34,7 @@ class Status(Enum):
     STOPPED = "nothing to do: the callback requested the stop"
     STALLED = "no step lowers the cost: change the guess, shorten the intervals, or reduce the spread of the weights"
     DIVERGED = "steps of any length diverge: change the guess, shorten the intervals, or start from more regularisation"
-    INFEASIBLE = "no point satisfies the constraints: check bounds and first state, or change the guess"
+    INFEASIBLE = "no point nearby satisfies the constraints: check bounds, targets and first state"
     NOT_FINITE = "check guess, first state, parameters and the action's expressions for NaN, infinity and division by 0"
     FAILED = "the underlying solver failed: reduce the spread of the weights, or change the guess"
 
@@ -74,7 +74,8 @@ class Solution:
         problem: the problem with the data of this solve (a copy).
         xs: (N+1, nx) states.
         us: (N, nu) controls.
-        feedback: (N, nu, ndx) K of ``u = us - K (x (-) xs)``; of length 0 from solvers without a sweep.
+        feedback: (N, nu, ndx) K of ``u = us - K (x (-) xs)``; of length 0 from solvers without a sweep. With
+            constraints these are the gains while the active rows stay at their bounds.
         feedforward: (N, nu) k of the last sweep, the remaining full step; (0, nu) from solvers without.
         costates: (N, ndx) multipliers lambda_1 .. lambda_N of the dynamics.
         multipliers: (N, ng) of the path constraint, positive at the upper bound, negative at the lower one; ng is the

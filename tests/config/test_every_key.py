@@ -451,7 +451,7 @@ def test_every_key_of_a_problem_is_built_into_something(
     assert left == [], ", ".join(left)
 
 
-@pytest.mark.parametrize("method", ["box_fddp", "sqp", "ipopt", "fatrop"])
+@pytest.mark.parametrize("method", ["box_fddp", "al_fddp", "sqp", "ipopt", "fatrop"])
 def test_every_key_of_a_solver_reaches_the_solver(method: str) -> None:
     config = load_solve_config("panda_reach", [f"solver={{method: {method}}}", "problem.nodes=2"])
     sections = ("solver.", "gate.") if method == "box_fddp" else ("solver.",)

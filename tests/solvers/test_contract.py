@@ -14,6 +14,8 @@ from lgmpc.actions import Action
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import (
+    AugmentedLagrangianFddp,
+    AugmentedLagrangianSettings,
     BoxFddp,
     Fddp,
     FddpSettings,
@@ -30,11 +32,12 @@ SOLVERS: dict[str, Callable[[ShootingProblem], Any]] = {
     "fddp": lambda problem: Fddp(problem, FddpSettings(tolerance=1e-13)),
     "box fddp": lambda problem: BoxFddp(problem, FddpSettings(tolerance=1e-13)),
     "sqp": lambda problem: LineSearchSqp(problem, LineSearchSqpSettings(tolerance=1e-8)),
+    "al_fddp": lambda problem: AugmentedLagrangianFddp(problem, AugmentedLagrangianSettings(tolerance=1e-9)),
     "ipopt": NlpSolver,
     "fatrop": lambda problem: NlpSolver(problem, NlpSettings(method="fatrop")),
 }
-BOUNDED = ("box fddp", "sqp", "ipopt", "fatrop")
-STOPPABLE = ("fddp", "box fddp", "sqp", "ipopt")
+BOUNDED = ("box fddp", "sqp", "al_fddp", "ipopt", "fatrop")
+STOPPABLE = ("fddp", "box fddp", "sqp", "al_fddp", "ipopt")
 
 
 def lagrangian(solution: Solution, xs: np.ndarray, us: np.ndarray) -> float:

@@ -183,11 +183,29 @@ def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: str) -> Non
     solver.prepare()
     status = solver.solve(qp.x0)
     outcome = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
-    assert status is outcome and solver.took_over
+    assert status is outcome and solver.took_over is (status is not QpStatus.INFEASIBLE)
+    assert status is not QpStatus.INFEASIBLE or solver.iterations < 80  # regulators, of which PIQP's iterations are ten
     if status is not QpStatus.SOLVED:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values
     np.testing.assert_allclose(solved(solver, qp.x0).dus, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_only_infeasible_problems_are_called_so(seed: int) -> None:
+    """PIQP with many iterations judges problems whose bounds are moved until some contradict each other."""
+    rng = np.random.default_rng(seed)
+    qp = random_problem(rng, 3.0)
+    shift = 3.0 * rng.standard_normal(qp.vector("lower").shape)
+    for share in (0.0, 0.05, 0.1, 0.3, 1.0):
+        qp.vector("lower")[...] += share * shift
+        qp.vector("upper")[...] += share * shift
+        solver, judge = StructuredSolver(qp), PiqpSolver(qp, PiqpSettings(max_iterations=300))
+        found = []
+        for each in (solver, judge):
+            each.prepare()
+            found.append(each.solve(qp.x0))
+        assert found[0] is found[1], share
 
 
 def test_the_next_solver_is_tried_where_one_fails() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +13,7 @@ from lgmpc.costs import ConstraintItem, CostItem, MissingQuantityError
 from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, check_derivatives
-from lgmpc.solvers import Fddp, LineSearchSqp, NlpSettings, NlpSolver, Status
+from lgmpc.solvers import AugmentedLagrangianFddp, Fddp, IterativeSolver, LineSearchSqp, NlpSettings, NlpSolver, Status
 
 
 @pytest.fixture
@@ -75,11 +77,35 @@ def test_the_last_cost_is_counted_once(reach: ShootingProblem) -> None:
     assert float(arrive.terminal_value_function(x, p)) == pytest.approx(0.05 * 5.0)
 
 
-def test_unreachable_targets_are_named(reach: ShootingProblem) -> None:
+@pytest.mark.parametrize("make", [LineSearchSqp, AugmentedLagrangianFddp])
+def test_unreachable_targets_are_called_infeasible(
+    reach: ShootingProblem, make: Callable[..., IterativeSolver]
+) -> None:
+    """The violation is stationary: its gradient, by differences of roll-outs, is small beside that of any row."""
     reach.set("hand_reference", [0.9, 0.0, 0.0])  # longer than the arm
-    solution = LineSearchSqp(reach).solve(max_iterations=100)
-    assert not solution.status.solved
-    assert "at node 15, 'hand' row" in solution.explain()
+    solution = make(reach).solve(max_iterations=1000)
+    assert solution.status is Status.INFEASIBLE and not solution.status.solved
+    assert "at node 15, 'hand' row" in solution.explain() and "check bounds, targets" in solution.explain()
+
+    def rows(us: np.ndarray) -> np.ndarray:
+        path = reach.rollout(us)
+        points = [reach.evaluate(k, path.xs[k], us[k]) for k in range(16)]
+        values = np.concatenate([point.constraint for point in points])
+        lower, upper = (np.concatenate([getattr(point, name) for point in points]) for name in ("lower", "upper"))
+        return values - np.clip(values, lower, upper)
+
+    violation = rows(solution.us)
+    assert np.abs(violation).max() > 0.05
+    slopes, h = [], 1e-5
+    for index in np.ndindex(15, 2):
+        ends = []
+        for sign in (h, -h):
+            us = solution.us.copy()
+            us[index] += sign
+            ends.append(rows(us))
+        slopes.append((ends[0] - ends[1]) / (2 * h))
+    jacobian = np.array(slopes)
+    assert np.abs(jacobian @ violation).max() < 0.02 * np.linalg.norm(violation) * np.linalg.norm(jacobian)
 
 
 def test_it_is_refused_where_it_has_no_effect(reach: ShootingProblem) -> None:

@@ -105,6 +105,14 @@ class BlockRegulator:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
         return self._run(_FACTOR) == 0
 
+    def feedback(self) -> Array:
+        """Return the gains (N, nu, ndx) K of ``du = -K dx + ...``, from the last :meth:`factor`."""
+        nx = self.dx0.size
+        factors: Array = self._memory[0][4]
+        # Stored by columns: [., .; L^-1 Qux, L], L the Cholesky factor of the Hessian in the controls.
+        transposed = np.triu(factors[:, nx:, nx:])
+        return np.asarray(np.linalg.solve(transposed, np.swapaxes(factors[:, :nx, nx:], 1, 2)), dtype=np.float64)
+
     def solve(self) -> None:
         """Minimise for other targets (or first state), the weights being those of the last :meth:`factor`."""
         self._run(_SOLVE)

@@ -27,15 +27,13 @@ import numpy as np
 
 from lgmpc.compile import BatchKernel, compile_function
 from lgmpc.ocp import OcpQp, OcpQpStructure
-from lgmpc.solvers.qp.central_path import nearest_in
+from lgmpc.solvers.qp.line import part_way
 from lgmpc.solvers.qp.lqr import lqr_function
 from lgmpc.solvers.qp.piqp import PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.typing import Array
 
 __all__ = ["RiccatiSettings", "RiccatiSolver"]
-
-_BISECTIONS = 10  # of a step's length: phi is flat where it is least
 
 
 @dataclass(frozen=True)
@@ -157,32 +155,11 @@ class RiccatiSolver:
                 self._point[...] = self._rows
                 cost_before = cost
             else:
-                cost_before, phi = self._step_part_way(cost_before, cost, rho)
+                low, high = (self.qp.vector(name) - self._mu / rho for name in ("lower", "upper"))
+                step = self._rows - self._point
+                end = -float(np.vdot(self._multipliers, step))
+                self._point[...], cost_before, phi = part_way(self._point, step, cost_before, cost, end, rho, low, high)
         return False
-
-    def _step_part_way(self, cost_before: float, cost: float, rho: float) -> tuple[float, float]:
-        """Move the point towards the regulator's to where phi is least; return cost and phi there.
-
-        The cost on the way is quadratic, and its slope at the end minus that of the penalties that the regulator
-        minimised; the slope of phi is monotone, its zero is found by bisection.
-        """
-        point, step = self._point, self._rows - self._point
-        low, high = (self.qp.vector(name) - self._mu / rho for name in ("lower", "upper"))
-        end = -float(np.vdot(self._multipliers, step))
-        curvature = 2.0 * (end - (cost - cost_before))
-        slope = end - curvature
-        shortest, longest = 0.0, 1.0
-        for _ in range(_BISECTIONS):
-            length = 0.5 * (shortest + longest)
-            rows = point + length * step
-            outside = rows - nearest_in(rows, low, high)
-            if slope + length * curvature + rho * float(np.vdot(outside, step)) > 0.0:
-                longest = length
-            else:
-                shortest = length
-        point[...] = rows
-        cost_there = cost_before + length * (slope + 0.5 * length * curvature)
-        return cost_there, cost_there + 0.5 * rho * float(np.vdot(outside, outside))
 
 
 def _penalty_functions(s: OcpQpStructure) -> tuple[ca.Function, ca.Function]:

@@ -26,6 +26,8 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.cascade import Cascade
 from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
+from lgmpc.solvers.qp.infeasibility import is_certificate
+from lgmpc.solvers.qp.line import part_way
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.solvers.qp.regulator import BlockRegulator
@@ -39,6 +41,9 @@ LARGE_STAGE = 30
 
 _REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
 _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallback
+_ELASTIC_PENALTIES = (1e1, 1e3, 1e5, 1e7)  # of violations where infeasibility is examined, in control weights
+_FAR = 1e2  # times the controls of a step with a small penalty: larger ones count as none
+_ELASTIC_SWEEPS = 8  # with each of them
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
@@ -82,6 +87,8 @@ class StructuredSolver:
     Attributes:
         iterations: factorisations of the last solve, and the other solver's iterations if it took over.
         took_over: whether the other solver did the last solve.
+        may_take_over: whether it does such solves at all; else their status is NUMERICAL.
+        available: whether there is machine code for the first.
 
     Raises:
         MissingDependencyError: PIQP, the standard fallback, is not installed.
@@ -101,12 +108,14 @@ class StructuredSolver:
         self.settings = StructuredSettings() if settings is None else settings
         self.iterations = 0
         self.took_over = False
+        self.may_take_over = True
         make = self._piqp if fallback is None else fallback
         self._fallback = make(qp)
         self._regulator = BlockRegulator(s, progress)
+        self.available = self._regulator.available
         self._lower, self._upper = np.zeros((s.nodes, s.ng)), np.zeros((s.nodes, s.ng))
         self._scale = self._rho = 0.0
-        self._ready = False
+        self._ready, self._possible = False, True
         r = s.blocks["R"]
         self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
         self.solution = QpSolution.zeros(qp)
@@ -127,6 +136,7 @@ class StructuredSolver:
         # Of intervals without control the weights are ones, which mean nothing.
         self._scale = float(np.median(qp.values[:, self._control_weights])) if finite else 0.0
         self._rho = self.settings.penalty * self._scale
+        self._possible = possible or not finite or bool(np.isnan(self._lower).any() or np.isnan(self._upper).any())
         self._ready = self._regulator.available and finite and possible and self._scale > 0.0
         if self._ready:
             self._regulator.load(qp)
@@ -134,11 +144,21 @@ class StructuredSolver:
     def solve(self, dx0: Array) -> QpStatus:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.iterations = 0
+        if not self._possible:  # bounds that contradict each other
+            self.took_over = False
+            return QpStatus.INFEASIBLE
         self._regulator.dx0[...] = dx0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             self.took_over = not (self._ready and all_finite(dx0) and self._solve())
         if not self.took_over:
             return QpStatus.SOLVED
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            if self._ready and all_finite(dx0) and self._is_infeasible():
+                self.took_over = False
+                return QpStatus.INFEASIBLE
+        if self._ready and not self.may_take_over:
+            self.took_over = False
+            return QpStatus.NUMERICAL
         self._fallback.prepare()
         status = self._fallback.solve(dx0)
         self.iterations += self._fallback.iterations
@@ -148,6 +168,21 @@ class StructuredSolver:
                 if self._ready and self._polish():
                     return QpStatus.SOLVED
         return status
+
+    def feedback(self, multipliers: Array) -> Array:
+        """Return the gains (N, nu, ndx) of the controls while rows with multipliers (N, ng) stay at their bounds.
+
+        Returns:
+            The gains K of ``du = -K dx``; of length 0 where the regulator does not apply.
+        """
+        s = self.qp.structure
+        self.prepare()
+        if self._ready:
+            np.multiply(np.abs(multipliers) > self.settings.tolerance, self._rho, out=self._regulator.weights)
+            self._regulator.targets[...] = 0.0
+            if self._factor():
+                return self._regulator.feedback()
+        return np.zeros((0, s.nu, s.ndx))
 
     def _solve(self) -> bool:
         known, least = self.solution.multipliers, self.settings.tolerance
@@ -213,6 +248,36 @@ class StructuredSolver:
             if self._accept():
                 return True
             if path.settled and self._active_set(*path.active_rows()):
+                return True
+        return False
+
+    def _is_infeasible(self) -> bool:
+        """Return whether the multipliers of the least violation prove that no step is without one.
+
+        The penalised violation is minimised by Newton's method, with penalties that grow.
+        """
+        r, lower, upper = self._regulator, self._lower, self._upper
+        r.weights[...], r.targets[...] = self._scale, nearest_in(np.zeros_like(lower), lower, upper)
+        if not self._factor():
+            return False
+        rows, cost = r.rows.copy(), r.cost
+        reach = _FAR * float(np.abs(r.dus).max(initial=0.0))
+        for rho in self._scale * np.array(_ELASTIC_PENALTIES):
+            for _ in range(_ELASTIC_SWEEPS):
+                nearest = nearest_in(rows, lower, upper)
+                active = rows != nearest
+                np.multiply(active, rho, out=r.weights)
+                r.targets[...] = nearest
+                if not self._factor():
+                    return False
+                r.take_multipliers()
+                if np.array_equal(active, r.rows != nearest_in(r.rows, lower, upper)):
+                    rows, cost = r.rows.copy(), r.cost
+                    break
+                end = -float(np.vdot(r.multipliers, r.rows - rows))
+                rows, cost, _ = part_way(rows, r.rows - rows, cost, r.cost, end, rho, lower, upper)
+            reach = max(reach, 2.0 * float(np.abs(r.dus).max(initial=0.0)))
+            if is_certificate(self.qp, r.dx0, r.multipliers, reach):
                 return True
         return False
 

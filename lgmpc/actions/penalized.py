@@ -1,0 +1,87 @@
+"""An action whose path constraint is a term of its cost: the augmented Lagrangian of one interval.
+
+With multipliers mu and a penalty rho, both parameters, the constraint ``lower <= g <= upper`` becomes the cost
+
+    rho / 2 dist(g + mu / rho, [lower, upper])^2,
+
+whose gradient is that of ``mu^T g`` where mu is right (Hestenes, J. Optim. Theory Appl. 4, 1969; for inequalities
+Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without constraints minimises it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from lgmpc.actions.base import Action, Stage
+from lgmpc.actions.implicit import Unknowns
+from lgmpc.actions.linearisation import Expansion, expand_in_steps
+from lgmpc.actions.multibody import ItemAction
+from lgmpc.costs import Activation, Bounded, Cost, CostTerm, Parameter, ParameterLayout
+
+__all__ = ["PenalizedAction"]
+
+
+class PenalizedAction(ItemAction):
+    """An action with the same dynamics and the constraint as a cost (see the module).
+
+    Parameters: those of the action, then ``constraint_multipliers`` (ng,) and ``constraint_penalty``, positive.
+
+    Args:
+        action: an action made of expressions.
+
+    Attributes:
+        base: the action.
+        ng: rows of its path constraint.
+    """
+
+    def __init__(self, action: Action) -> None:
+        self.base = action
+        self.ng = action.value_function.size1_out("constraint")
+        self.name = f"{action.name}_penalized"
+        self.state, self.nu = action.state, action.nu
+        self.parameters = ParameterLayout(
+            *action.parameters.parameters,
+            Parameter("constraint_multipliers", self.ng, "estimates of the constraint's multipliers"),
+            Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
+        )
+        if isinstance(action, ItemAction):
+            self.robot, self.own_parameters = action.robot, action.own_parameters
+
+    @cached_property
+    def expansion(self) -> Expansion | None:
+        """The expansion in steps, if the action has one: its dynamics are the same functions."""
+        return None if self.base.expansion is None else expand_in_steps(self)
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return the action's expressions, with the constraint as the last term of the cost."""
+        stage = self.base.stage(x, u, p[: self.base.parameters.size], unknowns)
+        values, path = self.parameters.split(p), stage.path
+        rho = values["constraint_penalty"]
+        shift = values["constraint_multipliers"] / rho
+        term = CostTerm(path.value, _SquaredDistance(path.lower - shift, path.upper - shift), rho)
+        return Stage(stage.x_next, Cost((*stage.cost.terms, term)), Bounded.stack())
+
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
+        """Return the action's own."""
+        return self.base.terminal_cost(x, p[: self.base.parameters.size])
+
+
+@dataclass(frozen=True, eq=False)
+class _SquaredDistance(Activation):
+    """Half the squared distance from an interval; on its ends, too, it has curvature: of equalities all points are."""
+
+    lower: Any
+    upper: Any
+
+    def value(self, r: Any) -> Any:
+        return self.gradient(r) ** 2 / 2
+
+    def gradient(self, r: Any) -> Any:
+        return ca.if_else(r < self.lower, r - self.lower, 0) + ca.if_else(r > self.upper, r - self.upper, 0)
+
+    def curvature(self, r: Any) -> Any:
+        return 1 - ca.logic_and(r > self.lower, r < self.upper)

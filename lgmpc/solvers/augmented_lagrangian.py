@@ -1,0 +1,202 @@
+"""An augmented-Lagrangian method on FDDP: any path constraints, from poor guesses.
+
+The path constraints are terms of the cost (:class:`~lgmpc.actions.PenalizedAction`). FDDP minimises it more and more
+accurately; in between the multipliers take the values with which the minimum is stationary, and the penalty grows where
+this does not reduce the violation to a quarter (Birgin and Martinez, "Practical augmented Lagrangian methods for
+constrained optimization", SIAM 2014; on trajectories: Howell, Jackson, Manchester, "ALTRO", IROS 2019; Jallet et al.,
+"ProxDDP", IEEE T-RO 2025). No subproblem can be infeasible, and the states follow the dynamics under feedback.
+
+Where no point satisfies the constraints the minima approach a stationary point of the violation c: ``|J^T c|`` is the
+cost's gradient over the penalty, which grows, while c stays. This is the status INFEASIBLE.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lgmpc.actions import Action, NumericContactAction, PenalizedAction
+from lgmpc.errors import InputError
+from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
+from lgmpc.settings import Positive
+from lgmpc.solvers.fddp import Fddp, FddpSettings
+from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.solution import Solution, Status
+
+__all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
+
+_ENOUGH = 0.25  # fraction of the last violation that counts as progress
+_FIRST = (1e-3, 1e3)  # range of the first penalty
+_DOMINANT = 1e2  # ratio of penalties to costs from which minima are those of the violation
+_STAYS = 1e-2  # relative decrease of the violation, by a penalty that is larger by the factor, that counts as none
+_ENDED = (Status.CONVERGED, Status.STALLED, Status.PRECISION_LIMIT)  # FDDP cannot minimise further
+
+
+class AugmentedLagrangianSettings(SolverSettings):
+    """Tolerance and penalties of :class:`AugmentedLagrangianFddp`."""
+
+    method: Literal["al_fddp"] = Field(
+        default="al_fddp", description="FDDP on an augmented Lagrangian; any constraints, from poor guesses."
+    )
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
+        default=1000, description="Largest number of iterations, those of FDDP."
+    )
+    tolerance: Positive = Field(
+        default=1e-6,
+        description="Largest residual of the constraints and their multipliers' signs, and of the Lagrangian's "
+        "gradient per 1 + the largest multiplier, of a solution.",
+    )
+    penalty_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e6, allow_inf_nan=False)] = Field(
+        default=10.0, description="Factor by which the penalty of the constraints grows."
+    )
+    highest_penalty: Positive = Field(
+        default=1e9,
+        description="Penalty, in units of the cost per squared violation, at which a problem is infeasible.",
+    )
+
+
+class AugmentedLagrangianFddp(IterativeSolver):
+    """FDDP on an augmented Lagrangian (see the module); its solutions have feedback gains.
+
+    Args:
+        problem: the problem; its data are read at every solve.
+        settings: tolerance and penalties.
+        progress: called with a description of what is being compiled.
+
+    Raises:
+        InputError: an action that is not made of expressions.
+    """
+
+    name = "augmented-Lagrangian FDDP"
+    settings: AugmentedLagrangianSettings
+
+    def __init__(
+        self,
+        problem: ShootingProblem,
+        settings: AugmentedLagrangianSettings | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.problem = problem
+        self.settings = AugmentedLagrangianSettings() if settings is None else settings
+        made: dict[int, Action] = {}
+        for k, action in enumerate(problem.actions):
+            if isinstance(action, NumericContactAction) and action.value_function.size1_out("constraint"):
+                expected = "an action of expressions (the SQP takes constraints of others)"
+                raise InputError(f"actions[{k}]", f"'{action.name}', a numeric action with path constraints", expected)
+            if id(action) not in made:
+                made[id(action)] = PenalizedAction(action) if action.value_function.size1_out("constraint") else action
+        self._penalized = ShootingProblem([made[id(action)] for action in problem.actions], terminal=problem.terminal)
+        least = FddpSettings(stationarity=self.settings.tolerance)
+        self._fddp = Fddp(self._penalized, least, progress)
+        f = self._fddp.functions
+        self._path = PathFunctions(problem, f.xs, f.us, progress)
+
+    def _begin(self, guess: Trajectory) -> Status | None:
+        inner, own = self._penalized, self.problem.parameters
+        inner.parameters[:, : own.shape[1]] = own
+        inner.x0[...] = self.problem.x0
+        self._multipliers = np.zeros_like(self._path.values)
+        if self._known is not None and self._known.multipliers.shape == self._multipliers.shape:
+            self._multipliers[...] = np.nan_to_num(self._known.multipliers)
+        self._violation, self._accuracy, self._measured = np.inf, np.inf, np.inf
+        self._penalty, self._before, self._stayed = 1.0, np.inf, 0
+        self._write()
+        status = self._fddp._begin(guess)
+        self._measure()
+        if np.isnan(self._path.lower).any() or np.isnan(self._path.upper).any():
+            return Status.NOT_FINITE
+        if status is not None:
+            return status
+        if not (self._path.lower <= self._path.upper).all():
+            return Status.INFEASIBLE
+        cost, outside = self._cost(), float(np.vdot(self._outside, self._outside))
+        self._penalty = float(np.clip(2.0 * max(abs(cost), 1.0) / max(outside, 1e-12), *_FIRST))
+        self._accuracy = 1e-2
+        self._restart()
+        return None
+
+    def _iterate(self) -> Status | None:
+        inner = self._fddp
+        status = inner._iterate()
+        if status is not None and status not in _ENDED:
+            return status
+        scale = 1.0 + abs(inner._cost)
+        near = inner._accepted and inner._criterion < self._accuracy * scale
+        if status is None and not near:
+            return None
+        self._measure()
+        tolerance = self.settings.tolerance
+        if self._measured <= tolerance and status is not None:
+            return status
+        progress = self._measured <= _ENOUGH * self._violation
+        if not progress and self._measured > tolerance:
+            if self._violation_is_least():
+                return Status.INFEASIBLE
+            if self._penalty >= self.settings.highest_penalty:
+                return Status.INFEASIBLE if self._violated > tolerance else Status.STALLED
+            self._penalty = min(self._penalty * self.settings.penalty_factor, self.settings.highest_penalty)
+        self._multipliers[...] = self._estimate
+        self._violation = self._measured
+        self._accuracy = max(0.1 * self._accuracy, 1e-12) if self._measured > tolerance else 0.0
+        self._restart()
+        return None
+
+    def _measure(self) -> None:
+        """Evaluate the constraints at the current trajectory, and the multipliers with which it is stationary."""
+        path, mu = self._path, self._multipliers
+        path.evaluate()
+        self._outside = path.values - np.clip(path.values, path.lower, path.upper)
+        self._violated = float(np.abs(self._outside).max(initial=0.0))
+        shifted = path.values + mu / self._penalty
+        self._apart = shifted - np.clip(shifted, path.lower, path.upper)
+        self._estimate = self._penalty * self._apart
+        # What violates a bound, and what keeps a row with a multiplier away from it, both change the multiplier.
+        self._measured = float(np.abs(self._estimate - mu).max(initial=0.0)) / self._penalty
+
+    def _violation_is_least(self) -> bool:
+        """Return whether penalties that outweigh the cost have not lowered the violation twice in a row."""
+        violation = float(np.linalg.norm(self._outside))
+        dominates = self._penalty * violation**2 > _DOMINANT * (1.0 + abs(self._cost()))
+        stays = dominates and violation > (1.0 - _STAYS) * self._before
+        self._stayed, self._before = self._stayed + 1 if stays else 0, violation
+        return self._stayed >= 2
+
+    def _write(self) -> None:
+        for k, action in enumerate(self._penalized.actions):
+            if isinstance(action, PenalizedAction):
+                row = self._penalized.parameters[k]
+                row[action.parameters["constraint_multipliers"]] = self._multipliers[k, : action.ng]
+                row[action.parameters["constraint_penalty"]] = self._penalty
+
+    def _restart(self) -> None:
+        """Continue FDDP from the current trajectory with the current multipliers and penalty."""
+        self._write()
+        inner = self._fddp
+        inner._fresh = False
+        inner._regularization = inner.settings.regularization[0]
+        inner._least = np.inf
+
+    def _cost(self) -> float:
+        """Return the cost without the penalties of the last measurement."""
+        return float(self._fddp._cost - 0.5 * self._penalty * np.vdot(self._apart, self._apart))
+
+    def _progress(self, iteration: int, elapsed: float) -> Progress:
+        return self._fddp._progress(iteration, elapsed)
+
+    def _finish(self, status: Status, iterations: int, start: float) -> Solution:
+        found = self._fddp._finish(status, iterations, start)
+        self._measure()
+        mu, path = self._estimate, self._path
+        above = np.minimum(np.maximum(mu, 0.0), np.abs(path.upper - path.values))
+        below = np.minimum(np.maximum(-mu, 0.0), np.abs(path.values - path.lower))
+        loose = float(np.maximum(above, below).max(initial=0.0))
+        kkt = KktResidual(found.kkt.stationarity, found.kkt.dynamics, self._violated, loose)
+        return replace(
+            found, problem=self.problem.copy(), multipliers=mu.copy(), cost=self._cost(), kkt=kkt,
+            criterion=kkt.largest, timings=replace(found.timings, total=time.perf_counter() - start),
+        )  # fmt: skip

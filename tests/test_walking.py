@@ -108,6 +108,21 @@ def test_an_estimated_state_costs_no_accuracy_of_the_velocity() -> None:
 
 
 @pytest.mark.slow
+def test_sliding_feet_do_not_draw_the_estimate_along() -> None:
+    """On a floor of a third of the believed friction; the drift and the sliding are the first steps'."""
+    drift = {}
+    for probability in (0.0, 1e-3):
+        noise = "sensors={joint_velocity_noise_rad_s: 0.02, torque_noise_nm: 0.01, encoder_noise_rad: 5.0e-5}"
+        estimator = f"estimator={{kind: inekf, outlier_probability: {probability}}}"
+        _, metrics, walking = walked(session_of("duration_s=4.0", noise, estimator, name="solo12_slippery"))
+        assert metrics.estimator is not None and metrics.estimator.rejected_measurements is not None
+        assert (metrics.estimator.rejected_measurements > 100) is (probability > 0.0)
+        drift[probability] = walking.odometry_drift_percent
+    assert drift[1e-3] is not None and drift[0.0] is not None
+    assert drift[1e-3] < 0.5 * drift[0.0]  # measured 0.21 and 0.49 % of the way
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
 def test_walking_foot_by_foot_keeps_three_feet_on_the_ground(plant: str) -> None:
     log, metrics, _ = walked(session_of("duration_s=4.0", f"plant.kind={plant}", name="solo12_walk_command"))

@@ -160,7 +160,8 @@ class RunObserver:
             terms.update(sample.q, sample.v)
         if self._estimator is not None:
             estimator = self._estimator
-            self._record_estimate(tick.state.q, tick.state.v, estimator.contacts, 1e3 * estimator.spent)
+            contacts = estimator.contacts.astype(np.int8) + estimator.rejected
+            self._record_estimate(tick.state.q, tick.state.v, contacts, 1e3 * estimator.spent)
         feet, command = controller.feet, controller.command
         self._record_steps(
             command=(command.vx, command.vy, command.yaw_rate),

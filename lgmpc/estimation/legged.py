@@ -15,12 +15,12 @@ from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of
 from lgmpc.estimation.inertial import ImuNoise
-from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
+from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.lie import quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range
-from lgmpc.settings import Noise, Positive, RangeFromZero
+from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
@@ -57,9 +57,17 @@ class LeggedEstimatorSettings(ImuNoise):
         default=2e-3, description="Density of the velocity noise of feet in contact, m/s/sqrt(Hz)."
     )
     resting_speed_m_s: Positive = Field(
-        default=0.03,
-        description="A foot in contact is taken for resting while its contact point seems slower than this, m/s, beyond"
-        " what the noise explains; feet that slide, or have just touched down, are not.",
+        default=7.5e-3,
+        description="Standard deviation of the speed of a resting foot's contact point in each axis, m/s: it deforms,"
+        " and is not quite a sphere.",
+    )
+    outlier_probability: Annotated[float, Field(strict=True, ge=0.0, le=0.5)] = Field(
+        default=1e-3,
+        description="Feet that rest seem to move, in velocity or position, no more than is as probable as this by the"
+        " assumed errors. What moves more slides, and does not correct the estimate. 0: all feet in contact do.",
+    )
+    rest_s: NonNegative = Field(
+        default=0.02, description="How long a foot has to seem at rest after it slid until it corrects again, s."
     )
     contact_force_n: RangeFromZero | None = Field(
         default=None,
@@ -80,7 +88,8 @@ class LeggedEstimator:
 
     Contacts are detected from the feet's forces, and these are estimated from joint torques, so that no foot sensors
     are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
-    joint speeds and the estimate, slides or has just touched down, which would be mistaken for motion of the base. The
+    joint speeds and the estimate, slides or has just touched down, which would be mistaken for motion of the base.
+    What slides too slowly for that is found by its innovation, and begins a new contact where it comes to rest. The
     first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
@@ -99,6 +108,7 @@ class LeggedEstimator:
         ekf: the filter.
         legs: positions, motion and forces of the feet at the last reading.
         contacts: (nc,) which feet are in contact with the ground; the filter uses those of them that rest.
+        rejected: (nc,) which feet in contact did not correct the estimate at the last reading, because they moved.
         failures: number of skipped readings.
         spent: duration of the last update, s.
 
@@ -126,6 +136,7 @@ class LeggedEstimator:
             gravity=robot.gravity,
             contact_offset=np.array([0.0, 0.0, robot.contact_radius]),
             form=FORMS[settings.form],
+            outlier_probability=settings.outlier_probability,
             progress=progress,
         )
         self.failures = 0
@@ -133,7 +144,10 @@ class LeggedEstimator:
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
         self._detector = ContactDetector(robot.nc, touch, release)
         self.contacts = self._detector.touching
-        self._resting_squared = settings.resting_speed_m_s**2
+        self.rejected = np.zeros(robot.nc, dtype=np.bool_)
+        self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
+        self._gate = chi_square_bound(settings.outlier_probability)
+        self._resting = settings.resting_speed_m_s**2 * np.eye(3)
         self._speed_variance = settings.joint_velocity_noise_rad_s**2
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
@@ -148,6 +162,8 @@ class LeggedEstimator:
         """Start again with the next reading."""
         self._detector.reset()
         self.legs.reset()
+        self._moved[:] = -math.inf
+        self.rejected[:] = False
         self._running, self.failures = False, 0
 
     def update(self, measurement: Measurement) -> RobotState:
@@ -173,13 +189,17 @@ class LeggedEstimator:
             self._level(reading.accelerometer)
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
         self._detector.update(legs.forces @ self._up)
-        resting = self.contacts & self._slow()
+        resting = self.contacts & self._slow() & (reading.time - self._moved >= self.settings.rest_s)
         for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)
         new = resting & ~ekf.touching
         ekf.correct(legs.positions, legs.covariances)
+        self._moved[ekf.rejected] = reading.time
+        for foot in np.flatnonzero(ekf.rejected).tolist():
+            ekf.end_contact(foot)
         for foot in np.flatnonzero(new).tolist():
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
+        np.greater(self.contacts, ekf.touching, out=self.rejected)
         self._q[:3] = ekf.position
         self._q[3:7] = quaternion.from_matrix.unchecked(ekf.rotation)
         self._q[7:] = reading.joints
@@ -188,12 +208,12 @@ class LeggedEstimator:
         self._v[6:] = reading.speeds
 
     def _slow(self) -> BoolArray:
-        """Return (nc,) which contact points may be at rest: their speeds are zero within three standard deviations."""
-        velocities, variances = (
-            self.legs.velocities,
-            self._speed_variance * self.legs.gains + self.ekf.velocity_variance,
-        )
-        slow: BoolArray = np.einsum("ij,ij->i", velocities, velocities) < self._resting_squared + 9.0 * variances
+        """Return (nc,) which contact points may be at rest: the chi-square test of their velocities about zero."""
+        velocities = self.legs.velocities
+        # Of the right-invariant error this is the velocity's covariance without the attitude's, which is small.
+        covariances = self._speed_variance * self.legs.spreads + (self.ekf.covariance[3:6, 3:6] + self._resting)
+        normalised = np.linalg.solve(covariances, velocities[:, :, None])[:, :, 0]
+        slow: BoolArray = np.einsum("ij,ij->i", velocities, normalised) <= self._gate
         return slow
 
     def _level(self, accelerometer: Array) -> None:

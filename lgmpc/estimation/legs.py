@@ -47,8 +47,7 @@ class LegSensing:
         covariances: (nc, 3, 3) of the positions, m2.
         rates: (nc, 3) angular velocities of the feet relative to the base, base axes, rad/s.
         velocities: (nc, 3) of the material points in contact, world axes, m/s: zero unless feet slide or lift.
-        gains: (nc,) squared norm of the foot's Jacobian, m2: variance of :attr:`velocities` per variance of a joint's
-            speed.
+        spreads: (nc, 3, 3) covariance of :attr:`velocities` per variance of a joint's speed, world axes, m2.
         forces: (nc, 3) forces on the robot, world axes, N.
 
     Raises:
@@ -86,7 +85,7 @@ class LegSensing:
             outputs[name].reshape(nc, 3) for name in ("positions", "rates", "velocities", "forces")
         )
         self.covariances: Array = outputs["covariances"].reshape(nc, 3, 3)
-        self.gains = outputs["gains"]
+        self.spreads: Array = outputs["spreads"].reshape(nc, 3, 3)
         self._running = False
 
     def reset(self) -> None:
@@ -139,7 +138,7 @@ def _leg_function(robot: Robot) -> ca.Function:
     unbalanced += joint_friction_torque(friction, speeds)
     down = ca.DM([0.0, 0.0, -robot.contact_radius])
     outputs: dict[str, list[ca.SX]] = {
-        name: [] for name in ("positions", "covariances", "rates", "velocities", "gains", "forces")
+        name: [] for name in ("positions", "covariances", "rates", "velocities", "spreads", "forces")
     }
     for frame in robot.contact_ids:
         whole = model.frame_jacobian(level, frame, pin.LOCAL_WORLD_ALIGNED)[:, 6:]
@@ -152,7 +151,7 @@ def _leg_function(robot: Robot) -> ca.Function:
         outputs["covariances"].append(ca.vec(variances[0] * square + variances[1] * ca.SX.eye(3)))
         outputs["rates"].append(rates)
         outputs["velocities"].append(velocity + moving + rolling)
-        outputs["gains"].append(ca.trace(square))
+        outputs["spreads"].append(ca.vec(rotation @ square @ rotation.T))
         outputs["forces"].append(rotation @ _solve(square + _DAMPING * ca.SX.eye(3), jacobian @ unbalanced))
     inputs = {
         "joints": joints,

@@ -30,6 +30,7 @@ class EstimatorErrors:
         rms_velocity_m_s: RMS norm of the error of the base's linear velocity, base axes.
         max_velocity_m_s: largest norm of this error.
         wrong_contact_fraction: fraction of feet and ticks whose contact was classified wrongly.
+        rejected_measurements: of feet in contact that slid, or had just touched down; None in older runs.
     """
 
     max_position_m: float
@@ -40,6 +41,7 @@ class EstimatorErrors:
     rms_velocity_m_s: float
     max_velocity_m_s: float
     wrong_contact_fraction: float
+    rejected_measurements: int | None = None
 
 
 def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | None:
@@ -60,6 +62,7 @@ def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | N
         rms_velocity_m_s=float(np.sqrt(np.mean(np.square(velocity)))),
         max_velocity_m_s=float(velocity.max()),
         wrong_contact_fraction=float((standing != (log.estimate_contacts[use] != 0)).mean()),
+        rejected_measurements=int(np.count_nonzero(log.estimate_contacts[use] == 2)),
     )
 
 

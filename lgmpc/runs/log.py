@@ -122,7 +122,8 @@ class RunLog:
         estimate_q: (n, nq) configuration that the controller received; None, like all of the estimate, if it was the
             true one.
         estimate_v: (n, nv) velocity that it received.
-        estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing.
+        estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing, 2 = and rejected its measurement,
+            because it slides.
         estimate_ms: (n,) duration of the estimator's tick, ms.
         command: (n, 3) limited motion command [velocity ahead, to the left, m/s; yaw rate, rad/s] in the horizontal
             frame that turns with the base; None, like all of the steps, if they were not recorded.

@@ -143,7 +143,7 @@ class Recorder:
         Args:
             q: (nq,) configuration.
             v: (nv,) velocity.
-            contacts: (nc,) the estimated contacts.
+            contacts: (nc,) the estimated contacts; 2 of those whose measurement was rejected.
             ms: duration of the estimation, ms.
 
         Raises:

@@ -7,10 +7,11 @@ there are states, so its mean over independent runs has known bounds (Bar-Shalom
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 
 from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import ImuNoise
@@ -128,9 +129,50 @@ def test_a_short_trot_is_followed() -> None:
     assert np.degrees(np.linalg.norm(so3.log(ekf.rotation @ walk.poses[-1][:3, :3].T)[:2])) < 1.5
 
 
+def test_innovations_of_consistent_errors_are_chi_square_distributed() -> None:
+    """Of one foot they are white over time, so their squares add up to a chi-square number (NIS, Bar-Shalom 5.4.2)."""
+    ekf, squares, rejected = InvariantEkf(4, NOISE, slip=SLIP, outlier_probability=0.01), [], []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        walk = simulate_trot(rng, NOISE, duration=1.0, slip=SLIP)
+        start = walk.poses[0].copy()
+        drawn = DEVIATIONS[:9] * rng.normal(size=9)
+        start[:3, :3] = so3.exp(drawn[:3]) @ start[:3, :3]
+        start[:3, 3:] += drawn[3:].reshape(2, 3).T
+        ekf.reset(start, DEVIATIONS)
+        for _ in walk.run(ekf):
+            if ekf.innovations_squared[0] > 0.0:
+                squares.append(ekf.innovations_squared[0])
+                rejected.append(ekf.rejected[0])
+    low, high = mean_bounds(np.full(len(squares), 3))
+    assert low < np.sum(squares) / (3 * len(squares)) < high
+    assert np.sum(rejected) <= binom.ppf(0.9999, len(rejected), 0.01)
+    np.testing.assert_array_equal(rejected, np.array(squares) > chi2.isf(0.01, 3))
+
+
+def test_a_sliding_foot_does_not_correct_a_filter_with_a_gate() -> None:
+    """One foot slides ahead at 0.5 m/s in its first stance; ungated, it draws the estimate along."""
+    walk = simulate_trot(np.random.default_rng(5), NOISE, duration=0.29, slip=SLIP)
+    assert walk.touching[:, 0].all(), "one stance"
+    slid = 0.5 * walk.period * np.maximum(np.arange(59) - 20, 0)
+    measured = walk.measured.copy()
+    measured[:, 0] += slid[:, None] * walk.poses[:, 0, :3]  # R^T e_x
+    walk = replace(walk, measured=measured)
+    worst = {}
+    for probability in (0.0, 1e-3):
+        ekf = InvariantEkf(4, NOISE, slip=SLIP, outlier_probability=probability)
+        ekf.reset(walk.poses[0], 0.1 * DEVIATIONS)
+        errors = [np.linalg.norm(ekf.velocity - walk.poses[k][:3, 3]) for k in walk.run(ekf)]
+        worst[probability] = max(errors)
+        assert ekf.rejected.tolist() == [probability > 0.0, False, False, False]
+    assert worst[1e-3] < 0.3 * worst[0.0], worst
+
+
 def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="^period: got 2"):
         simulate_trot(np.random.default_rng(0), NOISE, duration=1.0, period=2.0)
     walk = simulate_trot(np.random.default_rng(0), NOISE, duration=0.01)
+    with pytest.raises(InputError, match="^outlier_probability: got 1"):
+        InvariantEkf(4, outlier_probability=1.0)
     with pytest.raises(InputError, match="^ekf: got a filter for 3 feet"):
         next(walk.run(InvariantEkf(3)))

@@ -355,4 +355,4 @@ def test_bad_input_is_refused_and_changes_nothing(argument: str, call) -> None:
 def test_a_tick_costs_no_more_operations_than_its_sparsity_needs(form: ErrorForm) -> None:
     """Three contacts, 24 error states; scripts/bench_estimation.py has the times."""
     assert prediction(form, K).n_instructions() < 11_000  # dense products would take 55,000
-    assert correction(form, K).n_instructions() < 12_500
+    assert correction(form, K).n_instructions() < 14_000  # a tenth of them tests each foot alone

@@ -42,7 +42,8 @@ def test_positions_covariances_and_motion_are_pinocchios(solo12: Robot, legs: Le
         expected = ENCODER**2 * jacobian[:3] @ jacobian[:3].T + FOOT**2 * np.eye(3)
         np.testing.assert_allclose(legs.covariances[i], expected, atol=1e-17)
         np.testing.assert_allclose(legs.rates[i], jacobian[3:] @ v[6:], atol=1e-13)
-        assert legs.gains[i] == pytest.approx(np.sum(jacobian[:3] ** 2), rel=1e-12)
+        world = rotation @ jacobian[:3]
+        np.testing.assert_allclose(legs.spreads[i], world @ world.T, atol=1e-14)
     # The moving base as Pinocchio has it: the velocity of the material point below each foot's centre.
     q[3:7], v[:3], v[3:6] = pin.Quaternion(rotation).coeffs(), rotation.T @ velocity, gyro
     pin.forwardKinematics(model, data, q, v)

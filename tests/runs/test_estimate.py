@@ -31,7 +31,7 @@ def estimated() -> RunLog:
     for k in range(n):
         share = (k + 1) / n
         q[0], q[3:7] = 0.004 * share, about(np.array([0.0, 0.0, 1.0]), -2.0 * share)
-        recorder.record_estimate(q, v, [True, True, k < 100, True], 0.05)
+        recorder.record_estimate(q, v, [1, 1, k < 100, 2 if k < 30 else 1], 0.05)
     record_standing(recorder, n)
     return recorder.log()
 
@@ -45,6 +45,7 @@ def test_errors_are_those_that_were_made(estimated: RunLog) -> None:
     assert errors.max_tilt_deg == pytest.approx(0.0, abs=1e-9)
     assert errors.rms_velocity_m_s == errors.max_velocity_m_s == pytest.approx(0.3)
     assert errors.wrong_contact_fraction == pytest.approx(0.25 * 0.9)
+    assert errors.rejected_measurements == 30
     assert metrics.estimator_ms is not None and metrics.estimator_ms.p50 == pytest.approx(0.05)
     assert metrics.max_displacement_m == 0.0  # that of the truth
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
+from scipy import special
 
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
@@ -24,7 +25,7 @@ from lgmpc.estimation.invariant_ekf.programme import (
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = ["InvariantEkf"]
+__all__ = ["InvariantEkf", "chi_square_bound"]
 
 
 class InvariantEkf:
@@ -51,6 +52,9 @@ class InvariantEkf:
         contact_offset: (3,) from a contact point to the frame that the kinematics measure, world axes, m: (0, 0, r) for
             spherical feet of radius r.
         form: :data:`RIGHT`, :data:`LEFT`, or :data:`MULTIPLICATIVE` for the quaternion filter.
+        outlier_probability: of a foot whose errors are as assumed; feet whose innovations are less probable than this
+            do not correct the estimate (chi-square test of the normalised innovation squared, Bar-Shalom, Li and
+            Kirubarajan 2001, 5.4.2). 0: all feet correct it.
         progress: called with a description of what is being compiled. The corrections by landmarks are compiled at
             their first use.
 
@@ -59,6 +63,10 @@ class InvariantEkf:
         contacts: as given.
         landmarks: as given.
         touching: (k,) which feet are in contact; read-only.
+        innovations_squared: (k,) normalised innovation squared of each foot at the last :meth:`correct`, against the
+            predicted state; chi-square distributed with three degrees of freedom if the errors are as assumed, 0 of
+            feet that are not in contact; read-only.
+        rejected: (k,) which feet did not correct the estimate then, because theirs is an outlier; read-only.
         mapped: (m,) which landmarks are part of the state; read-only.
         pose: (5 + k + m, 5 + k + m) estimate, zero columns for open contacts and landmarks that are not mapped; a live
             view, read-only as all that follow.
@@ -86,6 +94,7 @@ class InvariantEkf:
         gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81),
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         form: ErrorForm = RIGHT,
+        outlier_probability: float = 0.0,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         if contacts < 1:
@@ -103,6 +112,7 @@ class InvariantEkf:
         self._pose, self._bias, self._covariance = state
         self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
         self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
+        self._gate, self._squares = np.array([chi_square_bound(outlier_probability)]), np.zeros(contacts)
         self._flags, self._selected = np.zeros(contacts), np.zeros(used)
         self._used = np.zeros(used, dtype=np.bool_)
         self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
@@ -131,6 +141,8 @@ class InvariantEkf:
             noise=self._spread.ravel(),
             contact=self._flags,
             offset=self._parameters[4:7],
+            gate=self._gate,
+            squares=self._squares,
         )
         self._new_offset = np.zeros(3)
         self._augment = StageKernel(augmentation(form, used), progress).bind(
@@ -144,6 +156,9 @@ class InvariantEkf:
             offset=self._new_offset,
         )
         self._next_bias = following[1]
+        self._rejected = np.zeros(contacts, dtype=np.bool_)
+        self.innovations_squared, self.rejected = _read_only(self._squares), self._rejected.view()
+        self.rejected.flags.writeable = False
         self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
         self.touching.flags.writeable = self.mapped.flags.writeable = False
         self.pose = _read_only(self._pose)
@@ -186,8 +201,8 @@ class InvariantEkf:
         self._covariance[:] = 0.0
         self._covariance[:9, :9] = (change * deviations[:9] ** 2) @ change.T
         self._covariance[-6:, -6:] = np.diag(deviations[9:] ** 2)
-        self._used[:] = False
-        self._flags[:] = 0.0
+        self._used[:] = self._rejected[:] = False
+        self._flags[:] = self._squares[:] = 0.0
 
     def predict(self, gyro: Array, accelerometer: Array, duration: float, foot_rates: Array | None = None) -> None:
         """Predict over one IMU sample.
@@ -272,6 +287,7 @@ class InvariantEkf:
         _write("measured", measured, self._measured)
         _write("covariances", covariances, self._spread)
         self._correct()
+        np.greater(self._squares, self._gate, out=self._rejected)
         self._state[:] = self._scratch
 
     def correct_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
@@ -309,11 +325,6 @@ class InvariantEkf:
         self._write_one(measured, covariance)
         self._known_landmark_correction()
         self._state[:] = self._scratch
-
-    @property
-    def velocity_variance(self) -> float:
-        """Sum of the variances of the velocity's three components in the form's error, m2/s2."""
-        return float(self._covariance[3, 3] + self._covariance[4, 4] + self._covariance[5, 5])
 
     def error(self, pose: Array, biases: Array) -> Array:
         """Return (15 + 3k + 3m,) the error of the estimate, whose covariance is :attr:`covariance`.
@@ -376,6 +387,13 @@ class InvariantEkf:
             noise=self._one_noise.ravel(),
             **inputs,
         )
+
+
+def chi_square_bound(probability: float) -> float:
+    """Return what a sum of three squares of independent standard normal numbers exceeds with this probability."""
+    if not 0.0 <= probability < 1.0:
+        raise InputError("outlier_probability", probability, "a probability from 0 to below 1")
+    return float(special.chdtri(3, probability))
 
 
 def _check_index(name: str, index: int, count: int) -> None:

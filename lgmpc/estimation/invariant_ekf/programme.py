@@ -102,33 +102,41 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     """Return the Kalman update with the positions of all feet in contact (Hartley et al. 2020).
 
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3, contacts) base to contact frames, body axes, ``noise``
-    (3, 3 contacts) their covariances side by side, ``contact`` (contacts,) 0 or 1, ``offset`` (3,).
+    (3, 3 contacts) their covariances side by side, ``contact`` (contacts,) 0 or 1, ``offset`` (3,), ``gate`` (1,).
+    Output ``squares`` (contacts,): normalised innovations squared, of open contacts 0. A foot whose square is above the
+    gate does not correct the estimate.
 
-    Feet are processed sequentially with one linearisation, equivalent to a joint update because their noises are
-    independent; ``V V^T`` with ``V = P H^T L^-T`` and ``L L^T = H P H^T + N`` keeps the covariance symmetric.
+    Each square is that of the foot alone, against the predicted state: which foot is an outlier does not depend on
+    their order. The others are processed sequentially with one linearisation, equivalent to a joint update because
+    their noises are independent; ``V V^T`` with ``V = P H^T L^-T`` and ``L L^T = H P H^T + N`` keeps the covariance
+    symmetric.
     """
     pose, bias, covariance = _state(contacts + landmarks)
     size = 9 + 3 * (contacts + landmarks)
     measured, noise = ca.SX.sym("measured", 3, contacts), ca.SX.sym("noise", 3, 3 * contacts)
-    contact, offset = ca.SX.sym("contact", contacts), ca.SX.sym("offset", 3)
+    contact, offset, gate = ca.SX.sym("contact", contacts), ca.SX.sym("offset", 3), ca.SX.sym("gate")
     before, error, moved = _assume_group(pose), ca.SX.zeros(size + 6), covariance
+    squares = []
     for i in range(contacts):
         observation = form.observe(before, i, measured[:, i], offset)
         matrix = ca.horzcat(observation.matrix, ca.SX(3, 6))
-        gain = moved @ matrix.T
-        spread = matrix @ gain + observation.axes @ noise[:, 3 * i : 3 * i + 3] @ observation.axes.T
+        own = observation.axes @ noise[:, 3 * i : 3 * i + 3] @ observation.axes.T
         # An open contact has no rows in the covariance, but its measurement would affect the others.
-        factor = _cholesky(ca.if_else(contact[i], spread, ca.SX.eye(3)))
-        scaled = contact[i] * _solve_lower(factor, gain.T).T
-        surprise = _solve_lower(factor, ca.if_else(contact[i], observation.innovation - matrix @ error, 0.0))
+        alone = _cholesky(ca.if_else(contact[i], matrix @ covariance @ matrix.T + own, ca.SX.eye(3)))
+        squares.append(ca.sumsqr(_solve_lower(alone, ca.if_else(contact[i], observation.innovation, 0.0))))
+        used = ca.logic_and(contact[i], squares[i] <= gate)
+        gain = moved @ matrix.T
+        factor = _cholesky(ca.if_else(used, matrix @ gain + own, ca.SX.eye(3)))
+        scaled = used * _solve_lower(factor, gain.T).T
+        surprise = _solve_lower(factor, ca.if_else(used, observation.innovation - matrix @ error, 0.0))
         error += scaled @ surprise
         moved = _symmetric(moved - scaled @ scaled.T)
     return ca.Function(
         f"inekf_correct_{form.name}_{contacts}_{landmarks}",
-        [pose, bias, covariance, measured, noise, contact, offset],
-        [*_corrected(form, before, bias, error), moved],
-        ["pose", "bias", "covariance", "measured", "noise", "contact", "offset"],
-        _CORRECTED,
+        [pose, bias, covariance, measured, noise, contact, offset, gate],
+        ca.cse([*_corrected(form, before, bias, error), moved, ca.vertcat(*squares)]),
+        ["pose", "bias", "covariance", "measured", "noise", "contact", "offset", "gate"],
+        [*_CORRECTED, "squares"],
     )
 
 

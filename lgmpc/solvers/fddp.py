@@ -155,19 +155,30 @@ class Fddp(IterativeSolver):
         self._expand()
         self._closed = self._gap <= self.settings.rounding
         self._least, self._patience = np.inf, _PATIENCE
+        self._finite = self._finite and all_finite(f.jacobian, f.hessian)
         return None if self._finite else Status.NOT_FINITE
 
     def _iterate(self) -> Status | None:
         f, s = self.functions, self.settings
         if not self._fresh:
             self._expand()
-        if not self._finite and not self._take_back():
-            return Status.DIVERGED
-        # A closed trajectory is that of a roll-out: its gaps are rounding errors.
-        was_closed, self._accepted = self._closed, False
-        if not self._swept and not self._sweep():
+        swept = self._sweep()
+        while not self._finite:
+            if not self._take_back():
+                return Status.DIVERGED
+            swept = self._sweep()
+        if not swept:
             return Status.STALLED
         slope, curvature = self.sweep.expected(closed=self._closed)
+        # A closed trajectory is that of a roll-out: its gaps are rounding errors.
+        if self._closed and abs(slope + 0.5 * curvature) < s.tolerance:
+            status = self._judge()
+            if status is not None:
+                return status
+            if not self._sweep():
+                return Status.STALLED
+            slope, curvature = self.sweep.expected(closed=True)
+        self._accepted = False
         # The model is convex along the step: it rises by at most a step length's share of what the full step does.
         ascent = max(-(slope + 0.5 * curvature), 0.0)
         d0 = d1 = np.nan
@@ -203,27 +214,23 @@ class Fddp(IterativeSolver):
             if self._regularization >= s.regularization[1]:
                 return Status.DIVERGED if diverged else Status.STALLED
         self._criterion = abs(d0 + 0.5 * d1)
-        # The trajectory was feasible before the step, with a small expected reduction.
-        return self._judge() if was_closed and self._criterion < s.tolerance else None
+        return None
 
     def _judge(self) -> Status | None:
-        """Return the status if the trajectory, expanded anew, is stationary or cannot become so; None otherwise."""
-        if not self._fresh:
-            self._expand()
-        if not self._finite:
-            return None  # the next iteration takes the step back
+        """Return the status if the trajectory, whose expected reduction is small, is stationary or cannot become so."""
         lowest = self.settings.regularization[0]
-        before, self._regularization = self._regularization, lowest
-        if not self._sweep():
-            return Status.STALLED
+        before = self._regularization
         if before > lowest:  # a large regularisation makes any step and its expected reduction small
-            slope, curvature = self.sweep.expected(closed=self._closed)
-            self._criterion = abs(slope + 0.5 * curvature)
+            self._regularization, self._swept = lowest, False
+            if not self._sweep():
+                return Status.STALLED
+        slope, curvature = self.sweep.expected(closed=True)
+        self._criterion = abs(slope + 0.5 * curvature)
         costates, multipliers, rest = self._stationarity()
         largest = max(float(np.abs(costates).max()), float(np.abs(multipliers).max(initial=0.0)))
         residual = float(np.abs(rest).max()) / (1.0 + largest)
         minimum = self._regularization <= lowest and self._criterion < self.settings.tolerance
-        if residual <= self.settings.stationarity and self._accepted and minimum:
+        if residual <= self.settings.stationarity and minimum:
             return Status.CONVERGED
         if before > self._regularization and not self._accepted:  # no step without it: this sweep was to judge
             self._regularization, self._swept = before, False
@@ -242,11 +249,13 @@ class Fddp(IterativeSolver):
         f = self.functions
         if not self._fresh:
             self._expand()
-        if not self._finite and status is not Status.NOT_FINITE:
+        possible = status not in (Status.NOT_FINITE, Status.INFEASIBLE)
+        swept = possible and self._sweep()
+        if possible and not self._finite:
             status = Status.DIVERGED
             self._take_back()
-        possible = status not in (Status.NOT_FINITE, Status.INFEASIBLE)
-        if not (self._swept or (possible and self._sweep())):
+            swept = self._sweep()
+        if not swept:
             self.sweep.value_gradient[...] = 0.0  # no multipliers are known
         costates, multipliers, rest = self._stationarity()
         gap = float(np.abs(f.gaps).max())
@@ -284,15 +293,20 @@ class Fddp(IterativeSolver):
         f.expand()
         self._cost = float(f.costs.sum()) if all_finite(f.costs) else np.nan
         self._gap = float(np.abs(f.gaps).max())
-        self._finite = all_finite(f.jacobian, f.hessian, f.gradient, f.gaps, f.costs, f.last_hessian, f.last_gradient)
+        # Matrices are read by the sweep, whose result is not finite if they are not.
+        self._finite = all_finite(f.gradient, f.gaps, f.costs, f.last_hessian, f.last_gradient)
         self._fresh, self._swept = True, False
         self._clock[0] += time.perf_counter() - start
 
     def _sweep(self) -> bool:
-        """Sweep with as much regularisation as necessary; return False if the highest is not enough."""
-        start = time.perf_counter()
+        """Sweep, unless that is done, with as much regularisation as necessary; False if the highest is not enough."""
+        if self._swept or not self._finite:
+            return self._swept
+        f, start = self.functions, time.perf_counter()
         self._swept = self.sweep.run(self._regularization, closed=self._closed)
-        while not self._swept and self._regularization < self.settings.regularization[1]:
+        if not self._swept:
+            self._finite = all_finite(f.jacobian, f.hessian)
+        while self._finite and not self._swept and self._regularization < self.settings.regularization[1]:
             self._increase()
             self._swept = self.sweep.run(self._regularization, closed=self._closed)
         self._clock[1] += time.perf_counter() - start

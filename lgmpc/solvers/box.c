@@ -1,6 +1,7 @@
-/* What surrounds the sweep of lgmpc.solvers.box: fixing controls, the minimiser, the slopes. Rows of matrices are
-   contiguous: those of a Jacobian are the columns of [A B]. */
+/* The sweep of lgmpc.solvers.box: active sets, each tried with one call of sweep.c. Rows of matrices are contiguous:
+   those of a Jacobian are the columns of [A B]. */
 
+#include <math.h>
 #include <string.h>
 
 #ifdef __GNUC__
@@ -11,11 +12,15 @@
 #endif
 
 typedef struct {
-  const long long* plan; /* N, nx, nu, whether all gaps are zero */
-  const double *jacobian, *hessian, *gradient, *gaps, *feedback, *feedforward, *value_hessian, *value_gradient;
-  const long long* held;
-  const double *move, *regularization;
-  double *fixed_jacobian, *fixed_hessian, *fixed_gradient, *fixed_gaps, *dxs, *dus, *slopes, *costate;
+  long long* plan; /* N, nx, nu, whether all gaps are zero, most exchanges */
+  const double *jacobian, *hessian, *gradient, *gaps, *feedback;
+  double* feedforward;
+  const double *value_hessian, *value_gradient, *us, *u_lower, *u_upper, *regularization, *rounding;
+  long long* held;
+  double *fixed_jacobian, *fixed_hessian, *fixed_gradient, *fixed_gaps, *dxs, *dus, *costate, *expected;
+  int (*sweep)(void**);
+  void** sweep_frame;
+  long long* sweep_plan; /* N, whether all gaps are zero */
 } Frame;
 
 static double dot(long n, const double* a, const double* b) {
@@ -30,10 +35,16 @@ static void add(long n, double factor, const double* a, double* sum) {
   for (i = 0; i < n; ++i) sum[i] += factor * a[i];
 }
 
-/* Writes the model in which controls change by `move`, and those held by nothing else. */
-EXPORT void lgmpc_fix(const Frame* f) {
+/* The change of a control that is held; zero of one that is free. */
+static double move(const Frame* f, long at) {
+  return f->held[at] > 0 ? f->u_upper[at] - f->us[at] : f->held[at] < 0 ? f->u_lower[at] - f->us[at] : 0;
+}
+
+/* Writes the model in which held controls change by their moves and nothing else; returns whether any moves. */
+static int fix(const Frame* f) {
   const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
   long t, i, c;
+  int any = 0;
   memcpy(f->fixed_jacobian, f->jacobian, sizeof(double) * n * w * nx);
   memcpy(f->fixed_hessian, f->hessian, sizeof(double) * n * w * w);
   memcpy(f->fixed_gradient, f->gradient, sizeof(double) * n * w);
@@ -43,10 +54,11 @@ EXPORT void lgmpc_fix(const Frame* f) {
     double *jacobian = f->fixed_jacobian + t * w * nx, *hessian = f->fixed_hessian + t * w * w;
     double *gradient = f->fixed_gradient + t * w, *gap = f->fixed_gaps + (t + 1) * nx;
     for (c = 0; c < nu; ++c) {
-      const double move = f->move[t * nu + c];
-      if (move == 0) continue;
-      add(w, move, f->hessian + (t * w + nx + c) * w, gradient);
-      add(nx, move, f->jacobian + (t * w + nx + c) * nx, gap);
+      const double by = move(f, t * nu + c);
+      if (by == 0) continue;
+      any = 1;
+      add(w, by, f->hessian + (t * w + nx + c) * w, gradient);
+      add(nx, by, f->jacobian + (t * w + nx + c) * nx, gap);
     }
     for (c = 0; c < nu; ++c) {
       if (!f->held[t * nu + c]) continue;
@@ -57,37 +69,97 @@ EXPORT void lgmpc_fix(const Frame* f) {
       gradient[nx + c] = 0;
     }
   }
+  return any;
 }
 
-/* Writes the minimiser under the sweep's gains. */
-EXPORT void lgmpc_follow(const Frame* f) {
+/* Writes the minimiser under the sweep's gains; returns whether it is finite. */
+static int follow(const Frame* f) {
   const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
   long t, i, c;
   memcpy(f->dxs, f->fixed_gaps, sizeof(double) * (n + 1) * nx);
   for (t = 0; t < n; ++t) {
     const double *dx = f->dxs + t * nx, *jacobian = f->fixed_jacobian + t * w * nx;
     double *next = f->dxs + (t + 1) * nx, *du = f->dus + t * nu;
-    for (c = 0; c < nu; ++c) du[c] = -f->feedforward[t * nu + c] - dot(nx, f->feedback + (t * nu + c) * nx, dx);
+    for (c = 0; c < nu; ++c) {
+      if (f->held[t * nu + c]) f->feedforward[t * nu + c] = -move(f, t * nu + c);
+      du[c] = -f->feedforward[t * nu + c] - dot(nx, f->feedback + (t * nu + c) * nx, dx);
+    }
     for (i = 0; i < nx; ++i) add(nx, dx[i], jacobian + i * nx, next);
     for (c = 0; c < nu; ++c) add(nx, du[c], jacobian + (nx + c) * nx, next);
   }
+  return isfinite(dot((n + 1) * nx, f->dxs, f->dxs));
 }
 
-/* Writes the regularised model's gradient by the controls at the minimiser. The sweep's gradients are those with closed
-   gaps. */
-EXPORT void lgmpc_slopes(const Frame* f) {
-  const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
-  long t, i, c;
+/* The regularised model's gradient by a control at the minimiser; f->costate is that behind the stage. */
+static double slope(const Frame* f, long t, long c) {
+  const long nx = f->plan[1], nu = f->plan[2], w = nx + nu, row = t * w + nx + c;
+  const double *hessian = f->hessian + row * w, *du = f->dus + t * nu;
+  return f->gradient[row] + dot(nx, hessian, f->dxs + t * nx) + dot(nu, hessian + nx, du)
+    + *f->regularization * du[c] + dot(nx, f->jacobian + row * nx, f->costate);
+}
+
+/* Holds free controls beyond their bounds, frees held ones whose gradient points inwards; returns how many. */
+static long exchange(const Frame* f) {
+  const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2];
+  long t, i, c, changed = 0;
   for (t = 0; t < n; ++t) {
-    const double *dx = f->dxs + t * nx, *du = f->dus + t * nu, *next = f->dxs + (t + 1) * nx;
-    const double* gap = f->fixed_gaps + (t + 1) * nx;
-    memcpy(f->costate, f->value_gradient + (t + 1) * nx, sizeof(double) * nx);
-    for (i = 0; i < nx; ++i) add(nx, next[i] - gap[i], f->value_hessian + ((t + 1) * nx + i) * nx, f->costate);
+    int known = 0;
     for (c = 0; c < nu; ++c) {
-      const long row = t * w + nx + c;
-      const double* hessian = f->hessian + row * w;
-      f->slopes[t * nu + c] = f->gradient[row] + dot(nx, hessian, dx) + dot(nu, hessian + nx, du)
-        + *f->regularization * du[c] + dot(nx, f->jacobian + row * nx, f->costate);
+      const long at = t * nu + c;
+      const double low = f->u_lower[at] - f->us[at], high = f->u_upper[at] - f->us[at];
+      const double rounding = *f->rounding * (1 + fabs(f->us[at]));
+      if (f->held[at] == 0) {
+        if (f->dus[at] > high + rounding) f->held[at] = 1;
+        else if (f->dus[at] < low - rounding) f->held[at] = -1;
+        changed += f->held[at] != 0;
+      } else if (low != high) {
+        if (!known) { /* the sweep's gradients are those with closed gaps */
+          const double *next = f->dxs + (t + 1) * nx, *gap = f->fixed_gaps + (t + 1) * nx;
+          memcpy(f->costate, f->value_gradient + (t + 1) * nx, sizeof(double) * nx);
+          for (i = 0; i < nx; ++i) add(nx, next[i] - gap[i], f->value_hessian + ((t + 1) * nx + i) * nx, f->costate);
+          known = 1;
+        }
+        if (f->held[at] * slope(f, t, c) > 0) {
+          f->held[at] = 0;
+          ++changed;
+        }
+      }
     }
   }
+  return changed;
+}
+
+/* Writes the linear and the quadratic part of the model's decrease along the minimiser, that of the last node excepted. */
+static void expect(const Frame* f) {
+  const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
+  long t, i;
+  double linear = 0, quadratic = 0;
+  for (t = 0; t < n; ++t) {
+    const double *dx = f->dxs + t * nx, *du = f->dus + t * nu, *g = f->gradient + t * w;
+    linear += dot(nx, g, dx) + dot(nu, g + nx, du);
+    for (i = 0; i < w; ++i) {
+      const double* row = f->hessian + (t * w + i) * w;
+      quadratic += (i < nx ? dx[i] : du[i - nx]) * (dot(nx, row, dx) + dot(nu, row + nx, du));
+    }
+  }
+  f->expected[0] = -linear;
+  f->expected[1] = -quadratic;
+}
+
+/* Returns 0 if the active set converged. */
+EXPORT int lgmpc_box(const Frame* f) {
+  const long long all = f->plan[0] * f->plan[2];
+  long long i, round;
+  for (i = 0; i < all; ++i)
+    if (f->u_lower[i] == f->u_upper[i]) f->held[i] = 1;
+  for (round = 0; round < f->plan[4]; ++round) {
+    const int moved = fix(f);
+    f->sweep_plan[1] = f->plan[3] && !moved;
+    if (f->sweep(f->sweep_frame) || !follow(f)) return 1;
+    if (!exchange(f)) {
+      expect(f);
+      return 0;
+    }
+  }
+  return 1;
 }

@@ -18,8 +18,8 @@ from lgmpc.typing import Array, IntArray
 
 __all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
 
-_ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
-_EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
+ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
+EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ControlBounds:
     Attributes:
         problem: the problem.
         rows: for each run of intervals with one action the intervals, the indices (ng,) of the controls of their rows,
-            and the function ``p -> (lower, upper)`` of the rows.
+            and the function ``p -> (lower, upper)`` of the rows, with a column an interval.
     """
 
     problem: ShootingProblem
@@ -66,7 +66,11 @@ def control_bounds(problem: ShootingProblem) -> ControlBounds:
         if id(action) not in known:
             known[id(action)] = _rows(action, k)
     runs = runs_of(problem.actions)
-    return ControlBounds(problem, tuple((slice(start, stop), *known[id(action)]) for action, start, stop in runs))
+    found = []
+    for action, start, stop in runs:
+        rows, limits = known[id(action)]
+        found.append((slice(start, stop), rows, limits.map(stop - start)))
+    return ControlBounds(problem, tuple(found))
 
 
 def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
@@ -157,10 +161,10 @@ class BoxSweep:
         """
         f, held = self._functions, self.held
         low, high = f.u_lower - f.us, f.u_upper - f.us
-        rounding = _ROUNDING * (1.0 + np.abs(f.us))
+        rounding = ROUNDING * (1.0 + np.abs(f.us))
         fixed = low == high
         held[fixed] = 1
-        for _ in range(_EXCHANGES):
+        for _ in range(EXCHANGES):
             if not self._minimise(np.where(held > 0, high, np.where(held < 0, low, 0.0)), regularization, closed):
                 return False
             above, below = self.dus > high + rounding, self.dus < low - rounding

@@ -1,4 +1,4 @@
-"""The sweep of box FDDP with what surrounds it in C (``box.c``), where numpy takes longer for it than for the sweep."""
+"""The sweep of box FDDP as one call: active sets and their sweeps in C (``box.c``)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from lgmpc.compile import compile_source
 from lgmpc.ocp import ShootingFunctions
-from lgmpc.solvers.box import BoxSweep
-from lgmpc.typing import Array
+from lgmpc.solvers.box import EXCHANGES, ROUNDING, BoxSweep
+from lgmpc.solvers.compiled_sweep import CompiledSweep
 
 __all__ = ["CompiledBoxSweep", "make_box_sweep"]
 
@@ -29,33 +29,34 @@ class CompiledBoxSweep(BoxSweep):
         self, functions: ShootingFunctions, library: ctypes.CDLL, progress: Callable[[str], None] | None = None
     ) -> None:
         super().__init__(functions, progress)
-        f, m = self._functions, self._model
-        n, nu = self.dus.shape
-        ndx = self.dxs.shape[1]
-        self._plan = np.array([n, ndx, nu, 0], dtype=np.int64)
-        self._move, self._by_control = np.zeros((n, nu)), np.zeros((n, nu))
-        self._shift = np.zeros(1)
+        f, m, sweep = self._functions, self._model, self._sweep
+        assert isinstance(sweep, CompiledSweep)
+        (n, nu), ndx = self.dus.shape, self.dxs.shape[1]
+        self._plan = np.array([n, ndx, nu, 0, EXCHANGES], dtype=np.int64)
+        self._expected = np.zeros(2)
         arrays = (
             self._plan, f.jacobian, f.hessian, f.gradient, f.gaps, f.feedback, f.feedforward, self.value_hessian,
-            self.value_gradient, self.held, self._move, self._shift, m.jacobian, m.hessian, m.gradient, m.gaps,
-            self.dxs, self.dus, self._by_control, np.zeros(ndx),
+            self.value_gradient, f.us, f.u_lower, f.u_upper, sweep.shift, np.array([ROUNDING]), self.held, m.jacobian,
+            m.hessian, m.gradient, m.gaps, self.dxs, self.dus, np.zeros(ndx), self._expected,
         )  # fmt: skip
         self._memory = arrays  # the frame contains addresses only
-        self._frame = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
-        self._library = library
+        addresses = [array.ctypes.data for array in arrays]
+        addresses += [sweep.address, ctypes.addressof(sweep.frame), sweep.plan.ctypes.data]
+        self._frame = (ctypes.c_void_p * len(addresses))(*addresses)
+        self._shift = sweep.shift
+        self._call: Callable[[object], int] = library.lgmpc_box
 
-    def _fix(self, move: Array, closed: bool) -> None:
-        self._move[...] = move
-        self._plan[3] = closed
-        self._library.lgmpc_fix(self._frame)
-
-    def _follow(self) -> None:
-        self._library.lgmpc_follow(self._frame)
-
-    def _slopes(self, regularization: float) -> Array:
+    def run(self, regularization: float, *, closed: bool) -> bool:
+        """Minimise, and write the gains; return False if more regularisation is required."""
         self._shift[0] = regularization
-        self._library.lgmpc_slopes(self._frame)
-        return self._by_control
+        self._plan[3] = closed
+        return self._call(self._frame) == 0
+
+    def expected(self, *, closed: bool) -> tuple[float, float]:
+        """Return slope and curvature of the model's decrease along its step."""
+        f, last = self._functions, self.dxs[-1]
+        slope, curvature = self._expected.tolist()
+        return slope - float(f.last_gradient @ last), curvature - float(last @ f.last_hessian @ last)
 
 
 def make_box_sweep(functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> BoxSweep:

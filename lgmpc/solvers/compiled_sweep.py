@@ -25,31 +25,38 @@ class CompiledSweep(BackwardSweep):
     Args:
         functions: expansion (read) and gains (written).
         library: the machine code.
+
+    Attributes:
+        plan: (2,) number of stages, and whether all gaps are zero.
+        shift: (1,) regularisation.
+        frame: the machine code's argument, of addresses.
+        address: of the machine code.
     """
 
     def __init__(self, functions: Expansion, library: ctypes.CDLL) -> None:
         super().__init__(functions)
         n = len(functions.jacobian)
-        self._plan = np.array([n, 0], dtype=np.int64)
-        self._shift = np.zeros(1)
+        self.plan = np.array([n, 0], dtype=np.int64)
+        self.shift = np.zeros(1)
         work_size = library.lgmpc_sweep_work
         work_size.restype = ctypes.c_longlong
         f = functions
         arrays = (
-            self._plan, self._shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
+            self.plan, self.shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
             f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
             aligned_zeros(work_size()),
         )  # fmt: skip
         addresses = [array.ctypes.data for array in arrays]
-        self._frame = (ctypes.c_void_p * len(addresses))(*addresses)
+        self.frame = (ctypes.c_void_p * len(addresses))(*addresses)
         self._memory = arrays  # the frame contains addresses only
         self._call: Callable[[Any], int] = library.lgmpc_sweep
+        self.address: int = ctypes.cast(library.lgmpc_sweep, ctypes.c_void_p).value or 0
 
     def run(self, regularization: float, *, closed: bool) -> bool:
         """Sweep once; return False if some Quu is not positive definite or a value is not finite."""
-        self._shift[0] = regularization
-        self._plan[1] = closed
-        return self._call(self._frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
+        self.shift[0] = regularization
+        self.plan[1] = closed
+        return self._call(self.frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
 
 
 def make_sweep(functions: Expansion, progress: Callable[[str], None] | None = None) -> BackwardSweep:

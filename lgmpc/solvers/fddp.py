@@ -128,6 +128,7 @@ class Fddp(IterativeSolver):
         self.sweep = self._make_sweep(progress)
         self._clock = [0.0, 0.0, 0.0]
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
+        self._finite = False  # whether the expansion is
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
 
     def _check_constraints(self) -> None:

@@ -1,4 +1,4 @@
-"""Saved runs: lookup by path, name or ``latest``; ``lgmpc play`` and ``lgmpc plot``."""
+"""Saved runs: lookup by path, name or ``latest``; ``lgmpc play``, ``lgmpc plot`` and ``lgmpc report``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lgmpc.errors import RunFolderError, nearest
 
-__all__ = ["find_run", "play_folder", "plot_folder", "run_names"]
+__all__ = ["find_run", "play_folder", "plot_folder", "report_folder", "run_names"]
 
 
 def find_run(text: str, runs: Path) -> Path:
@@ -46,7 +46,7 @@ def play_folder(folder: Path, html: Path | None, port: int) -> None:
 
     file = show(folder, html, port=port)
     if file is not None:
-        out().print(f"wrote {file} ({file.stat().st_size / 1e6:.1f} MB): open it in any browser", markup=False)
+        out().print(_page(file), markup=False)
 
 
 def plot_folder(folder: Path, into: Path | None) -> None:
@@ -56,3 +56,19 @@ def plot_folder(folder: Path, into: Path | None) -> None:
 
     for figure in plot(folder).save(into or folder / "figures"):
         out().print(f"wrote {figure}", markup=False)
+
+
+def report_folder(text: str, runs: Path, html: Path | None) -> None:
+    """Write the report of what ``text`` names: a sweep's folder, a run folder, a run's name or ``latest``."""
+    from lgmpc.cli.screen import out
+    from lgmpc.config.showing import report
+    from lgmpc.sweeps.comparison import is_sweep
+    from lgmpc.sweeps.report import write_sweep_report
+
+    folder = Path(text)
+    file = write_sweep_report(folder, html) if is_sweep(folder) else report(find_run(text, runs), html)
+    out().print(_page(file), markup=False)
+
+
+def _page(file: Path) -> str:
+    return f"wrote {file} ({file.stat().st_size / 1e6:.1f} MB): open it in any browser"

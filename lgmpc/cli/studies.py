@@ -1,0 +1,176 @@
+"""Arguments and options of the commands about many runs: sweeps, comparisons, ablations, tuning."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lgmpc.cli.failures import guarded
+from lgmpc.cli.options import (
+    AsJson,
+    Changes,
+    ConfigFile,
+    DaskAddress,
+    MoreOverrides,
+    NewFolder,
+    Overrides,
+    Quiet,
+    Resume,
+    RunsFolder,
+    SlurmFile,
+    SweepFile,
+    TunedKeys,
+    Workers,
+    complete_config,
+    complete_run,
+)
+
+__all__ = ["ablate", "compare", "sweep", "tune"]
+
+
+@guarded
+def sweep(
+    file: SweepFile,
+    more: MoreOverrides = [],  # noqa: B006
+    overrides: Overrides = [],  # noqa: B006
+    out: NewFolder = None,
+    workers: Workers = None,
+    dask: DaskAddress = None,
+    slurm: SlurmFile = None,
+    resume: Resume = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write results.parquet too (package pyarrow).")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a config at many points: grids, random draws, paired variants, searches of a boundary.
+
+    Every finished point is saved at once: what is stopped goes on with --resume, also on several machines in one
+    folder. Exit code 0 if every point has a verdict and the sweep's `expect` is kept.
+    """
+    from lgmpc.sweeps import load_sweep
+
+    loaded = load_sweep(file, [*overrides, *more])
+    from lgmpc.cli.sweeping import chosen_cluster, sweep_shown
+
+    folder = out or Path("sweeps") / loaded.settings.name
+    cluster = chosen_cluster(dask, slurm, workers)
+    code = sweep_shown(
+        loaded,
+        folder,
+        file=file,
+        workers=workers if cluster is None else None,
+        cluster=cluster,
+        resume=resume,
+        parquet=parquet,
+        as_json=as_json,
+        quiet=quiet,
+    )
+    raise typer.Exit(code)
+
+
+@guarded
+def compare(
+    first: Annotated[
+        str,
+        typer.Argument(metavar="A", help="A run folder, `latest`, or a sweep's folder.", autocompletion=complete_run),
+    ],
+    second: Annotated[str, typer.Argument(metavar="B", help="What is compared with it.", autocompletion=complete_run)],
+    margin: Annotated[float, typer.Option(help="Share by which B may be worse.")] = 0.05,
+    metric: Annotated[list[str], typer.Option(help="Judge this metric too; may be repeated.", show_default=False)] = [],  # noqa: B006
+    runs: RunsFolder = Path("runs"),
+    as_json: AsJson = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no more than the verdict.")] = False,
+) -> None:
+    """Compare two runs or two sweeps: configs, metrics, differences in pairs with 95 % intervals.
+
+    Exit code 1 if B is worse than A: it fails where A passes, or what the gate limits (of sweeps: the share that
+    passes, the boundary) is worse by more than the margin; for sweeps also beyond chance.
+    """
+    from lgmpc.cli.comparing import compare_shown
+
+    code = compare_shown(first, second, runs, margin=margin, metrics=tuple(metric), as_json=as_json, quiet=quiet)
+    raise typer.Exit(code)
+
+
+@guarded
+def ablate(
+    config: ConfigFile,
+    keys: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[KEY...]",
+            help="Parts to take away: a switch, a table with one, a number (0), or KEY=VALUE without effect. The usual "
+            "parts if none is given.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006
+    overrides: Changes = [],  # noqa: B006
+    seeds: Annotated[int, typer.Option(help="Seeds to run each with.")] = 1,
+    out: NewFolder = None,
+    workers: Workers = None,
+    resume: Resume = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a config without each of its parts, in pairs with the complete one: what each part is worth.
+
+    Parts that make the robot fail come first, then those that worsen a figure most, as a share of its limit.
+    """
+    from lgmpc.cli.ablating import ablate_shown
+
+    code = ablate_shown(
+        config, keys, overrides, out, seeds=seeds, workers=workers, resume=resume, as_json=as_json, quiet=quiet
+    )
+    raise typer.Exit(code)
+
+
+@guarded
+def tune(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CONFIG|SWEEP",
+            help="What is tuned over: the seeds of a config, or the points of a sweep (`lgmpc configs` lists both).",
+            show_default=False,
+            autocompletion=complete_config,
+        ),
+    ],
+    keys: TunedKeys = [],  # noqa: B006
+    more: Annotated[list[str], typer.Argument(metavar="KEY", help="More keys.", hidden=True, show_default=False)] = [],  # noqa: B006
+    objective: Annotated[
+        str, typer.Option(help="A metric of the runs, `passed`, or for sweeps that bisect `boundary`.")
+    ] = "max_tilt_deg",
+    trials: Annotated[int, typer.Option(help="How many values are tried, the present ones first.")] = 40,
+    overrides: Changes = [],  # noqa: B006
+    seeds: Annotated[int, typer.Option(help="Seeds of a config that are tuned over, and held out.")] = 4,
+    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+    out: NewFolder = None,
+    workers: Workers = None,
+    resume: Resume = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Search values of keys that make an objective better without failing more points (package optuna).
+
+    The result is compared with the present values on points that the search does not see (other seeds and draws) and
+    written as a config, with where it is from. Exit code 0 if it is better on those, 1 if not.
+    """
+    from lgmpc.cli.tuning import tune_shown
+
+    code = tune_shown(
+        source,
+        [*keys, *more],
+        objective,
+        overrides,
+        out,
+        trials=trials,
+        seeds=seeds,
+        seed=seed,
+        workers=workers,
+        resume=resume,
+        as_json=as_json,
+        quiet=quiet,
+    )
+    raise typer.Exit(code)

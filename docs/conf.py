@@ -74,6 +74,9 @@ nb_execution_show_tb = True
 nb_merge_streams = True
 nb_number_source_lines = False
 
+linkcheck_timeout, linkcheck_retries = 20, 2
+linkcheck_exclude_documents = ["reference/api/.*"]  # generated; they link to each other
+
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {name: f"lgmpc.typing.{name}" for name in ("Array", "BoolArray")} | {"ArrayLike": "ArrayLike"}
 autodoc_member_order = "bysource"

@@ -67,7 +67,10 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.sweeps": "/guide/sweeps",
         "lgmpc.viz": "",
     },
-    "Geometric mechanics": {"lgmpc.mechanics": "/guide/laboratory"},
+    "Geometric mechanics": {
+        "lgmpc.mechanics": "/guide/laboratory",
+        "lgmpc.mechanics.quadrotor": "/guide/laboratory",
+    },
     "Foundation": {"lgmpc.settings": "", "lgmpc.errors": "", "lgmpc.compile": ""},
 }
 

@@ -175,7 +175,7 @@ def of_compilation(found: Mapping[str, Any]) -> Figures:
 
 def _by_model(model: str) -> Group:
     several = f"push_recovery.py --model {model} --directions"
-    return Group(f"{several} 4 --resolution 0.1", f"{several} 1 --resolution 1.0", of_pushes)
+    return Group(f"{several} 4 --resolution 0.1", f"{several} 1 --resolution 4.0", of_pushes)
 
 
 def _updates(model: str) -> Group:
@@ -186,7 +186,7 @@ def _updates(model: str) -> Group:
 _FRICTIONS = "push_recovery.py --friction 0.4 0.5 0.6 0.7"
 GROUPS: dict[str, Group] = {
     "runs": Group("bench_runs.py", "bench_runs.py --only solo12_balance", of_runs),
-    "pushes": Group(_FRICTIONS, f"{_FRICTIONS} --directions 1 --resolution 1.0", of_pushes),
+    "pushes": Group(_FRICTIONS, "push_recovery.py --directions 1 --resolution 2.0", of_pushes),
     **{f"pushes_{model}": _by_model(model) for model in ("centroidal", "kinodynamic", "full_body")},
     "locomotion": Group("bench_locomotion.py --quick", "bench_locomotion.py --quick --skip-pushes", of_locomotion),
     "loop": Group("bench_loop.py", "bench_loop.py --repeats 1 --skip-start", of_loop),

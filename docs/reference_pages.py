@@ -334,6 +334,14 @@ def skip_inherited(_app: Sphinx, _what: str, name: str, value: Any, _skip: bool,
     return True if name in {"model_config", "model_post_init", "model_fields", "model_computed_fields"} else None
 
 
+def forget_modules_without_source(_app: Sphinx, env: Any) -> list[str]:
+    """Remove from the list of sources what has none (``builtins``, of annotated numbers): it would link to no page."""
+    sources = getattr(env, "_viewcode_modules", {})
+    for name in [name for name, entry in sources.items() if not entry]:
+        del sources[name]
+    return []
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to Sphinx's events."""
     app.connect("builder-inited", write_pages)
@@ -341,4 +349,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-signature", shorten_signature)
     app.connect("autodoc-skip-member", skip_inherited)
     app.connect("missing-reference", find_home)
+    app.connect("env-updated", forget_modules_without_source)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

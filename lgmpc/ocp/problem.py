@@ -20,6 +20,8 @@ __all__ = ["ShootingProblem", "Trajectory"]
 
 _SCHEMA = "lgmpc trajectory 1"
 _NEWTON_STEPS = 20
+FEASIBLE = 1e-6
+"""Violation up to which a first state counts as feasible."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,24 @@ class ShootingProblem:
         """
         action = self.actions[node]
         return action.evaluate(x, u[: action.nu], self.parameters[node, : action.parameters.size])
+
+    def first_violation(self) -> tuple[int, float] | None:
+        """Return the row of the first node's path constraint that the first state violates most, and by how much.
+
+        Only rows that do not depend on the control count: no solution satisfies them. None if all hold.
+        """
+        action, p = self.actions[0], self.parameters[0]
+        function = action.value_function
+        rows = function.size1_out("constraint")
+        if rows == 0:
+            return None
+        fixed = np.ones(rows, dtype=bool)
+        fixed[np.unique(function.jac_sparsity(2, 1).get_triplet()[0]).astype(np.int64)] = False
+        point = action.evaluate(self.x0, np.zeros(action.nu), p[: action.parameters.size])
+        outside = np.maximum(point.lower - point.constraint, point.constraint - point.upper)
+        outside[~fixed | ~np.isfinite(outside)] = 0.0
+        row = int(outside.argmax())
+        return (row, float(outside[row])) if outside[row] > FEASIBLE else None
 
     def copy(self) -> ShootingProblem:
         """Return a problem with the same actions and a copy of the data."""

@@ -32,6 +32,7 @@ from lgmpc.typing import Array
 __all__ = ["Fddp", "FddpSettings"]
 
 _StepLength = Annotated[float, Field(strict=True, gt=0.0, le=1.0, allow_inf_nan=False)]
+_UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
 
 
@@ -155,6 +156,7 @@ class Fddp(IterativeSolver):
         self._cost = self._criterion = self._gap = np.nan
         self._expand()
         self._closed = self._gap <= self.settings.rounding
+        self._bottom = _UNBOUNDED * (1.0 + abs(self._cost))
         self._least, self._patience = np.inf, _PATIENCE
         self._finite = self._finite and all_finite(f.jacobian, f.hessian)
         return None if self._finite else Status.NOT_FINITE
@@ -207,6 +209,8 @@ class Fddp(IterativeSolver):
                 self._closed = self._closed or alpha == 1.0
                 self._accepted, self._fresh = True, False
                 break
+        if self._cost < -self._bottom:
+            return Status.UNBOUNDED
         self._swept = False
         if self._step_length > s.decrease_above:
             self._regularization = max(self._regularization / s.regularization_factor, s.regularization[0])

@@ -52,7 +52,7 @@ _ROUNDING = 1e-13  # of the penalty function
 _PATIENCE = 6  # most steps that do not halve the residual
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
-    QpStatus.UNBOUNDED: Status.FAILED,
+    QpStatus.UNBOUNDED: Status.UNBOUNDED,
     QpStatus.NUMERICAL: Status.FAILED,
     QpStatus.NOT_FINITE: Status.NOT_FINITE,
 }
@@ -160,7 +160,7 @@ class LineSearchSqp(IterativeSolver):
             assert self._globaliser is not None
             return self._return_to_steps(self._globaliser._iterate())
         status = self._step()
-        lost = status in (Status.STALLED, Status.INFEASIBLE, Status.FAILED)
+        lost = status in (Status.STALLED, Status.INFEASIBLE, Status.FAILED, Status.UNBOUNDED)
         if (lost or not (status or self._trusting)) and not self._was_global:
             if self._start_globaliser():
                 return None
@@ -195,8 +195,8 @@ class LineSearchSqp(IterativeSolver):
         if status is None:
             return None
         self._take_global_point()
-        if not self._finite or status is Status.INFEASIBLE:
-            return Status.INFEASIBLE if self._finite else Status.NOT_FINITE
+        if not self._finite or status in (Status.INFEASIBLE, Status.UNBOUNDED):
+            return status if self._finite else Status.NOT_FINITE
         self._near = status.solved
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last.clear()

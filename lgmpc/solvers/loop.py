@@ -202,6 +202,8 @@ class IterativeSolver(ABC):
     ) -> Solution:
         start = time.perf_counter()
         status = self._begin(guess)
+        if status is None and self.problem.first_violation() is not None:
+            status = Status.INFEASIBLE
         iterations = 0
         while status is None:
             if iterations >= max_iterations:

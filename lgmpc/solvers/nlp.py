@@ -30,6 +30,7 @@ _STATUS = {
     "0": Status.CONVERGED,  # fatrop's
     "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Diverging_Iterates": Status.UNBOUNDED,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
     "User_Requested_Stop": Status.STOPPED,
     "Invalid_Number_Detected": Status.NOT_FINITE,
@@ -121,7 +122,9 @@ class NlpSolver:
         lower, upper = shooting.bounds(p)
         if not self._finite_at(p):  # ipopt would report it; fatrop would not terminate
             return self._unsolved(base, Status.NOT_FINITE, start, throw)
-        if (lower.full() > upper.full()).any():  # CasADi raises
+        if (
+            lower.full() > upper.full()
+        ).any() or problem.first_violation() is not None:  # CasADi raises; ipopt searches
             return self._unsolved(base, Status.INFEASIBLE, start, throw)
         self._watch.begin(start, time_limit, callback)
         try:

@@ -35,6 +35,7 @@ class Status(Enum):
     STALLED = "no step lowers the cost: change the guess, shorten the intervals, or reduce the spread of the weights"
     DIVERGED = "steps of any length diverge: change the guess, shorten the intervals, or start from more regularisation"
     INFEASIBLE = "no point nearby satisfies the constraints: check bounds, targets and first state"
+    UNBOUNDED = "the cost falls without limit: give all controls, and states that it rewards, weights or bounds"
     NOT_FINITE = "check guess, first state, parameters and the action's expressions for NaN, infinity and division by 0"
     FAILED = "the underlying solver failed: reduce the spread of the weights, or change the guess"
 
@@ -254,6 +255,13 @@ class Solution:
         first = self._first_not_finite()
         if first is not None:
             return "\n".join([*lines, first])
+        beyond = self.problem.first_violation()
+        if beyond is not None:
+            row, size = beyond
+            owner = _row_name(
+                self.problem.actions[0], row, self.problem.actions[0].value_function.size1_out("constraint")
+            )
+            lines.append(f"The first state violates {owner} of node 0 by {size:.4g}, which no control changes.")
         ndx = self.problem.state.ndx
         defects, gradient, violation = np.abs(self.defects()), np.abs(self.stationarity()), self.constraint_violation()
         k, i = _where(defects)

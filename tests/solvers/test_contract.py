@@ -8,9 +8,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, Bounded, Cost, CostTerm, FreeForwardDynamics, MultibodyAction, ParameterLayout
+from lgmpc.costs import Activation, ConstraintItem, CostItem
+from lgmpc.costs.library import Control, JointPosition
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import (
@@ -26,6 +29,7 @@ from lgmpc.solvers import (
     Solution,
     Status,
 )
+from lgmpc.state import StateVector
 
 Make = Callable[..., ShootingProblem]
 SOLVERS: dict[str, Callable[[ShootingProblem], Any]] = {
@@ -197,3 +201,60 @@ def test_one_interval_is_enough(linear: Callable[..., Action], name: str) -> Non
     assert solution.status is Status.CONVERGED
     # minimise 0.5 u^2 / 2 + 10 (u - 1)^2 / 2
     np.testing.assert_allclose(solution.us, 10.0 / 10.5, atol=1e-7)
+
+
+class Rewarded(Action):
+    """A linear reward of the control: the cost has no minimum."""
+
+    name, nu = "rewarded", 1
+
+    def __init__(self) -> None:
+        self.state, self.parameters = StateVector(1), ParameterLayout()
+
+    def step(self, x, u, p):
+        return x + 0.1 * u
+
+    def cost(self, x, u, p):
+        return Cost((CostTerm(u, Slope(), 1.0),))
+
+    def terminal_cost(self, x, p):
+        return Cost()
+
+    def constraint(self, x, u, p):
+        return Bounded.stack()
+
+
+class Slope(Activation):
+    def value(self, r):
+        return r
+
+    def gradient(self, r):
+        return type(r).ones(*r.shape)
+
+    def curvature(self, r):
+        return type(r).zeros(*r.shape)
+
+
+@pytest.mark.parametrize("name", ["fddp", "box fddp", "sqp", "al_fddp", "ipopt"])
+def test_a_cost_without_minimum_is_called_unbounded(name: str) -> None:
+    solution = SOLVERS[name](ShootingProblem(Rewarded(), 3)).solve()
+    assert solution.status is Status.UNBOUNDED and not solution.status.solved
+    assert "falls without limit" in solution.explain()
+
+
+@pytest.mark.parametrize("name", ["sqp", "al_fddp", "ipopt", "fatrop"])
+def test_a_first_state_outside_a_constraint_is_named_at_once(name: str) -> None:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "swing")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.0, 0.0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    dynamics = FreeForwardDynamics(model)
+    walls = ConstraintItem("walls", JointPosition(1), -0.5, 0.5)
+    motor = ConstraintItem("motor", Control(1), 1.0, 2.0)  # zero control violates it, and a control can satisfy it
+    action = MultibodyAction("swing", dynamics, [CostItem("effort", Control(1))], [motor, walls])
+    problem = ShootingProblem(action, 4)
+    problem.set_initial_state([0.6, 0.0])
+    solution = SOLVERS[name](problem).solve()
+    assert solution.status is Status.INFEASIBLE and solution.iterations == 0
+    assert "first state violates 'walls' row 0 of node 0 by 0.1" in solution.explain()
+    problem.set_initial_state([0.3, 0.0])
+    assert SOLVERS[name](problem).solve().iterations > 0

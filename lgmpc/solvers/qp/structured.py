@@ -134,7 +134,8 @@ class StructuredSolver:
         finite = all_finite(qp.values[:, : bounds[0]], qp.values[:, bounds[1] :], qp.terminal_values)
         possible = bool((self._lower <= self._upper).all())  # also False where one is NaN
         # Of intervals without control the weights are ones, which mean nothing.
-        self._scale = float(np.median(qp.values[:, self._control_weights])) if finite else 0.0
+        weights = qp.values[:, self._control_weights]
+        self._scale = float(np.median(weights)) if finite and weights.size else 0.0
         self._rho = self.settings.penalty * self._scale
         self._possible = possible or not finite or bool(np.isnan(self._lower).any() or np.isnan(self._upper).any())
         self._ready = self._regulator.available and finite and possible and self._scale > 0.0

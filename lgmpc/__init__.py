@@ -25,6 +25,7 @@ __version__ = "0.2.0"
 _NAMES = {
     "lgmpc.actions": ("ContactForwardDynamics", "FreeForwardDynamics", "HoldAction", "MultibodyAction"),
     "lgmpc.config": ("load_config", "load_solve_config"),
+    "lgmpc.config.continuing": ("run_from",),
     "lgmpc.config.execution": ("run_config", "solve_config"),
     "lgmpc.config.showing": ("plot", "plot_solution", "show", "show_solution"),
     "lgmpc.costs": ("ConstraintItem", "CostItem", "Residual", "StageSymbols"),
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from lgmpc.actions import MultibodyAction as MultibodyAction
     from lgmpc.config import load_config as load_config
     from lgmpc.config import load_solve_config as load_solve_config
+    from lgmpc.config.continuing import run_from as run_from
     from lgmpc.config.execution import run_config as run_config
     from lgmpc.config.execution import solve_config as solve_config
     from lgmpc.config.showing import plot as plot

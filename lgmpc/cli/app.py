@@ -13,7 +13,9 @@ from lgmpc.cli.failures import guarded
 from lgmpc.cli.options import (
     AsJson,
     ConfigFile,
+    ConfigOrChange,
     FigureKind,
+    From,
     MoreOverrides,
     OutFolder,
     Overrides,
@@ -59,9 +61,10 @@ def _options(
 @app.command(epilog=help.RUN)
 @guarded
 def run(
-    config: ConfigFile,
+    config: ConfigOrChange = "",
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
     overrides: Overrides = [],  # noqa: B006
+    origin: From = "",
     out: OutFolder = Path("runs"),
     plant: Annotated[
         PlantKind | None, typer.Option(help="Physics engine; the config's if not given.", show_default=False)
@@ -73,13 +76,10 @@ def run(
 
     Shows progress while it runs. Ctrl-C saves what was recorded until then and marks it as interrupted.
     """
-    from lgmpc.config import load_config
-
-    changes = [*overrides, *more, *([f"plant.kind={plant.value}"] if plant else [])]
-    loaded = load_config(config, changes)
     from lgmpc.cli.running import run_shown
 
-    raise typer.Exit(run_shown(loaded, out, as_json=as_json, quiet=quiet))
+    changes = [*overrides, *more, *([f"plant.kind={plant.value}"] if plant else [])]
+    raise typer.Exit(run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet))
 
 
 @app.command(epilog=help.SOLVE)

@@ -18,7 +18,7 @@ __all__ = ["deploy_shown", "serve_shown"]
 def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_json: bool, quiet: bool) -> int:
     """Run ``config`` on the robot at ``address``, print the verdict, and return the exit code."""
     console = err()
-    with run_display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
+    with run_display(console, quiet=quiet) as display, warnings_on(console):
         finished, deployment = deploy_config(
             config, lambda nu: UdpDriver(address, nu), folder, notify=display.announce, progress=display.advance
         )
@@ -27,7 +27,7 @@ def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_j
         return finished.exit_code
     if not quiet:
         out().print(figure_table(_link(deployment)))
-    show_run(finished, config.gate, quiet=quiet)
+    show_run(finished, quiet=quiet)
     return finished.exit_code
 
 

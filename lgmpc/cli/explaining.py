@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -32,6 +33,10 @@ def explain_shown(folder: Path, into: Path | None, *, as_json: bool) -> None:
         return
     _show(out(), explanation)
     out().print(f"wrote {figure}", markup=False)
+    if explanation.replay_from_s is not None:
+        argument = shlex.quote(f"{folder}@{explanation.replay_from_s:g}")
+        words = f"next: lgmpc run --from {argument} --set KEY=VALUE    (the same up to the first event, then otherwise)"
+        out().print(Text(words, "dim"))
 
 
 def _show(console: Console, explanation: Explanation) -> None:

@@ -59,6 +59,9 @@ RUN = _examples(
     'lgmpc run solo12_balance --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs',
     "lgmpc run solo12_stand --json | jq .metrics.max_tilt_deg",
     "lgmpc run runs/<time>-<name>/config.yaml      repeat a run",
+    "lgmpc run --from latest                       repeat it, compared with its log bit for bit",
+    "lgmpc run --from latest@2.31 wbc.weights.posture=2   the same up to 2.31 s, another weight from there on",
+    "lgmpc run --from runs/<time>-<name>@0.9 --set plant.friction=0.3 duration_s=20",
 )
 SOLVE = _examples(
     "lgmpc solve solo12_trot",

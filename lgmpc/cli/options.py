@@ -15,8 +15,10 @@ __all__ = [
     "AsJson",
     "Changes",
     "ConfigFile",
+    "ConfigOrChange",
     "DaskAddress",
     "FigureKind",
+    "From",
     "MoreOverrides",
     "NewFolder",
     "OutFolder",
@@ -89,6 +91,26 @@ ConfigFile = Annotated[
         help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
         show_default=False,
         autocompletion=complete_config,
+    ),
+]
+ConfigOrChange = Annotated[
+    str,
+    typer.Argument(
+        metavar="CONFIG",
+        help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them). None with --from.",
+        show_default=False,
+        autocompletion=complete_config,
+    ),
+]
+From = Annotated[
+    str,
+    typer.Option(
+        "--from",
+        metavar="RUN[@TIME]",
+        help="Repeat a recorded run bit for bit up to TIME (s), and go on from there with the changes of --set. "
+        "Without changes all of it is repeated and compared with its log.",
+        show_default=False,
+        autocompletion=complete_run,
     ),
 ]
 Overrides = Annotated[

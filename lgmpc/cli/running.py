@@ -1,9 +1,10 @@
-"""``lgmpc run``: progress over simulated time, and the result."""
+"""``lgmpc run``: progress over simulated time, and the result; of a config, or from a tick of a recorded run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -12,10 +13,13 @@ from rich.progress import Progress as Bar
 from rich.text import Text
 
 from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
+from lgmpc.cli.runs import find_run
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
-from lgmpc.config import Config
+from lgmpc.config import load_config
+from lgmpc.config.continuing import run_from
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
+from lgmpc.errors import InputError
 from lgmpc.runs import Gate, Metrics, Outcome, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
@@ -23,27 +27,60 @@ from lgmpc.runs.figures import figure_of
 __all__ = ["run_display", "run_shown", "show_run"]
 
 
-def run_shown(config: Config, folder: Path, *, as_json: bool, quiet: bool) -> int:
-    """Run ``config`` with a progress display, print the verdict, and return the exit code."""
+def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> int:
+    """Run a config, or from a tick of a recorded run, with a progress display; return the exit code.
+
+    Args:
+        first: the config; with an origin, which has one, the first change or nothing.
+        origin: ``RUN`` or ``RUN@TIME``; empty to run a config from its start.
+        changes: ``key=value``.
+        folder: of run folders.
+        as_json: print ``run.json``.
+        quiet: print the verdict only.
+    """
+    begin = _continuation(first, origin, changes, folder) if origin else _beginning(first, changes, folder)
     console = err()
-    with run_display(console, config.duration_s, quiet=quiet) as display, warnings_on(console):
-        finished = run_config(config, folder, notify=display.announce, progress=display.advance)
+    with run_display(console, quiet=quiet) as display, warnings_on(console):
+        finished = begin(notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
-        show_run(finished, config.gate, quiet=quiet)
+        show_run(finished, quiet=quiet)
     return finished.exit_code
 
 
-def show_run(run: FinishedRun, gate: Gate, *, quiet: bool) -> None:
+def _beginning(config: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
+    if not config:
+        raise InputError("CONFIG", "nothing", "a config to simulate, or --from RUN@TIME")
+    return partial(run_config, load_config(config, changes), folder)
+
+
+def _continuation(first: str, origin: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
+    if first and "=" not in first:
+        raise InputError("CONFIG", first, "none with --from: the config is the recorded run's, changed by --set")
+    name, at, time = origin.rpartition("@")
+    try:
+        time_s = float(time) if at else None
+    except ValueError:
+        raise InputError("--from", origin, "RUN, or RUN@TIME with a time in s, such as latest@2.31") from None
+    path = find_run(name if at else origin, folder)
+    return partial(run_from, path, time_s, [*([first] if first else []), *changes], folder)
+
+
+def show_run(run: FinishedRun, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
-    console, metrics = out(), run.session.metrics
+    console, metrics, gate = out(), run.session.metrics, run.config.gate
     if metrics is not None and not quiet:
         console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))
     show_verdict(console, run.session.verdict, run.result.name)
     if not quiet:
+        if run.result.origin is not None:
+            console.print(Text(str(run.result.origin), "dim"))
         if run.session.certificate is not None:
             console.print(_certified(run.session.certificate))
+            if run.session.certificate.peaks:
+                peaks = "; ".join(map(str, run.session.certificate.peaks))
+                console.print(Text(f"without a limit: {peaks}", "dim"))
         failed = run.session.verdict.outcome is Outcome.FAIL
         show_next(console, run.folder.path, *((("explain", "what led to the failure"),) if failed else ()))
 
@@ -95,20 +132,21 @@ class _Lines:
 class _Moving:
     """Display for terminals: a bar over simulated time."""
 
-    def __init__(self, bar: Bar, duration_s: float) -> None:
+    def __init__(self, bar: Bar) -> None:
         self._bar = bar
-        self._task = bar.add_task("preparing", total=duration_s, state="")
+        self._task = bar.add_task("preparing", total=None, state="")
 
     def announce(self, message: str) -> None:
         self._bar.update(self._task, description=message)
 
     def advance(self, now: Progress) -> None:
-        state = f"  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
-        self._bar.update(self._task, description="simulating", completed=now.time_s, state=state)
+        simulated = f"{now.time_s:.1f} / {now.duration_s:g} s"
+        state = f"{simulated}  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
+        self._bar.update(self._task, description="simulating", completed=now.time_s, total=now.duration_s, state=state)
 
 
 @contextmanager
-def run_display(console: Console, duration_s: float, *, quiet: bool) -> Iterator[Display[Progress]]:
+def run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]:
     """Show the progress of a run on ``console``: a bar on a terminal, a line per stage elsewhere."""
     if quiet:
         yield Silent()
@@ -120,7 +158,7 @@ def run_display(console: Console, duration_s: float, *, quiet: bool) -> Iterator
         SpinnerColumn(),
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        TextColumn("{task.completed:.1f} / {task.total:g} s{task.fields[state]}"),
+        TextColumn("{task.fields[state]}", markup=False),
     )
     with Bar(*columns, console=console, transient=True) as bar:
-        yield _Moving(bar, duration_s)
+        yield _Moving(bar)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Protocol
 
 import numpy as np
 
+from lgmpc.config.limits import joint_limits
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
+from lgmpc.config.takeover import Beginning, take_over
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
 from lgmpc.errors import SolverError
@@ -20,12 +22,11 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.forensics import finite_part
-from lgmpc.runs.limited import JointLimits
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, TrueState, simulate
+from lgmpc.simulation.loop import Hardware, Loop, Rates, Sensing, Tick, TrueState
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.plant import Plant
 from lgmpc.typing import Array
@@ -75,6 +76,14 @@ class ClosedLoopSession:
     sensing: Sensing | TrueState | None = None
     hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
+    _loop: Loop = field(init=False, repr=False)
+    _elapsed: float = field(init=False, default=0.0)
+    _fell_s: float = field(init=False, default=math.inf)
+    _taken_over: int = field(init=False, default=0)  # recorded ticks that are another session's
+
+    def __post_init__(self) -> None:
+        self.plant.reset(self.initial)
+        self._loop = Loop(self.plant, self.controller, self.pushes, self.rates, self.sensing, self.hardware)
 
     @property
     def log_bytes(self) -> int:
@@ -82,27 +91,62 @@ class ClosedLoopSession:
         return self.recorder.log_bytes(self.log_every)
 
     def run(self, progress: ProgressReport) -> SessionResult:
-        """Simulate from the initial state; see :meth:`lgmpc.config.session.Session.run`."""
-        observer = RunObserver(self, progress)
-        self.plant.reset(self.initial)
+        """Simulate to the end; see :meth:`lgmpc.config.session.Session.run`."""
         interrupted, broken = False, ""
-        started = perf_counter()
         try:
-            simulate(self.plant, self.controller, self.pushes, self.rates, observer, self.sensing, self.hardware)
+            self.advance(progress)
         except KeyboardInterrupt:
             interrupted = True
         except SolverError as error:
             broken = str(error)
             _LOG.error("the run ended early: %s", error)
-        elapsed = perf_counter() - started
         log = self.recorder.log()
         if log.ticks == 0:
             return SessionResult(log, None, Verdict(Outcome.INTERRUPTED, ("stopped before the first tick",)), True)
-        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=elapsed)
+        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=self._elapsed)
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
-        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, self._certificate(log))
+        certificate = self._certificate(log.since(self._taken_over))
+        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
+
+    def advance(self, progress: ProgressReport, until: int | None = None) -> None:
+        """Simulate until before the tick of that number, or to the end.
+
+        Raises:
+            SolverError: the plant's state diverged.
+            KeyboardInterrupt: from ``progress``.
+        """
+        observer = RunObserver(self, progress, self._fell_s)
+        started = perf_counter()
+        try:
+            self._loop.run(observer, until)
+        finally:
+            self._elapsed += perf_counter() - started
+            self._fell_s = observer.fell_s
+
+    def beginning(self) -> Beginning:
+        """Record what everything is before the first tick, for a session that takes over later."""
+        return Beginning(self._loop)
+
+    def take_over(self, old: ClosedLoopSession, beginning: Beginning, *, draws: bool) -> tuple[str, ...]:
+        """Go on where another session is, which is of no use afterwards.
+
+        Args:
+            old: the other session.
+            beginning: its own, from before its first tick.
+            draws: whether random numbers go on where its are; else they begin anew, with this session's seed.
+
+        Returns:
+            What begins anew, because it has another structure here.
+
+        Raises:
+            InputError: the structures differ where nothing can begin anew.
+        """
+        anew = take_over(beginning, self._loop, draws=draws)
+        self.recorder.take_over(old.recorder)
+        self._elapsed, self._fell_s, self._taken_over = old._elapsed, old._fell_s, self.recorder.ticks
+        return anew
 
     def _certificate(self, log: RunLog) -> Certificate | None:
         finite, _ = finite_part(log)
@@ -114,7 +158,7 @@ class ClosedLoopSession:
             edges = window_edges(finite)
             momentum, energy = momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges])
             balances = Balances(edges, momentum, energy)
-        return certify(finite, JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit), balances)
+        return certify(finite, joint_limits(robot, self.simulated.actuators), balances)
 
 
 class Observed(Protocol):
@@ -130,9 +174,13 @@ class Observed(Protocol):
 
 
 class RunObserver:
-    """Record every control tick, report the progress periodically, and end a run soon after the robot fell."""
+    """Record every control tick, report the progress periodically, and end a run soon after the robot fell.
 
-    def __init__(self, session: Observed, progress: ProgressReport) -> None:
+    Attributes:
+        fell_s: when the robot fell, s; inf while it has not.
+    """
+
+    def __init__(self, session: Observed, progress: ProgressReport, fell_s: float = math.inf) -> None:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
         self._record_steps = session.recorder.record_steps
@@ -146,9 +194,8 @@ class RunObserver:
         self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
         self._last = session.rates.ticks - 1
         self._height = float(session.robot.q_reference[2])
-        self._after_fall = session.after_fall_s
-        self._end, self._fell = math.inf, False
-        self._started = perf_counter()
+        self._after_fall, self.fell_s = session.after_fall_s, fell_s
+        self._started, self._from = perf_counter(), math.nan
 
     def __call__(self, tick: Tick) -> bool:
         """Record a tick that was decided, and return whether to go on."""
@@ -196,13 +243,16 @@ class RunObserver:
             self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, 1e3 * planner.spent)
         if tick.number % self._every == 0 or tick.number == self._last:
             self._report(sample.time, terms)
-        return sample.time < self._end
+        return sample.time < self.fell_s + self._after_fall
 
     def _report(self, time: float, terms: WholeBodyTerms) -> None:
         elapsed = perf_counter() - self._started
+        self._from = time if math.isnan(self._from) else self._from
         tilt = math.degrees(math.acos(min(max(float(terms.rotation[2, 2]), -1.0), 1.0)))
         low = terms.q[2] < FALL_HEIGHT_FRACTION * self._height
-        if not self._fell and self._controller.modes.mode not in _LOW and (low or tilt > FALL_TILT_DEG):
-            self._fell, self._end = True, time + self._after_fall
-            _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, min(self._end, self._duration))
-        self._progress(Progress(time, self._duration, tilt, time / elapsed if elapsed > 0 else 0.0))
+        fell = self.fell_s < math.inf
+        if not fell and self._controller.modes.mode not in _LOW and (low or tilt > FALL_TILT_DEG):
+            self.fell_s = time
+            end = min(time + self._after_fall, self._duration)
+            _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, end)
+        self._progress(Progress(time, self._duration, tilt, (time - self._from) / elapsed if elapsed > 0 else 0.0))

@@ -19,12 +19,22 @@ from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import Interrupted
 from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
+from lgmpc.runs.origin import Origin
 
 if TYPE_CHECKING:
     from lgmpc.config.session import Iteration, Progress
     from lgmpc.viz import Plots
 
-__all__ = ["FinishedRun", "FinishedSolve", "new_folder", "run_config", "run_session", "solve_config"]
+__all__ = [
+    "FinishedRun",
+    "FinishedSolve",
+    "new_folder",
+    "run_config",
+    "run_session",
+    "save_run",
+    "simulated",
+    "solve_config",
+]
 
 
 @contextmanager
@@ -85,11 +95,13 @@ class FinishedRun(_Finished):
     Attributes:
         folder: where it was saved.
         result: the content of ``run.json``.
+        config: what was run; of a continued run, its last part's.
         session: its log, metrics and verdict.
         signal: the signal that ended it early, if any.
     """
 
     result: RunResult
+    config: Config = field(repr=False)
     session: SessionResult = field(repr=False)
     signal: Signals | None = None
 
@@ -137,22 +149,33 @@ def run_session(
     with (
         stop_signals() as stop,
         new_folder(config, out) as folder,
-        reports(notify, progress, _simulated) as (announce, advance),
+        reports(notify, progress, simulated) as (announce, advance),
     ):
         session = prepare(announce)
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             result = session.run(report)
-            folder.write_log(result.log)
-            saved = RunResult(
-                name=config.name,
-                verdict=result.verdict,
-                metrics=result.metrics,
-                seed=config.seed,
-                certificate=result.certificate,
-            )
-            folder.write_result(saved)
-    return FinishedRun(folder, saved, result, stop.received if result.interrupted else None)
+            saved = save_run(folder, config, result)
+    return FinishedRun(folder, saved, config, result, stop.received if result.interrupted else None)
+
+
+def save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:
+    """Write log and ``run.json`` of a simulated config, and return the content of the latter.
+
+    Raises:
+        RunFolderError: the folder cannot be written.
+    """
+    folder.write_log(result.log)
+    saved = RunResult(
+        name=config.name,
+        verdict=result.verdict,
+        metrics=result.metrics,
+        seed=config.seed,
+        certificate=result.certificate,
+        origin=origin,
+    )
+    folder.write_result(saved)
+    return saved
 
 
 @dataclass(frozen=True)
@@ -221,7 +244,8 @@ def solve_config(
     return FinishedSolve(folder, saved, outcome, stop.received if interrupted else None)
 
 
-def _simulated(now: Progress) -> tuple[float, str]:
+def simulated(now: Progress) -> tuple[float, str]:
+    """Return share and words of a simulation's progress, for a notebook's bar."""
     words = f"{now.time_s:.1f} of {now.duration_s:g} s simulated, {now.real_time_factor:.1f} x real time"
     return now.time_s / now.duration_s, words
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lgmpc.config.limits import joint_limits
 from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.robots import build_any_robot
+from lgmpc.config.schema import Config
 from lgmpc.config.solutions import solution_as_run
 from lgmpc.errors import InputError
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Run, RunFolder, SolvedRun
+from lgmpc.runs import Run, RunFolder, SolvedRun
 from lgmpc.runs.forensics import Explanation, explain_run
-from lgmpc.runs.limited import JointLimits
 from lgmpc.viz import (
     Plots,
     embed_page,
@@ -174,17 +175,17 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
         gate = parse_solve_config(loaded.config, name=str(loaded.path / "config.yaml"), folder=loaded.path).gate
         content = solve_report(robot, loaded, gate.bounds)
     else:
-        content = run_report(robot, loaded, _gate_of(loaded), _explained(loaded, robot))
+        content = run_report(robot, loaded, _config_of(loaded).gate, _explained(loaded, robot))
     return write_page(report_page(content), html or loaded.path / "report.html")
 
 
 def _explained(run: Run, robot: Robot) -> Explanation:
-    joints = JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit)
-    return explain_run(run, _gate_of(run), joints)
+    config = _config_of(run)
+    return explain_run(run, config.gate, joint_limits(robot, config.plant.actuators))
 
 
-def _gate_of(run: Run) -> Gate:
-    return parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path).gate
+def _config_of(run: Run) -> Config:
+    return parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path)
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:

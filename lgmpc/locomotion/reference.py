@@ -91,6 +91,10 @@ class ReferenceBuilder:
         self._attitude = (math.nan, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
+    def take_over(self, old: ReferenceBuilder) -> None:
+        """Go on where another builder is, writing to memory of one's own."""
+        self._bound = None
+
     def begin(self, com: Array, yaw: float) -> None:
         """Begin where the robot is: centre of mass (3,) and heading."""
         self.x, self.y, self.yaw = float(com[0]), float(com[1]), yaw

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from lgmpc.runs.estimate import CONTACT_FORCE_N
-from lgmpc.runs.limited import JointLimits, hardware_quantities
+from lgmpc.runs.limited import DriveLine, JointLimits, hardware_quantities, joint_power
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Balances", "Certificate", "Check", "certify", "window_edges"]
+__all__ = ["Balances", "Certificate", "Check", "Peak", "certify", "window_edges"]
 
 WINDOW_S = 0.05
 """Balances are those of impulses and works over windows of this length."""
@@ -61,14 +61,39 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Peak:
+    """The largest value of a quantity that nothing limits: measured, not certified.
+
+    Attributes:
+        name: of the quantity.
+        subject: joint or foot; empty for the robot as a whole.
+        time_s: when.
+        value: then.
+        unit: of the value.
+    """
+
+    name: str
+    subject: str
+    time_s: float
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        where = f" of {self.subject}" if self.subject else ""
+        return f"{self.name}{where}: {self.value:.3g} {self.unit} at {self.time_s:.3f} s"
+
+
+@dataclass(frozen=True)
 class Certificate:
     """The checks of a run, until it fell.
 
     Attributes:
         checks: in order; what could not be checked is missing.
+        peaks: of what the config gives no limit for.
     """
 
     checks: tuple[Check, ...]
+    peaks: tuple[Peak, ...] = ()
 
     @property
     def certified(self) -> bool:
@@ -82,8 +107,11 @@ class Certificate:
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        rows = [{name: _finite(value) for name, value in asdict(each).items()} for each in self.checks]
-        return {"certified": self.certified, "checks": rows}
+        checks, peaks = (
+            [{name: _finite(value) for name, value in asdict(each).items()} for each in rows]
+            for rows in (self.checks, self.peaks)
+        )
+        return {"certified": self.certified, "checks": checks, "without_limit": peaks}
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
@@ -92,12 +120,9 @@ class Certificate:
         Raises:
             KeyError, TypeError, ValueError: they are none.
         """
-        kinds = {"name": str, "subject": str, "unit": str, "kept": bool}
-        names = [each.name for each in fields(Check)]
-        rows: list[dict[str, Any]] = [
-            {name: kinds.get(name, _number)(row[name]) for name in names} for row in content["checks"]
-        ]
-        return cls(tuple(Check(**row) for row in rows))
+        checks = (_read(row, Check) for row in content["checks"])
+        peaks = (_read(row, Peak) for row in content.get("without_limit", ()))  # not in older files
+        return cls(tuple(Check(**row) for row in checks), tuple(Peak(**row) for row in peaks))
 
 
 @dataclass(frozen=True)
@@ -124,7 +149,9 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
     """Check a run, until it fell.
 
     Feet push and do not pull, within their cones, and do not sink into the floor; joints stay within torque, speed and
-    position; forces account for the change of momentum, and works for that of energy.
+    position; with a torque-speed line, torques are on or below it and powers below the largest that it allows; forces
+    account for the change of momentum, and works for that of energy. Power is mechanical, what drives give to joints: a
+    config has nothing about currents and losses.
 
     Args:
         log: at the full control rate; finite throughout.
@@ -137,7 +164,7 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
             log = log.until(int(np.argmax(fallen)))
     if log.ticks < 2:
         return Certificate(())
-    return Certificate(tuple(_checks(log, joints, balances)))
+    return Certificate(tuple(_checks(log, joints, balances)), tuple(_peaks(log, joints)))
 
 
 def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iterator[Check]:
@@ -157,8 +184,33 @@ def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iter
         margin = np.where(np.isfinite(each.margins), each.margins, np.inf)
         if np.isfinite(margin).any():
             yield _smallest(each.name, each.subjects, log.time, each.values, each.limits, margin, each.unit)
+    if joints.line is not None and log.joint_names.size:
+        yield _on_line(log, joints.line)
     if balances is not None and np.isfinite(log.mass_kg):
         yield from _balanced(log, balances)
+
+
+def _on_line(log: RunLog, line: DriveLine) -> Check:
+    """Compare driving torques with those that the torque-speed line allows at their speeds."""
+    torque = np.abs(log.tau)
+    driving = np.maximum(joint_power(log), 0.0) / np.where(torque > 0.0, torque, 1.0)
+    available = line.torque(driving)
+    names = tuple(log.joint_names.tolist())
+    return _smallest("torque at its speed", names, log.time, torque, available, available - torque, "N.m")
+
+
+def _peaks(log: RunLog, joints: JointLimits) -> Iterator[Peak]:
+    """Yield the largest powers that have no limit: of a joint without a line, and of all joints together."""
+    names = tuple(log.joint_names.tolist())
+    if not names:
+        return
+    power = joint_power(log)
+    if joints.line is None:
+        tick, joint = np.unravel_index(int(np.argmax(power)), power.shape)
+        yield Peak("power", names[int(joint)], float(log.time[tick]), float(power[tick, joint]), "W")
+    total = np.maximum(power, 0.0).sum(axis=1)  # what brakes gives nothing to what drives
+    tick = np.argmax(total)
+    yield Peak("power of all joints together", "", float(log.time[tick]), float(total[tick]), "W")
 
 
 def _smallest(
@@ -215,6 +267,12 @@ def _push_work(log: RunLog) -> Array:
 def _integral(steps: Array) -> Array:
     """Return (n, ...) the sums of (n - 1, ...) steps up to each tick."""
     return np.concatenate((np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)))
+
+
+def _read(row: Mapping[str, Any], kind: type[Check | Peak]) -> dict[str, Any]:
+    """Return the values of a row by field."""
+    kinds = {"name": str, "subject": str, "unit": str, "kept": bool}
+    return {each.name: kinds.get(each.name, _number)(row[each.name]) for each in fields(kind)}
 
 
 def _finite(value: Any) -> Any:

@@ -1,4 +1,7 @@
-"""The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent."""
+"""The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent.
+
+A run that continues another one also has ``before.yaml``, the configs that acted before its own.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from lgmpc.runs.log import RunLog
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
 
-__all__ = ["CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
+__all__ = ["BEFORE_FILE", "CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
 
 T = TypeVar("T")
 
@@ -44,7 +47,7 @@ _DAMAGE = (
 _OTHER_FILES = 1_000_000
 """Upper bound of the size of config, result and the arrays' headers, B."""
 
-CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE = "config.yaml", "log.npz", "trajectory.npz"
+CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE, BEFORE_FILE = "config.yaml", "log.npz", "trajectory.npz", "before.yaml"
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,14 @@ class Run:
         config: text of its ``config.yaml``.
         log: its arrays.
         result: its ``run.json``.
+        before: text of its ``before.yaml``; empty if it continues no other run.
     """
 
     path: Path
     config: str = field(repr=False)
     log: RunLog = field(repr=False)
     result: RunResult
+    before: str = field(default="", repr=False)
 
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
@@ -151,6 +156,10 @@ class RunFolder:
         """Write the resolved configuration, YAML."""
         self._write(CONFIG_FILE, text)
 
+    def write_before(self, text: str) -> None:
+        """Write the configs that acted before the folder's own, YAML."""
+        self._write(BEFORE_FILE, text)
+
     def write_log(self, log: RunLog) -> None:
         """Write the arrays: numbers and strings only, so that nothing in the file is pickled."""
         self._write_arrays(LOG_FILE, log.arrays())
@@ -182,7 +191,9 @@ class RunFolder:
         path = Path(path)
         config, result = _texts(path)
         parsed = RunResult.from_json(result, str(path / RESULT_FILE))
-        return Run(path, config, _read_arrays(path / LOG_FILE, RunLog.from_arrays), parsed)
+        log = _read_arrays(path / LOG_FILE, RunLog.from_arrays)
+        before = _text(path / BEFORE_FILE) if (path / BEFORE_FILE).is_file() else ""
+        return Run(path, config, log, parsed, before)
 
     @staticmethod
     def load_solved(path: Path | str) -> SolvedRun:
@@ -208,12 +219,16 @@ def _texts(path: Path) -> tuple[str, str]:
     missing = [name for name in (CONFIG_FILE, arrays, RESULT_FILE) if not (path / name).is_file()]
     if missing:
         raise RunFolderError(f"{path} is not a complete run folder: no {', no '.join(missing)}{_hint(path)}")
+    return _text(path / CONFIG_FILE), _text(path / RESULT_FILE)
+
+
+def _text(file: Path) -> str:
     try:
-        return (path / CONFIG_FILE).read_text(encoding="utf-8"), (path / RESULT_FILE).read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise RunFolderError(f"cannot read {path}: {reason_of(error)}") from error
+        raise RunFolderError(f"cannot read {file.parent}: {reason_of(error)}") from error
     except UnicodeDecodeError as error:
-        raise RunFolderError(f"cannot read {path}: not UTF-8 text ({error.reason})") from error
+        raise RunFolderError(f"cannot read {file.parent}: not UTF-8 text ({error.reason})") from error
 
 
 def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:

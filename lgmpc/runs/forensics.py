@@ -61,9 +61,19 @@ class Explanation:
     log: RunLog = field(repr=False)
     quantities: tuple[Limited, ...] = field(repr=False)
 
+    @property
+    def replay_from_s(self) -> float | None:
+        """Just before the first event, s, a multiple of 10 ms: from there the run can be repeated with other settings.
+
+        None without events.
+        """
+        first = min((each.start_s for each in self.events), default=None)
+        return None if first is None else max(0, math.floor(1e2 * first + 1e-6) - 1) / 1e2
+
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON, without the arrays."""
         content = {each.name: getattr(self, each.name) for each in fields(self)}
+        content["replay_from_s"] = self.replay_from_s
         del content["log"], content["quantities"]
         content |= {name: [asdict(each) for each in content[name]] for name in ("events", "nearest")}
         return {name: _plain(value) for name, value in content.items()}

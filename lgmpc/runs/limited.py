@@ -17,9 +17,18 @@ from lgmpc.runs.metrics import Metrics, stances, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.runs.support import capture_margin
 from lgmpc.runs.verdict import measured
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
-__all__ = ["JointLimits", "Limited", "Nearest", "gate_figures", "hardware_quantities", "limited_quantities"]
+__all__ = [
+    "DriveLine",
+    "JointLimits",
+    "Limited",
+    "Nearest",
+    "gate_figures",
+    "hardware_quantities",
+    "joint_power",
+    "limited_quantities",
+]
 
 _SLID_M = 0.01
 """A foot that moved further since its contact began has slid, if the gate has no limit of its own."""
@@ -30,6 +39,32 @@ _LOADED = 0.02
 """Share of the robot's weight above which the friction of a foot counts."""
 
 
+class DriveLine(NamedTuple):
+    """The torque-speed line of a drive at the voltage of its supply: the torque falls linearly with the speed.
+
+    Attributes:
+        stall: torque at rest, N.m.
+        no_load: speed without torque, rad/s.
+    """
+
+    stall: float
+    no_load: float
+
+    def torque(self, driving: Array) -> Array:
+        """Return the largest driving torque at speeds in its direction, rad/s; that at rest where it brakes, N.m."""
+        available: Array = self.stall * np.clip(1.0 - driving / self.no_load, 0.0, 1.0)
+        return available
+
+    def power(self, effort: Array) -> Array:
+        """Return the largest mechanical power on the line, below torque limits, W.
+
+        That is at half of the no-load speed, or where the line meets the limit if that is faster.
+        """
+        torque = np.minimum(effort, 0.5 * self.stall)
+        power: Array = torque * self.no_load * (1.0 - torque / self.stall)
+        return power
+
+
 class JointLimits(NamedTuple):
     """Limits of the joints that the log does not hold.
 
@@ -37,11 +72,13 @@ class JointLimits(NamedTuple):
         lower: (nu,) lowest positions, rad; -inf where there is none.
         upper: (nu,) highest positions, rad.
         speed: (nu,) highest speeds, rad/s.
+        line: of the drives; ``None`` if the plant has none, which leaves their power without a limit.
     """
 
     lower: Array
     upper: Array
     speed: Array
+    line: DriveLine | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +174,28 @@ def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = Non
     return tuple(_quantities(log, gate, joints))
 
 
+def joint_power(log: RunLog) -> Array:
+    """Return (n, nu) the mechanical power that drives give to joints, negative where they brake, W.
+
+    The torque that is logged at a tick acted in the last step of the plant before it, which began at a speed between
+    those of the tick before and of the tick itself: the one with less power counts. Ticks after one that is not logged,
+    because computing took longer, have none.
+    """
+    power = np.zeros_like(log.tau)
+    before, after = log.tau[1:] * log.joint_velocity[:-1], log.tau[1:] * log.joint_velocity[1:]
+    power[1:] = np.where(_consecutive(log)[:, None], np.minimum(before, after), 0.0)
+    return power
+
+
+def _consecutive(log: RunLog) -> BoolArray:
+    """Return (n - 1,) whether a tick has its usual distance from the one logged before it."""
+    gaps = np.diff(log.time)
+    usual: BoolArray = gaps < 1.5 * gaps.min(initial=np.inf)
+    return usual
+
+
 def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Limited]:
-    """Yield torques and, with their limits, speeds and positions of the joints."""
+    """Yield torques and, with their limits, speeds, positions and mechanical powers of the joints."""
     names = tuple(log.joint_names.tolist())
     if not names:
         return
@@ -149,6 +206,8 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
     angles = log.q[:, 7 if log.floating_base else 0 :]
     if angles.shape[1] == len(names):
         yield _positions(names, angles, joints)
+    if joints.line is not None:
+        yield _highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit))
 
 
 def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator[Limited]:

@@ -279,6 +279,16 @@ class RunLog:
         kept |= {name: getattr(self, name)[:updates].copy() for name in MPC_CHANNELS}
         return replace(self, **kept)
 
+    def since(self, start: int) -> RunLog:
+        """Return the log from that tick on, and the MPC updates from then on."""
+        if start == 0:
+            return self
+        updates = int(np.searchsorted(self.mpc_time, self.time[start])) if start < self.ticks else len(self.mpc_time)
+        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
+        kept: dict[str, Any] = {name: getattr(self, name)[start:].copy() for name in names}
+        kept |= {name: getattr(self, name)[updates:].copy() for name in MPC_CHANNELS}
+        return replace(self, **kept)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all arrays by name, as stored in ``log.npz``."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}

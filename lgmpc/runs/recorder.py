@@ -166,6 +166,21 @@ class Recorder:
             raise InputError("stepping", False, "True, for recording steps")
         self._step_rows.append_all(channels)
 
+    def take_over(self, old: Recorder) -> None:
+        """Begin with what another recorder of the same robot holds, which is of no use afterwards.
+
+        Raises:
+            InputError: it has updates of an MPC with another number of nodes.
+        """
+        self._rows, self._step_rows, self._estimate_rows = old._rows, old._step_rows, old._estimate_rows
+        if not old.mpc_updates:
+            return
+        nodes, before = (rows.buffers["mpc_horizon_com"].shape[1] - 1 for rows in (self._mpc_rows, old._mpc_rows))
+        if nodes and nodes != before:
+            raise InputError("mpc.nodes", nodes, f"{before}, because a log has horizons of one length")
+        self._mpc_rows = old._mpc_rows
+        self._mpc_period_s = self._mpc_period_s or old._mpc_period_s
+
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
         ticks = self._rows.bytes + sum(rows.bytes for rows in (self._estimate_rows, self._step_rows) if rows)

@@ -17,6 +17,7 @@ from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
 from lgmpc.runs.modes import ModeMetrics
+from lgmpc.runs.origin import Origin
 from lgmpc.runs.verdict import Outcome, Verdict
 from lgmpc.runs.walking import WalkingMetrics
 
@@ -128,6 +129,7 @@ class RunResult(_Result):
         metrics: of the run; ``None`` if it stopped before its first tick.
         seed: seed of the run's random numbers.
         certificate: checks of physics and hardware; ``None`` in older files.
+        origin: the run that it continues; ``None`` if it began by itself.
     """
 
     kind: ClassVar[str] = "closed_loop"
@@ -135,6 +137,7 @@ class RunResult(_Result):
     metrics: Metrics | None
     seed: int = 0
     certificate: Certificate | None = None
+    origin: Origin | None = None
 
     def shown(self) -> dict[str, float]:
         """Return a few metrics."""
@@ -144,13 +147,16 @@ class RunResult(_Result):
     def _own(self) -> dict[str, Any]:
         metrics = None if self.metrics is None else _without_nan(asdict(self.metrics))
         certificate = None if self.certificate is None else self.certificate.content()
-        return {"seed": self.seed, "metrics": metrics, "certificate": certificate}
+        origin = {} if self.origin is None else {"from": self.origin.content()}
+        return {"seed": self.seed, **origin, "metrics": metrics, "certificate": certificate}
 
     @classmethod
     def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> RunResult:
         given = content.get("certificate")
         certificate = None if given is None else Certificate.of(given)
-        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]), certificate=certificate)
+        origin = Origin.of(content["from"]) if "from" in content else None
+        metrics = _metrics(content["metrics"])
+        return cls(**common, seed=content["seed"], metrics=metrics, certificate=certificate, origin=origin)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
-"""Assignment to a dotted key, such as ``pushes.0.impulse_ns``, of plain tables and lists."""
+"""Dotted keys, such as ``pushes.0.impulse_ns``, of plain tables and lists: assignment, differences."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from lgmpc.errors import InputError
 
-__all__ = ["write_at"]
+__all__ = ["differing", "write_at"]
 
 
 def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -> list[str]:
@@ -58,3 +59,25 @@ def _place(here: Any, part: str, path: str) -> Any:
     if place == len(here):
         here.append(None)
     return place
+
+
+def differing(first: Any, second: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield key and both values of the leaves of two tables that differ, None where one lacks it.
+
+    Lists of equal length that contain tables differ element by element, others as a whole.
+    """
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        names: Iterable[Any] = dict.fromkeys([*first, *second])
+        parts: list[tuple[Any, Any, Any]] = [(name, first.get(name), second.get(name)) for name in names]
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second) and _nested(first):
+        parts = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
+    else:
+        if first != second:
+            yield key, first, second
+        return
+    for name, a, b in parts:
+        yield from differing(a, b, f"{key}.{name}" if key else str(name))
+
+
+def _nested(values: list[Any]) -> bool:
+    return any(isinstance(each, Mapping) for each in values)

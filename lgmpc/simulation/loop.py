@@ -21,7 +21,7 @@ from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 
-__all__ = ["Disturbance", "Hardware", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
+__all__ = ["Disturbance", "Hardware", "Loop", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
 
 _SAME_TIME = 1e-9  # s
 
@@ -141,6 +141,74 @@ class Hardware:
     measured: Callable[[], tuple[float, bool]]
 
 
+class Loop:
+    """A closed loop on its way: the plant at its present state, the next tick, the computer's time.
+
+    Args:
+        plant: reset before, at the state where the run begins.
+        controller: decides at every control tick.
+        pushes: disturbances.
+        rates: see :meth:`Rates.of`.
+        sensing: where the controller receives the state from; the plant's own unless given.
+        hardware: what commands pass through; the joints follow at once unless given.
+
+    Attributes:
+        index: number of the next tick.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        controller: Controller,
+        pushes: PushSchedule,
+        rates: Rates,
+        sensing: Sensing | TrueState | None = None,
+        hardware: Hardware | None = None,
+    ) -> None:
+        self.index = 0
+        self._plant, self._controller, self._rates, self._sensing = plant, controller, rates, sensing
+        self._hardware = _ideal(plant) if hardware is None else hardware
+        self._disturber = _Disturber(plant, pushes)
+        self._ready, self._nu = -math.inf, 0
+
+    def run(self, on_tick: Callable[[Tick], bool], until: int | None = None) -> bool:
+        """Simulate tick after tick.
+
+        Args:
+            on_tick: called after every decision, before the plant moves; returns whether to go on after this tick.
+            until: number of the tick before which to stop; after the last one unless given.
+
+        Returns:
+            Whether it was simulated so far.
+        """
+        plant, rates, hardware, disturber = self._plant, self._rates, self._hardware, self._disturber
+        drives = hardware.drives
+        while self.index < (rates.ticks if until is None else until):
+            sample = plant.sense()
+            state = true_state(sample) if self._sensing is None else self._sensing.state(sample)
+            disturbance = disturber.apply(sample.time)
+            goes_on = True
+            if sample.time > self._ready - _SAME_TIME:  # else the computer is still at an earlier tick: a missed one
+                command = self._controller.update(state)
+                nu = self._nu = command.tau.size
+                self._ready = sample.time + hardware.computing.spent(*hardware.measured())
+                drives.send(command, self._ready)
+                torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
+                goes_on = on_tick(Tick(self.index, sample, state, command, torque, disturbance))
+            else:
+                nu = self._nu
+                torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
+            plant.step(torque)
+            for _ in range(rates.substeps - 1):
+                now = plant.sense()
+                disturber.apply(now.time)
+                plant.step(drives.torque(now.time, now.q[-nu:], now.v[-nu:]))
+            self.index += 1
+            if not goes_on:
+                return False
+        return True
+
+
 def simulate(
     plant: Plant,
     controller: Controller,
@@ -150,44 +218,10 @@ def simulate(
     sensing: Sensing | TrueState | None = None,
     hardware: Hardware | None = None,
 ) -> int:
-    """Run the closed loop from the plant's present state.
-
-    Args:
-        plant: reset before, at the state where the run begins.
-        controller: decides at every control tick.
-        pushes: disturbances.
-        rates: see :meth:`Rates.of`.
-        on_tick: called after every decision, before the plant moves; returns whether to go on.
-        sensing: where the controller receives the state from; the plant's own unless given.
-        hardware: what commands pass through; the joints follow at once unless given.
-
-    Returns:
-        Number of ticks that were simulated.
-    """
-    disturber = _Disturber(plant, pushes)
-    hardware = _ideal(plant) if hardware is None else hardware
-    drives, ready = hardware.drives, -math.inf
-    nu = 0
-    for index in range(rates.ticks):
-        sample = plant.sense()
-        state = true_state(sample) if sensing is None else sensing.state(sample)
-        disturbance = disturber.apply(sample.time)
-        if sample.time > ready - _SAME_TIME:  # else the computer is still at an earlier tick, and this one is missed
-            command = controller.update(state)
-            nu = command.tau.size
-            ready = sample.time + hardware.computing.spent(*hardware.measured())
-            drives.send(command, ready)
-            torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
-            if not on_tick(Tick(index, sample, state, command, torque, disturbance)):
-                return index + 1
-        else:
-            torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
-        plant.step(torque)
-        for _ in range(rates.substeps - 1):
-            now = plant.sense()
-            disturber.apply(now.time)
-            plant.step(drives.torque(now.time, now.q[-nu:], now.v[-nu:]))
-    return rates.ticks
+    """Run a :class:`Loop` from its first tick to its last, or until ``on_tick`` ends it; return how many there were."""
+    loop = Loop(plant, controller, pushes, rates, sensing, hardware)
+    loop.run(on_tick)
+    return loop.index
 
 
 def _ideal(plant: Plant) -> Hardware:

@@ -69,15 +69,26 @@ class MujocoPlant:
         self._lowest_effort = -self._effort
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
-        # Views into the engine's memory, which stays where it is; looking them up costs more than using them.
-        self._qpos, self._qvel = self.data.qpos, self.data.qvel
-        self._joint_force = self.data.qfrc_applied[robot.joint_v]
-        self._applied = self.data.xfrc_applied
-        self._contact_forces = self.data.sensordata.reshape(robot.nc, 3)
+        self._look_up()
         self._tau = np.zeros(self._nu)
         self._steps = 0
         self._inverse = np.zeros(4)
         self.reset(robot.x_reference)
+
+    def _look_up(self) -> None:
+        """Keep views into the engine's memory, which stays where it is: looking them up costs more than using them."""
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._joint_force = self.data.qfrc_applied[self._robot.joint_v]
+        self._applied = self.data.xfrc_applied
+        self._contact_forces = self.data.sensordata.reshape(self._nc, 3)
+
+    def take_over(self, old: MujocoPlant) -> None:
+        """Go on with the engine's data of another plant of the same robot: state, warm start, forces of the last step.
+
+        Parameters of the world are in :attr:`model`, which stays.
+        """
+        self.data = old.data
+        self._look_up()
 
     @property
     def dt(self) -> float:

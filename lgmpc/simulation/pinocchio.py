@@ -227,6 +227,11 @@ class _ContactSolver:
         self.failures = 0
         self.clear()
 
+    def take_over(self, old: _ContactSolver) -> None:
+        """Go on with the solvers of another plant, under the friction of this one."""
+        self._solvers, self._results = old._solvers, old._results
+        self._problems = {}
+
     def clear(self) -> None:
         """Set all impulses to zero: nothing touches."""
         self.impulses = np.zeros((self._points, 3))

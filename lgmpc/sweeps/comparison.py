@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Union
@@ -14,6 +14,7 @@ from lgmpc.config.yaml_text import parse_yaml
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
 from lgmpc.runs.figures import figure_of
+from lgmpc.settings.dotted import differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS
 from lgmpc.sweeps.results import Results
 from lgmpc.sweeps.rows import Row
@@ -120,7 +121,7 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         reasons: list[str] = []
     else:
         a, b = RunFolder.load_any(first), RunFolder.load_any(second)
-        differences = tuple(_differing(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json")))
+        differences = _differences(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json"))
         quantities = _compare_runs(a, b, margin, metrics)
         failed = a.result.verdict.passed and not b.result.verdict.passed
         reasons = [f"only the first passed: {'; '.join(b.result.verdict.reasons)}"] if failed else []
@@ -189,7 +190,7 @@ def _compare_sweeps(
     if not places:
         raise RunFolderError(f"{first} and {second} have no finished point in common: other bases, factors or draws")
     differences = [Difference("points", len(a), len(b))] if a.keys() != b.keys() else []
-    differences += _differing(_document(first), _document(second))
+    differences += _differences(_document(first), _document(second))
     values = [(_quantities(a[place]), _quantities(b[place])) for place in places]
     names = dict.fromkeys(name for x, _ in values for name in x)
     quantities = [_paired(name, values, margin, judge=name in ("passed", "boundary", *judged)) for name in names]
@@ -234,23 +235,8 @@ def higher_is_better(name: str) -> bool:
     return name in _HIGHER_IS_BETTER or name.rpartition(".")[2].startswith("min_")
 
 
-def _differing(first: Any, second: Any, key: str = "") -> Iterator[Difference]:
-    """Yield the leaves of two tables that differ; of lists of equal length, the elements that do."""
-    if isinstance(first, Mapping) and isinstance(second, Mapping):
-        names: Iterable[Any] = dict.fromkeys([*first, *second])
-        parts: list[tuple[Any, Any, Any]] = [(name, first.get(name), second.get(name)) for name in names]
-    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second) and _nested(first):
-        parts = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
-    else:
-        if first != second:
-            yield Difference(key, first, second)
-        return
-    for name, a, b in parts:
-        yield from _differing(a, b, f"{key}.{name}" if key else str(name))
-
-
-def _nested(values: list[Any]) -> bool:
-    return any(isinstance(each, Mapping) for each in values)
+def _differences(first: Any, second: Any) -> tuple[Difference, ...]:
+    return tuple(Difference(*each) for each in differing(first, second))
 
 
 def _sentence(quantity: Quantity) -> str:

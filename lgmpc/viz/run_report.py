@@ -46,7 +46,7 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
     events = Section(
         "What happened",
         (
-            Words(explanation.summary),
+            Words((*explanation.summary, *_repeated(run, explanation))),
             _events(explanation),
             *_figures({"events": partial(_drawn, explanation=explanation)}),
         ),
@@ -95,6 +95,15 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> R
     )
 
 
+def _repeated(run: Run, explanation: Explanation) -> Iterator[str]:
+    """Yield where the run came from, and the command that repeats it up to its first event."""
+    if run.result.origin is not None:
+        yield str(run.result.origin)
+    if explanation.replay_from_s is not None:
+        command = f"lgmpc run --from {run.path}@{explanation.replay_from_s:g} --set KEY=VALUE"
+        yield f"to repeat it up to the first event, and go on with other settings: {command}"
+
+
 def _drawn(figure: Canvas, explanation: Explanation) -> bool:
     draw_explanation(figure, explanation)
     return True
@@ -135,7 +144,8 @@ def _certificate(certificate: Certificate) -> Section:
         rows.append((name, each.subject, f"{each.time_s:.3f}", *figures, "kept" if each.kept else "broken"))
         marks.append("good" if each.kept else "bad")
     headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
-    return Section("Certificate", (Words([words]), Table(headings, rows, marks)))
+    peaks = [f"without a limit in the config: {each}" for each in certificate.peaks]
+    return Section("Certificate", (Words([words]), Table(headings, rows, marks), Words(peaks)))
 
 
 def _bounded(limited: list[tuple[str, float | None, float]]) -> Table:

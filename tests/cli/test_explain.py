@@ -24,9 +24,14 @@ def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
     kinds = [line.split()[2] for line in lines if line[:1].isdigit() and len(line.split()) > 2]
     assert kinds[0] == "cause" and {"limit", "balance", "contact"} <= set(kinds)
     assert sum("FAILURE" in line for line in lines) == 1
-    figure = Path(lines[-1].removeprefix("wrote "))
+    figure = Path(lines[-2].removeprefix("wrote "))
     assert figure.name == "explanation.png" and figure.read_bytes()[:4] == b"\x89PNG"
-    code, output = invoke("explain", "latest", "--json", "--out", tmp_path / "elsewhere")
+    # The push is the first event: repeated from just before it, a weaker one is survived.
+    words = lines[-1].split()
+    assert words[:4] == ["next:", "lgmpc", "run", "--from"] and words[4].endswith("@0.19")
+    weaker = ("--set", "pushes.0.impulse_ns=[0.0, 1.0, 0.0]", "duration_s=0.8", "gate={}", "--quiet")
+    assert invoke("run", "--from", words[4], *weaker)[0] == 0
+    code, output = invoke("explain", words[4].rpartition("@")[0], "--json", "--out", tmp_path / "elsewhere")
     content = json.loads(output)
     assert code == 0 and content["events"][0]["name"] == "push"
     assert Path(content["figure"]) == tmp_path / "elsewhere" / "explanation.png"

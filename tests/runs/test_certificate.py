@@ -11,10 +11,11 @@ import pytest
 
 from lgmpc.runs import RunLog, RunResult
 from lgmpc.runs.certificate import Balances, Certificate, Check, certify, window_edges
-from lgmpc.runs.limited import JointLimits
+from lgmpc.runs.limited import DriveLine, JointLimits, joint_power
 from lgmpc.runs.verdict import Outcome, Verdict
 
 JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
+LINE = JOINTS._replace(line=DriveLine(stall=2.0, no_load=20.0))
 MASS = 24.0 / 9.81  # four feet carry 6 N each
 Edit = Callable[[dict[str, np.ndarray]], None]
 Certify = Callable[..., Certificate]
@@ -24,11 +25,13 @@ Certify = Callable[..., Certificate]
 def certified(changed: Callable[[Edit], RunLog]) -> Certify:
     """Certify the standing log after a change, with momentum and energy at the edges of windows."""
 
-    def run(edit: Edit = lambda arrays: None, momentum: object = 0.0, energy: object = 1.0) -> Certificate:
+    def run(
+        edit: Edit = lambda arrays: None, momentum: object = 0.0, energy: object = 1.0, joints: JointLimits = JOINTS
+    ) -> Certificate:
         log = replace(changed(edit), mass_kg=MASS)
         edges = window_edges(log)
         values = np.broadcast_to(np.asarray(momentum, dtype=float), (len(edges), 3))
-        return certify(log, JOINTS, Balances(edges, values, np.broadcast_to(np.asarray(energy), len(edges))))
+        return certify(log, joints, Balances(edges, values, np.broadcast_to(np.asarray(energy), len(edges))))
 
     return run
 
@@ -107,6 +110,81 @@ def test_joints_do_the_work_that_lifts_the_body(certified: Certify) -> None:
     assert certified(move, energy=energy).certified
     check = broken(certified(move, energy=energy + 0.07 * np.arange(20)))
     assert check.value == pytest.approx(0.07)
+
+
+@pytest.mark.parametrize(("stall", "no_load", "effort"), [(2.0, 20.0, 9.0), (2.0, 20.0, 0.6), (4.0, 90.0, 1.8)])
+def test_the_largest_power_on_a_torque_speed_line(stall: float, no_load: float, effort: float) -> None:
+    """Against a search over all speeds."""
+    line, speeds = DriveLine(stall, no_load), np.linspace(0.0, no_load, 200_001)
+    largest = (np.minimum(line.torque(speeds), effort) * speeds).max()
+    assert line.power(np.array([effort]))[0] == pytest.approx(largest, rel=1e-9)
+    np.testing.assert_array_equal(line.torque(np.array([0.0, no_load, 2.0 * no_load])), [stall, 0.0, 0.0])
+
+
+def moving(arrays: dict[str, np.ndarray], torque: float, speed: float) -> None:
+    """Drive joint 3 for a while at one speed: 0.1 s, an even number of ticks."""
+    arrays["v"][100:200, 6 + 2], arrays["tau"][101:200, 2] = speed, torque
+    arrays["q"][:, 7:] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("torque", "speed", "margin", "named"),
+    [
+        (0.7, 12.0, 0.1, ""),  # the line allows 0.8 N.m at 12 rad/s
+        (0.9, 12.0, -0.1, "torque at its speed"),
+        (0.2, 21.0, -0.2, "torque at its speed"),  # none above the no-load speed
+        (-0.9, 12.0, 1.1, ""),  # braking: what it allows at rest
+        (-1.7, -4.0, -0.1, "torque at its speed"),
+    ],
+)
+def test_the_torque_speed_line_is_checked_where_a_joint_is_driven(
+    certified: Certify, torque: float, speed: float, margin: float, named: str
+) -> None:
+    certificate = certified(lambda arrays: moving(arrays, torque, speed), joints=LINE)
+    line = next(each for each in certificate.checks if each.name == "torque at its speed")
+    assert line.margin == pytest.approx(min(margin, 1.5))  # 1.5: of the joints at rest
+    assert line.kept == (not named)
+    if named:
+        assert (line.subject, line.time_s) == ("joint 3", pytest.approx(0.101))
+
+
+def test_power_beyond_what_the_supply_allows_is_named(certified: Certify) -> None:
+    """At half of the no-load speed the line allows 1 N.m, 10 W; 1.2 N.m there are 12 W."""
+    certificate = certified(lambda arrays: moving(arrays, 1.2, 10.0), joints=LINE)
+    power = next(each for each in certificate.checks if each.name == "power")
+    assert (power.subject, power.value, power.unit) == ("joint 3", pytest.approx(12.0), "W")
+    assert (power.limit, power.margin, power.kept) == (pytest.approx(10.0), pytest.approx(-2.0), False)
+    kept = certified(lambda arrays: moving(arrays, 0.9, 10.0), joints=LINE)
+    assert next(each for each in kept.checks if each.name == "power").margin == pytest.approx(1.0)
+
+
+def test_power_without_a_limit_is_measured_and_not_certified(certified: Certify) -> None:
+    def two_joints(arrays: dict[str, np.ndarray]) -> None:
+        moving(arrays, 1.2, 10.0)
+        arrays["v"][100:200, 6 + 5], arrays["tau"][101:200, 5] = -2.0, -1.5
+        arrays["v"][100:200, 6 + 7], arrays["tau"][101:200, 7] = 2.0, -1.5  # what brakes gives nothing to the others
+
+    certificate = certified(two_joints)
+    assert "power" not in [each.name for each in certificate.checks]
+    one, all_together = certificate.peaks
+    assert (one.name, one.subject, one.unit) == ("power", "joint 3", "W")
+    assert (one.value, one.time_s) == (pytest.approx(12.0), pytest.approx(0.101))
+    assert all_together.value == pytest.approx(12.0 + 3.0) and all_together.subject == ""
+    assert [each.name for each in certified(two_joints, joints=LINE).peaks] == [all_together.name]
+    again = RunResult.from_json(
+        RunResult("x", Verdict(Outcome.PASS), None, certificate=certificate).to_json()
+    ).certificate
+    assert again == certificate
+
+
+def test_ticks_after_a_missed_one_have_no_power(changed: Callable[[Edit], RunLog]) -> None:
+    log = changed(lambda arrays: moving(arrays, 1.2, 10.0))
+    keep = np.delete(np.arange(log.ticks), 150)
+    missed = replace(
+        log, **{name: array[keep] for name, array in log.arrays().items() if np.ndim(array) and len(array) == log.ticks}
+    )
+    power = joint_power(missed)[:, 2]
+    assert power[149] == pytest.approx(12.0) and power[150] == 0.0 and power[151] == pytest.approx(12.0)
 
 
 def test_what_follows_a_fall_does_not_count(certified: Certify) -> None:

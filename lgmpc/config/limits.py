@@ -1,0 +1,21 @@
+"""The limits of a robot's joints and of its simulated drives, for certificates and explanations."""
+
+from __future__ import annotations
+
+from lgmpc.robot import Robot
+from lgmpc.runs.limited import DriveLine, JointLimits
+from lgmpc.simulation.drives import ActuatorSettings
+
+__all__ = ["joint_limits"]
+
+
+def joint_limits(robot: Robot, drives: ActuatorSettings) -> JointLimits:
+    """Return the limits that a log does not hold.
+
+    Args:
+        robot: with the limits of position and speed.
+        drives: with the torque-speed line, if there is one.
+    """
+    stall, no_load = drives.stall_torque_nm, drives.no_load_speed_rad_s
+    line = None if stall is None or no_load is None else DriveLine(stall, no_load)
+    return JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit, line)

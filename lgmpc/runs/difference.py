@@ -1,0 +1,89 @@
+"""The first difference between two logs, bit by bit: whether a run was repeated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, RunLog
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["Difference", "first_difference"]
+
+_DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms")
+"""Times of the machine, which are never the same twice."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where two logs differ first.
+
+    Attributes:
+        tick: row of the log, or number of the MPC update for the channels of updates.
+        time_s: time of the first log there, s.
+        channel: the channel, with its element: ``q[7]``.
+        first: value in the first log; NaN where it has ended.
+        second: value in the second log; NaN where it has ended.
+    """
+
+    tick: int
+    time_s: float
+    channel: str
+    first: float
+    second: float
+
+    def __str__(self) -> str:
+        where = f"at {self.time_s:.3f} s (tick {self.tick} of the log)"
+        return f"{where} in {self.channel}: {self.first!r} was recorded, {self.second!r} came now"
+
+
+def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) -> Difference | None:
+    """Return the earliest difference of two logs of one robot; ``None`` if all bits agree but those of durations.
+
+    Of several channels that differ at one time, the first in the order of :class:`~lgmpc.runs.log.RunLog` is named. At
+    the last tick ``wbc_status`` may stand for ticks that only one of the logs has, and is not compared.
+
+    Args:
+        first: a log.
+        second: another one, with the same ticks in each period.
+        until_s: time from which on nothing is compared, s.
+    """
+    ticks = {**CHANNELS, **ESTIMATE_CHANNELS, **STEP_CHANNELS}
+    found = []
+    for names, times in ((ticks, "time"), (MPC_CHANNELS, "mpc_time")):
+        a, b = (_before(getattr(log, times), until_s) for log in (first, second))
+        time = getattr(first if a >= b else second, times)
+        for name in names:
+            if name not in _DURATIONS and getattr(first, name) is not None and getattr(second, name) is not None:
+                count = min(a, b) - (name == "wbc_status")
+                each = _in_channel(name, getattr(first, name)[:count], getattr(second, name)[:count], time)
+                found += [] if each is None else [each]
+        if a != b:
+            last = float(time[min(a, b)])
+            found.append(Difference(min(a, b), last, times, *((last, np.nan) if a > b else (np.nan, last))))
+    return min(found, key=lambda each: each.time_s, default=None)
+
+
+def _before(time: Array, until_s: float) -> int:
+    return int(np.searchsorted(time, until_s - 1e-9))
+
+
+def _in_channel(name: str, a: Array, b: Array, time: Array) -> Difference | None:
+    """Return the first difference of two (n, ...) arrays."""
+    if a.shape != b.shape:
+        return Difference(0, float(time[0]), f"{name} (shape)", float(a[0].size), float(b[0].size))
+    different = _different(a, b)
+    if not different.any():
+        return None
+    at = tuple(int(each) for each in np.unravel_index(int(np.argmax(different)), different.shape))
+    element = "".join(f"[{each}]" for each in at[1:])
+    return Difference(at[0], float(time[at[0]]), f"{name}{element}", float(a[at]), float(b[at]))
+
+
+def _different(a: Array, b: Array) -> BoolArray:
+    """Return where two arrays have different bits: NaN equals itself, zeros of two signs differ."""
+    if a.dtype == np.float64:
+        a, b = np.ascontiguousarray(a).view(np.int64), np.ascontiguousarray(b).view(np.int64)
+    different: BoolArray = a != b
+    return different

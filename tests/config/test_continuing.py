@@ -1,0 +1,227 @@
+"""Replay from a recorded tick: bit for bit with the same settings, state taken over with others, faults reported."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lgmpc.config import Config, load_config
+from lgmpc.config.build import prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.continuing import run_from
+from lgmpc.config.execution import FinishedRun, run_config
+from lgmpc.errors import ConfigError, InputError, LgmpcError, ReplayError, RunFolderError
+from lgmpc.runs import RunFolder, RunLog
+from lgmpc.runs.difference import first_difference
+
+PUSH = "pushes=[{body: base_link, time_s: 0.03, duration_s: 0.06, impulse_ns: [0, 1.0, 0.3]}]"
+STANDING = [PUSH, "duration_s=0.2", "gate={max_tilt_deg: 5}"]
+
+
+def session_of(config: Config) -> ClosedLoopSession:
+    session = prepare(config)
+    assert isinstance(session, ClosedLoopSession)
+    return session
+
+
+def whole(config: Config) -> RunLog:
+    session = session_of(config)
+    session.advance(lambda now: None)
+    return session.recorder.log()
+
+
+def rebuilt(config: Config, time_s: float) -> RunLog:
+    """Return the log of a run whose every object is replaced by a new one at some time."""
+    session = session_of(config)
+    beginning = session.beginning()
+    session.advance(lambda now: None, round(time_s * config.wbc.rate_hz))
+    other = session_of(config)
+    assert other.take_over(session, beginning, draws=True) == ()
+    other.advance(lambda now: None)
+    return other.recorder.log()
+
+
+CASES = {
+    "pushed, on MuJoCo": ("solo12_balance", STANDING, 0.063),
+    "pushed, on Pinocchio": (
+        "solo12_balance", [*STANDING, "plant.kind=pinocchio", "plant.joint_friction_nm=0.05"], 0.063,
+    ),
+    "without the MPC": ("solo12_balance", [*STANDING, "mpc.enabled=false"], 0.063),
+    "quadratic programmes by ProxQP": (
+        "solo12_balance", [*STANDING, "wbc.solver=proxqp", "mpc.qp_solver=proxqp"], 0.063,
+    ),
+    "late, noisy, lossy, with an estimator": (
+        "solo12_balance_as_built", [*STANDING, "timing.computing=modelled", "plant.link.dropped_commands=0.05"], 0.063,
+    ),
+    "LQR": ("solo12_balance_lqr", STANDING, 0.063),
+}  # fmt: skip
+LONG_CASES = {
+    "kinodynamic": ("solo12_balance_kinodynamic", STANDING, 0.063),
+    "full body": ("solo12_balance_full_body", STANDING, 0.063),
+    "a trot, in a step": ("solo12_velocity", ["duration_s=1.9"], 1.637),
+    "rising from the belly": ("solo12_rise", ["duration_s=0.9"], 0.7),
+}
+
+
+@pytest.mark.parametrize("case", [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG_CASES)])
+def test_a_session_goes_on_bit_for_bit_where_another_one_is(case: str) -> None:
+    """All state is taken over: one forgotten number would show."""
+    name, changes, at = {**CASES, **LONG_CASES}[case]
+    config = load_config(name, changes)
+    expected = whole(config)
+    assert expected.time[-1] > at + 0.1
+    assert first_difference(expected, rebuilt(config, at)) is None
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
+    return run_config(load_config("solo12_balance", STANDING), tmp_path_factory.mktemp("runs"))
+
+
+def test_a_run_is_repeated_bit_for_bit(pushed: FinishedRun, tmp_path: Path) -> None:
+    again = run_from(pushed.folder.path, out=tmp_path)
+    assert again.result.origin is not None and again.result.origin.verified_ticks == pushed.session.log.ticks == 100
+    assert first_difference(pushed.session.log, again.session.log) is None
+    assert not (again.folder.path / "before.yaml").exists()
+
+
+def test_other_settings_act_from_the_given_time_on(pushed: FinishedRun, tmp_path: Path) -> None:
+    at = 0.08
+    changed = run_from(pushed, at, ["mpc.weights.terminal=40"], tmp_path)
+    before, after = pushed.session.log, changed.session.log
+    assert after.ticks == before.ticks
+    found = first_difference(before, after)
+    assert found is not None and at <= found.time_s < at + 0.02  # an update of the MPC later at most
+    assert first_difference(before, after, until_s=at) is None
+    # The state is continuous: within a tick the base moves as it moved before.
+    step = np.linalg.norm(np.diff(after.q[:, :3], axis=0), axis=1)
+    assert step.max() < 1.5 * np.linalg.norm(np.diff(before.q[:, :3], axis=0), axis=1).max()
+
+
+def test_the_folder_says_where_it_came_from(pushed: FinishedRun, tmp_path: Path) -> None:
+    finished = run_from(pushed, 0.12, ["plant.friction=0.4", "duration_s=0.25"], tmp_path)
+    content = json.loads((finished.folder.path / "run.json").read_text(encoding="utf-8"))["from"]
+    assert content == {
+        "run": str(pushed.folder.path),
+        "time_s": pytest.approx(0.12),
+        "verified_ticks": 60,
+        "changes": {"plant.friction": [0.6, 0.4], "duration_s": [0.2, 0.25]},
+        "begun_anew": [],
+    }
+    loaded = RunFolder.load(finished.folder.path)
+    assert loaded.result.origin == finished.result.origin
+    assert loaded.log.friction == 0.4 and loaded.log.time[-1] == pytest.approx(0.248)
+    assert "plant.friction 0.6 -> 0.4" in str(loaded.result.origin)
+
+
+def test_a_continued_run_is_itself_repeated_and_continued(pushed: FinishedRun, tmp_path: Path) -> None:
+    once = run_from(pushed, 0.08, ["plant.base_added_mass_kg=0.3"], tmp_path)
+    again = run_from(once, out=tmp_path)
+    assert again.result.origin is not None and again.result.origin.verified_ticks == 100
+    twice = run_from(once, 0.15, ["mpc.enabled=false"], tmp_path)
+    assert first_difference(once.session.log, twice.session.log, until_s=0.15) is None
+    assert twice.session.log.mpc_time[-1] < 0.15 < once.session.log.mpc_time[-1]
+    assert first_difference(twice.session.log, run_from(twice, out=tmp_path).session.log) is None
+
+
+def test_a_run_goes_on_beyond_its_end(pushed: FinishedRun, tmp_path: Path) -> None:
+    longer = run_from(pushed, changes=["duration_s=0.25"], out=tmp_path)
+    expected = whole(load_config("solo12_balance", [*STANDING, "duration_s=0.25"])).decimated(2)
+    assert first_difference(expected, longer.session.log) is None
+
+
+def test_a_setting_that_has_not_acted_yet_acts_as_from_the_start(pushed: FinishedRun, tmp_path: Path) -> None:
+    """A push that begins later, gaits of a robot that stands: the same bits as a run that had them all along."""
+    changes = ["pushes.0.time_s=0.11", "locomotion.swing.clearance_m=0.06", "modes.fall.tilt_deg=50"]
+    start = run_config(load_config("solo12_balance", [*STANDING, "pushes.0.time_s=0.15"]), tmp_path / "start")
+    continued = run_from(start, 0.1, changes, tmp_path)
+    expected = whole(load_config("solo12_balance", [*STANDING, *changes])).decimated(2)
+    assert first_difference(expected, continued.session.log) is None
+
+
+def test_another_seed_draws_other_numbers_from_then_on(tmp_path: Path) -> None:
+    noisy = run_config(
+        load_config("solo12_balance_inekf", ["duration_s=0.1", "gate={max_tilt_deg: 5}"]), tmp_path / "a"
+    )
+    other = run_from(noisy, 0.05, ["seed=5"], tmp_path)
+    found = first_difference(noisy.session.log, other.session.log)
+    assert found is not None and found.time_s == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("channel", ["q", "mpc_forces", "contact_states"])
+def test_a_log_that_was_not_made_so_is_reported_with_tick_and_channel(
+    pushed: FinishedRun, tmp_path: Path, channel: str
+) -> None:
+    log = pushed.session.log
+    array = np.array(getattr(log, channel))
+    at = (7, *(0,) * (array.ndim - 1))
+    array[at] = np.nextafter(array[at], np.inf) if array.dtype == np.float64 else array[at] + 1
+    folder = RunFolder(tmp_path / "copy")
+    folder.path.mkdir()
+    for name in ("config.yaml", "run.json"):
+        (folder.path / name).write_text((pushed.folder.path / name).read_text(encoding="utf-8"), encoding="utf-8")
+    folder.write_log(replace(log, **{channel: array}))
+    with pytest.raises(ReplayError, match=rf"tick 7 of the log\) in {channel}\[0\]") as caught:
+        run_from(folder.path, out=tmp_path / "out")
+    assert caught.value.difference.tick == 7  # type: ignore[attr-defined]
+    assert caught.value.exit_code == 1
+    assert not (tmp_path / "out").exists()
+    early = float(log.mpc_time[7] if channel.startswith("mpc") else log.time[7])
+    run_from(folder.path, early, ["mpc.weights.terminal=40"], tmp_path / "out")  # what comes later is not repeated
+
+
+def test_other_versions_are_named(pushed: FinishedRun, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "copy")
+    folder.path.mkdir()
+    (folder.path / "config.yaml").write_text((pushed.folder.path / "config.yaml").read_text("utf-8"), "utf-8")
+    q = np.array(pushed.session.log.q)
+    q[20, 3] += 1e-12
+    folder.write_log(replace(pushed.session.log, q=q))
+    folder.write_result(replace(pushed.result, versions={**pushed.result.versions, "mujoco": "3.0.0"}))
+    with pytest.raises(ReplayError, match=r"mujoco [0-9.]+ instead of 3\.0\.0"):
+        run_from(folder.path, out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "changes", "message"),
+    [
+        (0.4, [], r"time_s: got 0.4; expected a time in the log of .*, 0 to 0.2 s"),
+        (-0.1, [], "time_s: got -0.1"),
+        (0.1, ["plant.kind=pinocchio"], "plant.kind: got pinocchio; expected no change while a run is under way"),
+        (0.1, ["robot.effort_limit_nm=1.5"], "robot.effort_limit_nm: got 1.5; expected no change"),
+        (0.1, ["wbc.rate_hz=500", "log.rate_hz=500"], "Did you mean mpc.rate_hz"),
+        (0.1, ["mpc.nodes=30"], "mpc.nodes: got 30; expected 20"),
+        (0.1, ["mpc.enabled=true"], "changes: got the values that the run has"),
+        (0.18, ["duration_s=0.15"], "duration_s: got 0.15; expected more than the 0.18 s that are repeated"),
+        (0.1, ["timing.computing=measured"], "timing.computing: got measured"),
+    ],
+)
+def test_what_cannot_be_continued_is_refused(
+    pushed: FinishedRun, tmp_path: Path, time_s: float, changes: list[str], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        run_from(pushed, time_s, changes, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("missing", ["config.yaml", "log.npz", "run.json"])
+def test_an_incomplete_folder_is_refused(pushed: FinishedRun, tmp_path: Path, missing: str) -> None:
+    for file in pushed.folder.path.iterdir():
+        if file.name != missing:
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    with pytest.raises(RunFolderError, match=missing):
+        run_from(tmp_path, out=tmp_path / "out")
+
+
+def test_a_damaged_list_of_earlier_configs_is_refused(pushed: FinishedRun, tmp_path: Path) -> None:
+    for file in pushed.folder.path.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    for text, kind in (("- {until_s: 1.0}\n", RunFolderError), ("- 3\n", RunFolderError), ("{a", ConfigError)):
+        (tmp_path / "before.yaml").write_text(text, encoding="utf-8")
+        with pytest.raises(LgmpcError) as caught:
+            run_from(tmp_path, out=tmp_path / "out")
+        assert isinstance(caught.value, kind)

@@ -16,7 +16,7 @@ import numpy as np
 from lgmpc.compile import SQUARES, aligned_zeros, compile_source
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite
 
-__all__ = ["CompiledSweep", "make_sweep"]
+__all__ = ["CompiledSweep", "compile_stages", "make_sweep", "work_size"]
 
 
 class CompiledSweep(BackwardSweep):
@@ -38,13 +38,11 @@ class CompiledSweep(BackwardSweep):
         n = len(functions.jacobian)
         self.plan = np.array([n, 0], dtype=np.int64)
         self.shift = np.zeros(1)
-        work_size = library.lgmpc_sweep_work
-        work_size.restype = ctypes.c_longlong
         f = functions
         arrays = (
             self.plan, self.shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
             f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
-            aligned_zeros(work_size()),
+            aligned_zeros(work_size(library, "lgmpc_sweep_work")),
         )  # fmt: skip
         addresses = [array.ctypes.data for array in arrays]
         self.frame = (ctypes.c_void_p * len(addresses))(*addresses)
@@ -61,10 +59,36 @@ class CompiledSweep(BackwardSweep):
 
 def make_sweep(functions: Expansion, progress: Callable[[str], None] | None = None) -> BackwardSweep:
     """Return the compiled sweep, or the one in numpy where nothing can be compiled."""
-    if not functions.compiled:
-        return BackwardSweep(functions)
     _, width, ndx = functions.jacobian.shape
-    sizes = f"#define NX {ndx}\n#define NU {width - ndx}\n"
-    source = SQUARES + sizes + (files("lgmpc.solvers") / "sweep.c").read_text()
-    library = compile_source(f"lgmpc_sweep_{ndx}_{width - ndx}", source, progress=progress)
-    return BackwardSweep(functions) if library is None else CompiledSweep(functions, ctypes.CDLL(str(library)))
+    library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx, progress) if functions.compiled else None
+    return BackwardSweep(functions) if library is None else CompiledSweep(functions, library)
+
+
+def compile_stages(
+    name: str, package: str, ndx: int, nu: int, progress: Callable[[str], None] | None = None
+) -> ctypes.CDLL | None:
+    """Return the library of a recursion over stages of one size, None where nothing can be compiled.
+
+    Args:
+        name: ``lgmpc_`` and the name of the C source.
+        package: where it is.
+        ndx: dimension of a state's tangent space.
+        nu: of the control.
+        progress: called with a description of what is being compiled.
+    """
+    own = files(package) / f"{name.removeprefix('lgmpc_')}.c"
+    parts = (
+        SQUARES,
+        f"#define NX {ndx}\n#define NU {nu}\n",
+        (files("lgmpc.solvers") / "tiles.c").read_text(),
+        own.read_text(),
+    )
+    library = compile_source(f"{name}_{ndx}_{nu}", "".join(parts), progress=progress)
+    return None if library is None else ctypes.CDLL(str(library))
+
+
+def work_size(library: ctypes.CDLL, function: str, *sizes: int) -> int:
+    """Return the numbers of memory that a library's function asks for, of integers."""
+    measure = library[function]
+    measure.restype, measure.argtypes = ctypes.c_longlong, [ctypes.c_longlong] * len(sizes)
+    return int(measure(*sizes))

@@ -1,27 +1,25 @@
-"""The regulator of :mod:`lgmpc.solvers.qp.lqr` for large stages: a loop in C that calls SciPy's BLAS and LAPACK.
+"""The regulator of :mod:`lgmpc.solvers.qp.lqr` for large stages: a loop over dense stages in C (``regulator.c``).
 
 It minimises the same cost with the same penalties on rows; where a stage has tens of states, dense blocks are faster
-than scalar code without zeros, and nothing is compiled for a new problem. A second solve with the same weights and
-other targets uses the factors of the first, at a sixth of the cost.
+than scalar code without zeros, and are compiled once for each size of a stage. A second solve with the same weights and
+other targets uses the factors of the first, at a fraction of the cost.
 """
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from lgmpc.compile import compile_source
+from lgmpc.compile import aligned_zeros
 from lgmpc.ocp import OcpQp, OcpQpStructure
-from lgmpc.solvers.routines import routine_addresses
+from lgmpc.solvers.compiled_sweep import compile_stages, work_size
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["BlockRegulator"]
 
-_ROUTINES = ("dgemm", "dgemv", "dsymv", "dsyrk", "dtrsm", "dpotrf")  # in the order in which the C code expects them
 _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
 
 
@@ -47,8 +45,17 @@ class BlockRegulator:
     def __init__(self, structure: OcpQpStructure, progress: Callable[[str], None] | None = None) -> None:
         s = structure
         n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
-        places = _places(s)
-        self._plan = np.array([n, nx, nu, ng, s.size, len(places), _LOAD], dtype=np.int64)
+        library = compile_stages("lgmpc_regulator", "lgmpc.solvers.qp", nx, nu, progress)
+        self.available = library is not None
+        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_regulator
+
+        def measure(part: str, *sizes: int) -> int:
+            return 0 if library is None else work_size(library, f"lgmpc_regulator_{part}", *sizes)
+
+        self._tall = measure("tall")
+        self._factors = aligned_zeros(n * measure("factors"))
+        places = _places(s, self._tall, measure("high"))
+        self._plan = np.array([n, ng, s.size, len(places), _LOAD], dtype=np.int64)
         self._values, self._last, self._last_gradient = np.zeros((n, s.size)), np.zeros((nx, nx)), np.zeros(nx)
         self._gradient, self._gaps, self._residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
         self.dx0: Array = np.zeros(nx)
@@ -60,10 +67,11 @@ class BlockRegulator:
         self.rows: Array = np.zeros((n, ng))
         self.multipliers: Array = np.zeros((n, ng))
         self._cost = np.zeros(1)
+
         own = (
-            self._plan, places, self._values, np.zeros((n, w * (w + nx + ng))), np.zeros((n, w, w)),
-            np.zeros((n + 1, nx, nx)), np.zeros((n + 1, nx)), np.zeros(w * (nx + ng) + 3 * w + ng), self.weights,
-            self._last,
+            self._plan, places, self._values, aligned_zeros(n * measure("stage", ng)),
+            self._factors, aligned_zeros((n + 1) * measure("togo")), np.zeros((n + 1, nx)),
+            aligned_zeros(measure("work", ng)), self.weights, self._last,
         )  # fmt: skip
         point = (self.dxs, self.dus, self.costates, self.rows)
         self._frame = _frame(
@@ -78,13 +86,6 @@ class BlockRegulator:
             *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
         )
         self._memory = (own, zeros, unused)  # the frames hold addresses only
-        library = compile_source(
-            "lgmpc_regulator", (files("lgmpc.solvers.qp") / "regulator.c").read_text(), progress=progress
-        )
-        self.available = library is not None
-        self._call: Callable[[Any], int] = (
-            _unavailable if library is None else ctypes.CDLL(str(library)).lgmpc_regulator
-        )
 
     @property
     def cost(self) -> float:
@@ -107,11 +108,13 @@ class BlockRegulator:
 
     def feedback(self) -> Array:
         """Return the gains (N, nu, ndx) K of ``du = -K dx + ...``, from the last :meth:`factor`."""
-        nx = self.dx0.size
-        factors: Array = self._memory[0][4]
-        # Stored by columns: [., .; L^-1 Qux, L], L the Cholesky factor of the Hessian in the controls.
-        transposed = np.triu(factors[:, nx:, nx:])
-        return np.asarray(np.linalg.solve(transposed, np.swapaxes(factors[:, :nx, nx:], 1, 2)), dtype=np.float64)
+        (n, nu), nx = self.dus.shape, self.dx0.size
+        factors = self._factors.reshape(n, -1)
+        # Of each control its column of the eliminated Hessian: half = K^T R above, then R; R's diagonal by reciprocals.
+        columns = factors[:, : nu * self._tall].reshape(n, nu, self._tall)
+        transposed = np.tril(columns[:, :, nx : nx + nu], -1)
+        transposed[:, np.arange(nu), np.arange(nu)] = 1.0 / factors[:, nu * self._tall :][:, :nu]
+        return np.asarray(np.linalg.solve(transposed, columns[:, :, :nx]), dtype=np.float64)
 
     def solve(self) -> None:
         """Minimise for other targets (or first state), the weights being those of the last :meth:`factor`."""
@@ -143,25 +146,31 @@ class BlockRegulator:
 
 
 def _frame(*arrays: Array | IntArray) -> Any:
-    """Addresses of arrays, and of the routines, as the C code reads them."""
-    addresses = [array.ctypes.data for array in arrays] + routine_addresses(*_ROUTINES)
+    """Addresses of arrays, as the C code reads them."""
+    addresses = [array.ctypes.data for array in arrays]
     return (ctypes.c_void_p * len(addresses))(*addresses)
 
 
-def _places(s: OcpQpStructure) -> IntArray:
-    """(entries, 2) where each stored entry of a stage is, and where it belongs in the stage's dense matrices."""
-    w, nx = s.ndx + s.nu, s.ndx
-    dynamics, path = w * w, w * w + nx * w
+def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:
+    """(entries, 2) where each stored entry of a stage is, and where it belongs in the stage's dense matrices.
+
+    Those have columns of ``tall`` (states and controls) or ``high`` numbers (states).
+    """
+    nx = s.ndx
+    dynamics = tall * (nx + s.nu)
+    path = dynamics + high * (nx + s.nu) + tall * nx
     pairs = []
     for name, start, height, row, column in (
-        ("Q", 0, w, 0, 0), ("S", 0, w, nx, 0), ("R", 0, w, nx, nx),
-        ("A", dynamics, nx, 0, 0), ("B", dynamics, nx, 0, nx),
+        ("Q", 0, tall, 0, 0), ("S", 0, tall, nx, 0), ("R", 0, tall, nx, nx),
+        ("A", dynamics, high, 0, 0), ("B", dynamics, high, 0, nx),
     ):  # fmt: skip
         block = s.blocks[name]
         pairs.append((block.positions, start + block.rows + row + height * (block.columns + column)))
+    block = s.blocks["S"]
+    pairs.append((block.positions, block.columns + tall * (block.rows + nx)))
     for name, row in (("C", 0), ("D", nx)):  # transposed: a row of the constraint is contiguous
         block = s.blocks[name]
-        pairs.append((block.positions, path + block.columns + row + w * block.rows))
+        pairs.append((block.positions, path + block.columns + row + tall * block.rows))
     places: IntArray = np.hstack([np.vstack(pair) for pair in pairs]).T.astype(np.int64, order="C")
     return places
 

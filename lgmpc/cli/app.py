@@ -186,7 +186,8 @@ def report(
 ) -> None:
     """Write one self-contained page: verdict, events, figures, replay, config, versions; of a sweep its tables.
 
-    It requires no network and no other file, suits phones, light and dark screens, and prints.
+    It requires no network and no other file, suits phones, light and dark screens, and prints. Figures show the values
+    under the cursor, zoom, and follow the replay.
     """
     from lgmpc.cli.runs import report_folder
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from lgmpc.errors import RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
+from lgmpc.viz.interaction import classes_from_names, mark_figure
 from lgmpc.viz.style import LIMIT, SOFT, THEMED, figure_maker
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
 
 
 def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
-    """Draw figures as SVG elements for a page, with the page's colours and fonts.
+    """Draw figures as SVG elements for a page, with the page's colours and fonts, and marked for its script.
 
     Args:
         drawings: name -> drawing.
@@ -118,23 +119,26 @@ def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
         for name, draw in drawings.items():
             figure = make()
             if draw(figure):
+                axes = mark_figure(figure)
                 stream = io.StringIO()
                 figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
-                drawn[name] = _for_page(stream.getvalue())
+                drawn[name] = _for_page(stream.getvalue(), axes)
     return drawn
 
 
-def _for_page(svg: str) -> str:
+def _for_page(svg: str, axes: str) -> str:
     """Return the element of an SVG file: in the page's colours, without a size, and without ids that nothing uses."""
     element = svg[svg.index("<svg") :]
     element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
     element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
     element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
-    element = re.sub(r'<g id="[^"]*"', "<g", element)
+    element = classes_from_names(element)
+    # A hundredth of a point is less than anybody sees.
+    element = re.sub(r' (?:d|x|y|transform)="[^"]+"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), element)
     element = re.sub(r"font-family: [^;\"]*;? ?", "", element)
     for color, variable in THEMED.items():
         element = element.replace(color, f"var(--{variable})")
-    return element
+    return element.replace("<svg", f'<svg data-axes="{escape(axes)}"', 1)
 
 
 def figure_title(result: RunResult | SolveResult) -> str:

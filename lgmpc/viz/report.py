@@ -110,7 +110,7 @@ def report_page(report: Report) -> str:
         "title": html.escape(f"{report.title} · lgmpc report"),
         "style": (assets / "report.css").read_text(encoding="utf-8"),
         "body": "\n".join([_head(report), *(_section(each) for each in report.sections)]),
-        "script": (assets / "report.js").read_text(encoding="utf-8"),
+        "script": "".join((assets / name).read_text(encoding="utf-8") for name in ("report.js", "figures.js")),
     }
     page, *rest = (assets / "report.html").read_text(encoding="utf-8").split("@@")
     for name, text in zip(rest[::2], rest[1::2], strict=True):

@@ -24,7 +24,7 @@ PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")
 THEMED = {INK: "ink", SOFT: "soft", "#b9c2cc": "line", "#e6eaee": "grid"}
 """Colours that a page replaces by its own, and the names of its CSS variables."""
 
-_VECTOR: dict[Any, Any] = {"svg.fonttype": "none", "path.simplify_threshold": 0.4, "figure.dpi": 72}
+_VECTOR: dict[Any, Any] = {"svg.fonttype": "none", "path.simplify_threshold": 0.1, "figure.dpi": 72}
 
 _STYLE: dict[Any, Any] = {
     "figure.dpi": 130,

@@ -29,7 +29,7 @@ async function start() {
   window.addEventListener("resize", fit);
   viewer.set_3d_pane_size();
   fit();
-  Object.assign(lgmpc, { viewer, seek: (time) => player.seek(time, true), duration: content.duration });
+  Object.assign(lgmpc, { viewer, seek: (time) => player.seek(time, true), duration: content.duration, start: content.start });
   const wanted = /^#t=([0-9.]+)$/.exec(location.hash);
   if (wanted) player.seek(Number(wanted[1]), true);
   else player.play();
@@ -163,6 +163,7 @@ class Player {
     badge.classList.toggle("on", push !== undefined);
     if (push) badge.textContent = push.label;
     this.drawTimeline();
+    if (parent !== window) parent.postMessage({ lgmpcTime: start + this.time }, "*");  // a report around it follows
   }
 
   // A bar for each foot while it is on the ground, and a mark at each time at which something is to be reached.

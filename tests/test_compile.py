@@ -481,6 +481,37 @@ def test_processes_at_once_build_once_and_all_succeed(cache: Path, tmp_path: Pat
     assert [p.suffix for p in cache.iterdir()] == [".so"]
 
 
+@needs_compiler
+def test_a_cache_that_is_removed_while_it_is_built_in_is_built_in_again(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Removed before the first call of the compiler, and after the second; what is loaded works without it."""
+    count, compiler = tmp_path / "count", tmp_path / "removing-cc"
+    compiler.write_text(
+        f'#!/bin/sh\n[ "$1" = --version ] && exec cc "$@"\n'
+        f"echo >> {count}; k=$(wc -l < {count}); [ $k = 1 ] && rm -rf {cache}\n"
+        f'cc "$@"; code=$?; [ $k = 2 ] && rm -rf {cache}; exit $code\n'
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    compiled = compile_function(shift_function())
+    assert compiled.compiled and compiled(1.0)[0][0] == 2.0
+    assert count.read_text() == "\n" * 3
+    (entry,) = libraries(cache)
+    shutil.rmtree(cache)
+    assert compiled(2.0)[0][0] == 3.0
+
+
+@needs_compiler
+def test_a_cache_that_cannot_be_kept_is_one_error(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "removing-cc"
+    compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] || rm -rf {cache}\nexec cc "$@"\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    with pytest.raises(InputError, match="something removes it again and again"):
+        compile_function(shift_function())
+
+
 # Cache folders that are refused
 
 

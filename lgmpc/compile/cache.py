@@ -21,13 +21,15 @@ from pathlib import Path
 
 import platformdirs
 
-from lgmpc.errors import InputError
+from lgmpc.errors import CompileError, InputError
 
 __all__ = ["CacheReport", "cache_folder", "discard", "find_entry", "inspect_cache", "make_entry", "request_key"]
 
 _log = logging.getLogger("lgmpc.compile")
 _DIGEST = 16
 _STALE_S = 24 * 3600.0
+_ATTEMPTS = 3
+"""How often a library is built whose folder somebody removes meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def make_entry(
         name: of the function.
         key: of the request.
         sources: C code, one a file.
-        build: called with the C files and the library to write.
+        build: called with the C files and the library to write; once more if the cache was removed meanwhile.
         waiting: called once if another process is building it.
 
     Returns:
@@ -134,6 +136,28 @@ def make_entry(
         CompileError: from ``build``.
     """
     try:
+        for _ in range(_ATTEMPTS):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with contextlib.suppress(_RemovedError):
+                return _build_entry(folder, name, key, sources, build, waiting)
+        raise OSError("something removes it again and again")
+    except OSError as error:
+        raise _refuse(folder, f"which cannot be written ({error})", "a folder that you can write to") from error
+
+
+class _RemovedError(Exception):
+    """The cache was removed while a library was built in it."""
+
+
+def _build_entry(
+    folder: Path,
+    name: str,
+    key: str,
+    sources: Sequence[str],
+    build: Callable[[Sequence[Path], Path], None],
+    waiting: Callable[[], None],
+) -> Path:
+    try:
         with _locked(folder / f".{name}-{key}.lock", waiting):
             entry = find_entry(folder, name, key)
             if entry is not None:
@@ -142,14 +166,21 @@ def make_entry(
             with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as scratch:
                 files = [Path(scratch, f"{name}{i or ''}.c") for i in range(len(sources))]
                 library = Path(scratch, f"{name}.so")
-                for file, source in zip(files, sources, strict=True):
-                    file.write_text(source)
-                build(files, library)
-                entry = folder / f"{name}-{key}-{_digest(library)}.so"
-                library.replace(entry)
+                try:
+                    for file, source in zip(files, sources, strict=True):
+                        file.write_text(source)
+                    build(files, library)
+                    entry = folder / f"{name}-{key}-{_digest(library)}.so"
+                    library.replace(entry)
+                except (OSError, CompileError) as error:
+                    if not all(file.exists() for file in files):
+                        raise _RemovedError from error
+                    raise
             return entry
-    except OSError as error:
-        raise _refuse(folder, f"which cannot be written ({error})", "a folder that you can write to") from error
+    except FileNotFoundError as error:
+        if folder.is_dir():
+            raise
+        raise _RemovedError from error
 
 
 def discard(path: Path) -> None:

@@ -10,6 +10,7 @@ import time
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import casadi
 import numpy as np
@@ -152,16 +153,20 @@ def load_library(
     start, sources = time.perf_counter(), writer.write(function)
     size = sum(len(source) for source in sources)
     report(f"compiling '{name}' ({size / 1e6:.1f} MB of C) with {compiler.name}; once, later runs load it")
-    entry = make_entry(
-        folder,
-        name,
-        key,
-        sources,
-        lambda files, library: compiler.build(files, library, name, report),
-        lambda: report(f"waiting for another process that is compiling '{name}'"),
-    )
+
+    def make() -> Path:
+        return make_entry(
+            folder,
+            name,
+            key,
+            sources,
+            lambda files, library: compiler.build(files, library, name, report),
+            lambda: report(f"waiting for another process that is compiling '{name}'"),
+        )
+
+    entry = make()
     try:
-        library = ctypes.CDLL(str(entry))
+        library = ctypes.CDLL(str(entry if entry.exists() else make()))  # the cache may have been removed meanwhile
     except OSError as error:
         remedy = "is the cache on a volume that forbids execution? Choose another with LGMPC_CACHE_DIR"
         raise CompileError(name, f"loading {entry}", f"{error}; {remedy}") from error

@@ -147,12 +147,12 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
         InputError: the cache folder cannot be used.
     """
     source = SQUARES + files("lgmpc.compile").joinpath("pipeline.c").read_text(encoding="utf-8")
-    driver = compile_source("lgmpc_pipeline", source)
+    driver = ctypes.CDLL(str(compile_source("lgmpc_pipeline", source)))
     known: dict[int, ctypes.CDLL] = {}
     for step in pipeline.steps:
         if id(step.function) not in known:
             known[id(step.function)] = load_library(step.function, compiler, progress, LANES)
-    return [ctypes.CDLL(str(driver)), *(known[id(step.function)] for step in pipeline.steps)]
+    return [driver, *(known[id(step.function)] for step in pipeline.steps)]
 
 
 def bind_pipeline(

@@ -11,7 +11,7 @@ from signal import Signals
 from typing import TYPE_CHECKING
 
 from lgmpc.config.build import prepare
-from lgmpc.config.interrupts import stop_signals
+from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
 from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.config.session import IterationReport, Notify, ProgressReport, Session, SessionResult, SolveOutcome
@@ -38,12 +38,12 @@ __all__ = [
 
 
 @contextmanager
-def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFolder]:
+def new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:
     """Create ``out/<time>-<name>/`` with the config in it, for the duration of a block.
 
     It is created before the run, so that an unwritable folder is found first. If an exception leaves the block (the run
     cannot start, fails, or cannot be saved), it is removed, and so are ``out`` and its parents that did not exist
-    before.
+    before. Signals are held back while it is created: between that and its name being known nothing could remove it.
 
     Raises:
         RunFolderError: if it cannot be created or written.
@@ -52,7 +52,8 @@ def new_folder(config: Config | SolveConfig, out: str | Path) -> Iterator[RunFol
     missing = [each for each in (out, *out.parents) if not each.exists()]
     folder = None
     try:
-        folder = RunFolder.create(out, config.name)
+        with stop.held():
+            folder = RunFolder.create(out, config.name)
         folder.write_config(dump_config(config))
         yield folder
     except BaseException:
@@ -148,7 +149,7 @@ def run_session(
     """Run the session that ``prepare`` returns and save it; see :func:`run_config`."""
     with (
         stop_signals() as stop,
-        new_folder(config, out) as folder,
+        new_folder(config, out, stop) as folder,
         reports(notify, progress, simulated) as (announce, advance),
     ):
         session = prepare(announce)
@@ -222,7 +223,7 @@ def solve_config(
     """
     with (
         stop_signals() as stop,
-        new_folder(config, out) as folder,
+        new_folder(config, out, stop) as folder,
         reports(notify, progress, _iterated) as (announce, advance),
     ):
         session = prepare_solve(config, notify=announce)

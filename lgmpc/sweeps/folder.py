@@ -28,7 +28,6 @@ __all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
 _FOLDERS = ("claims", "logs", "scratch")
-"""What a folder contains whose sweep was stopped before its document was written."""
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
 """Sections of the document that may differ when a sweep is resumed: no result depends on them."""
 
@@ -72,23 +71,22 @@ class SweepFolder:
         """
         document = sweep.settings.model_dump(mode="json")
         there = path / DOCUMENT
-        if there.is_file():
+        taken_up = there.is_file()
+        if taken_up:
             _check_same(path, _read_document(there), document)
             if not resume:
                 hint = "add --resume to finish it, or choose another folder with --out"
                 raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
-        elif path.exists() and not (path.is_dir() and {each.name for each in path.iterdir()} <= set(_FOLDERS)):
+        elif path.exists() and not _is_unfinished(path):
             raise RunFolderError(f"{path} is there and is no folder of a sweep: choose another one with --out")
         try:
             for name in _FOLDERS:
                 (path / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RunFolderError(f"cannot make {path}: {reason_of(error)}. Choose another one with --out") from error
-        if not there.is_file():
+        if not taken_up:
+            head = "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
             with atomic_write(there) as file:
-                head = (
-                    "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
-                )
                 file.write((head + write_yaml(document)).encode())
         return cls(path, Results(path / ROWS))
 
@@ -148,6 +146,12 @@ class SweepFolder:
             return False
         shutil.rmtree(min(passes), ignore_errors=True)
         return True
+
+
+def _is_unfinished(path: Path) -> bool:
+    """Return whether a folder is that of a sweep whose document is not written yet, or was stopped before it was."""
+    own = (*_FOLDERS, DOCUMENT, ROWS)
+    return path.is_dir() and all(each.name in own or each.name.startswith(f".{DOCUMENT}.") for each in path.iterdir())
 
 
 def _read_document(file: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from signal import Signals
 from typing import TYPE_CHECKING, Any
 
-from lgmpc.config.interrupts import stop_signals
+from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import InputError, Interrupted, MissingDependencyError, RunFolderError
@@ -122,12 +122,12 @@ def tune(
         received = None
         limit = problem.tuned.settings.time_limit_s
         try:
-            with stop_signals(), Pool(workers or available_cores(), start_worker, limit) as pool:
+            with stop_signals() as stop, Pool(workers or available_cores(), start_worker, limit) as pool:
                 announce("starting, and compiling what is not in the cache")
                 for _ in pool.map(warm, [problem.tuned.points[0].config], workers=1):
                     pass
                 announce("tuning")
-                session.search(pool, trials, workers or available_cores())
+                session.search(pool, stop, trials, workers or available_cores())
                 announce("running the held-out points")
                 held_out = session.compare(pool)
         except Interrupted as error:
@@ -156,7 +156,7 @@ class _Session:
     ) -> None:
         self._problem, self._folder, self._study, self._progress = problem, folder, study, progress
 
-    def search(self, pool: Pool, trials: int, workers: int) -> None:
+    def search(self, pool: Pool, stop: StopSignals, trials: int, workers: int) -> None:
         """Run trials until there are as many as wanted, several at once if one does not occupy all workers."""
         points = self._problem.tuned.points
         together = max(1, workers // len(points))
@@ -166,7 +166,8 @@ class _Session:
             values = {trial.number: self._suggest(trial) for trial in asked}
             rows = self._compute(pool, self._problem.tuned, values, "tuned")
             for trial in asked:
-                self._report(trial, rows[trial.number])
+                with stop.held():
+                    self._report(trial, rows[trial.number])
                 best = _score(self._best())
                 self._progress(TuningProgress(self._done(), trials, _score(self._finished()[0]), best))
 
@@ -202,12 +203,12 @@ class _Session:
 
     def _finished(self) -> list[optuna.trial.FrozenTrial]:
         """Return the finished trials with a score, that of the initial values first."""
-        return [each for each in self._study.get_trials(deepcopy=False) if "passed" in each.user_attrs]
+        return _complete(self._study)
 
     def _done(self) -> int:
         """Return how many trials were computed, with a score or without."""
-        trials = self._study.get_trials(deepcopy=False)
-        return sum("passed" in each.user_attrs or "unmeasured" in each.user_attrs for each in trials)
+        unmeasured = ("unmeasured" in each.user_attrs for each in self._study.get_trials(deepcopy=False))
+        return len(self._finished()) + sum(unmeasured)
 
     def _best(self) -> optuna.trial.FrozenTrial:
         finished = self._finished()
@@ -275,6 +276,13 @@ class _Session:
             yield file
 
 
+def _complete(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    """Return the trials that were told; one that was killed between its attributes and that has failed."""
+    from optuna.trial import TrialState
+
+    return [each for each in study.get_trials(deepcopy=False) if each.state == TrialState.COMPLETE]
+
+
 def _score(trial: optuna.trial.FrozenTrial) -> Score:
     return Score(float(trial.user_attrs["passed"]), float(trial.user_attrs["value"]))
 
@@ -332,7 +340,7 @@ def _study(problem: TuningProblem, folder: Path, seed: int, resume: bool) -> Ite
         for trial in there:
             if trial.state == optuna.trial.TrialState.RUNNING:
                 study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
-        if not any("passed" in trial.user_attrs for trial in there):
+        if not _complete(study):
             study.enqueue_trial(problem.initial)
         yield study
 

@@ -129,6 +129,23 @@ def test_a_signal_before_the_simulation_leaves_no_folder(short: Config, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("default_signals")
+def test_a_signal_while_the_folder_is_created_leaves_none(
+    short: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    create = RunFolder.create
+
+    def interrupted(out: Path, name: str) -> RunFolder:
+        folder = create(out, name)
+        signal.raise_signal(signal.SIGTERM)
+        return folder
+
+    monkeypatch.setattr(RunFolder, "create", interrupted)
+    with pytest.raises(Interrupted):
+        run_config(short, tmp_path / "a")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_second_ctrl_c_acts_at_once(short: Config, tmp_path: Path) -> None:
     def press_twice(now: Progress) -> None:
         signal.raise_signal(signal.SIGINT)

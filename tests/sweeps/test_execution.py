@@ -1,20 +1,25 @@
 """Sweeps of a robot that stands for a tenth of a second, computed in worker processes."""
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from lgmpc.config import load_config
 from lgmpc.config.execution import run_config
 from lgmpc.errors import InputError
 from lgmpc.runs import RunFolder, flat_metrics
 from lgmpc.sweeps import Ending, SweepProgress, parse_sweep, run_sweep
 from lgmpc.sweeps.folder import SweepFolder
+from lgmpc.sweeps.pool import Died, Hung
 
 from .conftest import STAND, Parse
 
@@ -97,6 +102,105 @@ def test_a_signal_leaves_no_point_half_claimed_or_half_saved(
         assert [list((out / folder).iterdir()) for folder in ("claims", "scratch")] == [[], []]
 
 
+class DoomedPool:
+    """Stands for worker processes of which one hangs and one dies."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def __enter__(self) -> "DoomedPool":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def map(self, function: object, tasks: Iterable[Any], workers: int | None = None) -> Iterator[tuple[Any, object]]:
+        yield from zip(tasks, (Hung("too long"), Died("killed")), strict=False)
+
+
+def test_what_hangs_or_dies_is_a_row_with_its_reason_and_a_config_that_repeats_it(
+    tmp_path: Path, parse: Parse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lgmpc.sweeps.execution.Pool", DoomedPool)
+    sweep = parse("factors: [{key: seed, kind: values, values: [1, 2]}]")
+    finished = run_sweep(sweep, tmp_path / "out")
+    rows = [finished.rows[point.key] for point in sweep.points]
+    assert [(row.ending, row.reasons) for row in rows] == [(Ending.HUNG, ("too long",)), (Ending.DIED, ("killed",))]
+    kept = [tmp_path / "out" / "logs" / f"broken-{point.key[:12]}.yaml" for point in sweep.points]
+    assert [load_config(file) for file in kept] == [point.config for point in sweep.points]
+
+
+CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <sys/time.h>
+#include <time.h>
+
+static int calls;
+static time_t step(void) { return (++calls % 2 ? 1 : -1) * 3 * 86400; }
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int code = real(clock, now);
+    if (clock == CLOCK_REALTIME) now->tv_sec += step();
+    return code;
+}
+
+int gettimeofday(struct timeval *now, void *zone) {
+    struct timespec exact;
+    clock_gettime(CLOCK_REALTIME, &exact);
+    now->tv_sec = exact.tv_sec;
+    now->tv_usec = exact.tv_nsec / 1000;
+    return 0;
+}
+
+time_t time(time_t *now) {
+    struct timespec exact;
+    clock_gettime(CLOCK_REALTIME, &exact);
+    if (now) *now = exact.tv_sec;
+    return exact.tv_sec;
+}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux") or shutil.which("cc") is None, reason="preloads a library")
+def test_a_clock_that_is_stepped_changes_no_result(tmp_path: Path) -> None:
+    """By three days, to and fro at every call: durations and limits are of the clock that is not stepped."""
+    source, library = tmp_path / "clock.c", tmp_path / "clock.so"
+    source.write_text(CLOCK, encoding="utf-8")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    text = STAND + "factors: [{key: seed, kind: values, values: [1, 2]}]\nmetrics: [max_tilt_deg]\ntime_limit_s: 300.0"
+    script, out = tmp_path / "script.py", tmp_path / "out"
+    script.write_text(SCRIPT.format(text=text, out=str(out)) + "    print(time.time() - time.time())", encoding="utf-8")
+    environment = os.environ | {"LD_PRELOAD": str(library)}
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    assert abs(float(done.stdout.splitlines()[-1])) > 5.9 * 86400  # the clock is stepped
+    sweep = parse_sweep(text)
+    rows = SweepFolder.open(out, sweep, resume=True).results.rows()
+    for point in sweep.points:
+        row, alone = rows[point.key], run_config(point.config, tmp_path / "alone").session.metrics
+        assert alone is not None
+        assert (row.ending, row.metrics) == (Ending.PASS, {"max_tilt_deg": alone.max_tilt_deg})
+        assert 0.0 < row.elapsed_s < 300.0
+
+
+@pytest.mark.slow
+def test_two_processes_share_a_folder_and_no_point_is_computed_twice(tmp_path: Path) -> None:
+    text = STAND + "factors: [{key: seed, kind: values, values: [1, 2, 3, 4, 5, 6]}]"
+    script, out = tmp_path / "script.py", tmp_path / "out"
+    script.write_text(SCRIPT.format(text=text, out=str(out)), encoding="utf-8")
+    both = [subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=300)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert all("ended by None" in each for each in said)
+    keys = [json.loads(line)["key"] for line in (out / "results.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert sorted(keys) == sorted(point.key for point in parse_sweep(text).points)
+    assert [list((out / name).iterdir()) for name in ("claims", "scratch")] == [[], []]
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not enforce the limit")
 def test_what_exhausts_its_memory_is_a_row_with_its_reason(tmp_path: Path) -> None:
     """The log of a simulated hour takes six gigabytes."""
@@ -126,12 +230,12 @@ def test_the_number_of_workers_is_checked(tmp_path: Path, parse: Parse) -> None:
 
 
 SCRIPT = """
-import sys
+import sys, time
 from pathlib import Path
 from lgmpc.sweeps import parse_sweep, run_sweep
 if __name__ == "__main__":
     sweep = parse_sweep({text!r})
-    done = run_sweep(sweep, Path({out!r}), workers=1, progress=lambda now: print(now.done, flush=True))
+    done = run_sweep(sweep, Path({out!r}), workers=1, resume=True, progress=lambda now: print(now.done, flush=True))
     print("ended by", done.signal)
 """
 

@@ -107,7 +107,7 @@ def run_from(
     verify_s = at if changes else math.inf
     with (
         stop_signals() as stop,
-        new_folder(config, out) as folder,
+        new_folder(config, out, stop) as folder,
         reports(notify, progress, simulated) as (announce, advance),
     ):
         if parts[:-1]:

@@ -15,7 +15,8 @@ import yaml
 
 import lgmpc
 from lgmpc.cli.app import app
-from lgmpc.config import load_any_config, parse_any_config
+from lgmpc.config import load_any_config, parse_any_config, parse_config
+from lgmpc.config.build import prepare
 from lgmpc.demos import catalogue
 from lgmpc.shipped import shipped_configs, shipped_sweeps
 from lgmpc.sweeps import load_sweep, parse_sweep
@@ -79,6 +80,13 @@ def test_a_yaml_block_is_a_config_a_sweep_or_sections_of_a_config(page: str, tex
     else:
         whole = yaml.safe_load(shipped_configs()[FRAGMENTS_OF].text)
         parse_any_config(yaml.safe_dump({**whole, **content}), name=page)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "text"), [(page, text) for page, text in yaml_blocks() if "\nrobot:" in text])
+def test_a_complete_config_on_a_page_passes_its_gate(page: str, text: str) -> None:
+    verdict = prepare(parse_config(text, name=page)).run(lambda progress: None).verdict
+    assert verdict.passed, verdict.reasons
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.is_relative_to(DOCS)], ids=lambda page: page.stem)

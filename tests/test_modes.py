@@ -101,6 +101,8 @@ def test_a_reset_begins_again_with_the_present_state() -> None:
 def test_shipped_configs_pass_their_gates(name: str) -> None:
     result = session_of(name).run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
+    assert result.certificate is not None
+    assert not [each for each in result.certificate.broken if each.name == "joint position"]
 
 
 LIFTED = "{FL_HFE: 1.1, FL_KFE: -2.1}"  # 6 cm off the floor

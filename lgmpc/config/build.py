@@ -14,7 +14,7 @@ from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
-from lgmpc.estimation import FrictionMonitor, LeggedEstimator
+from lgmpc.estimation import FrictionMonitor, JointFrictionEstimator, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import make_mpc
@@ -70,8 +70,15 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         gaits=gaits,
         modes=config.modes,
         delays=config.delays,
+        joint_friction=_build_joint_friction(config, robot),
         period=period,
     )
+
+
+def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimator | None:
+    if config.joint_friction is None:
+        return None
+    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, config.delays.total_s)
 
 
 def build_recorder(
@@ -96,6 +103,7 @@ def build_recorder(
         joint_names=robot.joint_names,
         estimated=estimated,
         stepping=True,
+        friction_estimated=config.joint_friction is not None,
         mass=mass,
         contact_frames=robot.contact_frames,
         friction=friction,

@@ -184,6 +184,7 @@ class RunObserver:
         self._record = session.recorder.record
         self._record_plan = session.recorder.record_mpc
         self._record_steps = session.recorder.record_steps
+        self._record_friction = session.recorder.record_friction
         self._record_estimate = session.recorder.record_estimate
         self._estimator = session.estimator
         # Runs are judged by the true state, not by the estimate.
@@ -209,6 +210,8 @@ class RunObserver:
             estimator = self._estimator
             contacts = estimator.contacts.astype(np.int8) + estimator.rejected
             self._record_estimate(tick.state.q, tick.state.v, contacts, 1e3 * estimator.spent)
+        if controller.joint_friction is not None:
+            self._record_friction(wbc.joint_friction)
         feet, command = controller.feet, controller.command
         self._record_steps(
             command=(command.vx, command.vy, command.yaw_rate),

@@ -17,7 +17,7 @@ from pydantic.json_schema import models_json_schema
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import ConfigError
-from lgmpc.estimation import DelaySettings, LeggedEstimatorSettings
+from lgmpc.estimation import DelaySettings, JointFrictionSettings, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeploymentSettings
 from lgmpc.locomotion.command import Timeline
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -142,6 +142,10 @@ class Config(Document):
     commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
     locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
     delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
+    joint_friction: JointFrictionSettings | None = Field(
+        default=None,
+        description="Estimation of the joints' friction while legs swing; null: what is known of the robot is used.",
+    )
     modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, giving up, and beginning again.")
     deployment: DeploymentSettings = Field(
         default=DeploymentSettings(), description="Limits of `lgmpc deploy`, which runs the controllers on a robot."

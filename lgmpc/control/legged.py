@@ -19,7 +19,7 @@ from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference
 from lgmpc.control.settings import ModeSettings
-from lgmpc.estimation import DelaySettings, FrictionMonitor, StatePredictor
+from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, StatePredictor
 from lgmpc.locomotion.command import CommandLimiter, CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
@@ -58,6 +58,7 @@ class LeggedController:
         gaits: that commands may name; :func:`~lgmpc.locomotion.settings.gaits_of` the robot unless given.
         modes: settings of lying, rising and giving up.
         delays: that are compensated: all that the controller decides is for the state in which its command will act.
+        joint_friction: estimates what the torques overcome; None for what is known of the robot.
         period: time between two updates, s.
 
     Attributes:
@@ -71,6 +72,7 @@ class LeggedController:
         base_target: (7,) base pose that goes with it [position, quaternion x y z w].
         modes: the present mode.
         push_steps: steps that no command asks for.
+        joint_friction: as given.
         wbc_ms: duration of the last update without the planner's, ms.
     """
 
@@ -87,6 +89,7 @@ class LeggedController:
         gaits: Mapping[str, Gait] | None = None,
         modes: ModeSettings | None = None,
         delays: DelaySettings | None = None,
+        joint_friction: JointFrictionEstimator | None = None,
         period: float = 1e-3,
     ) -> None:
         settings = LocomotionSettings() if locomotion is None else locomotion
@@ -108,6 +111,7 @@ class LeggedController:
         delayed = delays is not None and delays.total_s > 0.0
         self._predictor = StatePredictor(robot, period, delays) if delays is not None and delayed else None
         self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
+        self.joint_friction = joint_friction
         self._period = period
         self._time, self._elapsed = math.nan, period
         self._shares = np.ones(robot.nc)
@@ -146,10 +150,13 @@ class LeggedController:
         self.floor.reset()
         if self._predictor is not None:
             self._predictor.reset()
+        if self.joint_friction is not None:
+            self.joint_friction.reset()
 
     def update(self, state: RobotState) -> Command:
         """Return the joint torques for the measured state; never raises for what the robot does."""
         started = perf_counter()
+        measured = state
         if self._predictor is not None:
             self._measured.update(state.q, state.v)
             state = self._predictor.predict(state)
@@ -169,6 +176,8 @@ class LeggedController:
         if finite:
             self._step(state, request)
             self._set_targets(state.time)
+            if self.joint_friction is not None:
+                self.wbc.joint_friction[:] = self.joint_friction.update(measured, self.feet.stance, missed)
         planner = self.planner if mode.upright else None
         if planner is not None:
             if missed:
@@ -192,6 +201,8 @@ class LeggedController:
                 planner.expect(terms, self.wbc.acceleration)
             else:
                 planner.skip()
+        if self.joint_friction is not None:
+            self.joint_friction.expect(self.wbc.tau)
         joints = state.q[self.robot.joint_q]
         command = Command(self.wbc.tau.copy(), joints, self._at_rest, 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
@@ -243,7 +254,7 @@ class LeggedController:
         elif mode is Mode.RISE:
             self._begin_rising(state.time)
         elif mode is Mode.SIT:
-            lying = np.array([0.0, 0.0, self._folding.height - self.feet.legs.height])
+            lying = np.array([0.0, 0.0, self._folding.crouch - self.feet.legs.height])
             self._lift.begin(state.time, np.zeros(3), lying)
         elif transition.name == "risen" and self.planner is not None:
             self.planner.reset()

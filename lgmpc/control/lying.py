@@ -7,7 +7,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.robot import Robot
-from lgmpc.robot.lying import lying_posture, place_feet
+from lgmpc.robot.lying import crouching_posture, lying_posture, place_feet
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
@@ -44,6 +44,7 @@ class Folding:
     Attributes:
         lying: (nu,) joints of the lying posture, rad.
         height: of the centre of mass above the contact points in that posture, m.
+        crouch: the same of the lowest posture on the feet, from which the legs fold, m.
         base_share: how far the base sinks from standing to lying, over how far the centre of mass does.
     """
 
@@ -54,6 +55,10 @@ class Folding:
         feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
         com = float(pin.centerOfMass(robot.model, data, q)[2])
         self.height = com - float(feet[:, 2].mean()) + robot.contact_radius
+        crouching = crouching_posture(robot, float(q[2]))
+        pin.framesForwardKinematics(robot.model, data, crouching)
+        lowest = float(np.mean([data.oMf[frame].translation[2] for frame in robot.contact_ids]))
+        self.crouch = float(pin.centerOfMass(robot.model, data, crouching)[2]) - lowest + robot.contact_radius
         standing = float(pin.centerOfMass(robot.model, data, robot.q_reference)[2])
         self.base_share = (float(q[2] - robot.q_reference[2])) / (com - standing) if com != standing else 1.0
         raised = place_feet(robot, q, q[:3], feet + [0.0, 0.0, settings.clearance_m])

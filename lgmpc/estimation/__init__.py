@@ -3,6 +3,7 @@
 from lgmpc.estimation.friction import FrictionMonitor
 from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf
+from lgmpc.estimation.joint_friction import JointFrictionEstimator, JointFrictionSettings
 from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.estimation.prediction import DelaySettings, StatePredictor
@@ -14,6 +15,8 @@ __all__ = [
     "FrictionMonitor",
     "ImuNoise",
     "InvariantEkf",
+    "JointFrictionEstimator",
+    "JointFrictionSettings",
     "LegSensing",
     "LeggedEstimator",
     "LeggedEstimatorSettings",

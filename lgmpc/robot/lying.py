@@ -9,7 +9,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["lowest_point", "lying_posture", "place_feet"]
+__all__ = ["crouching_posture", "lowest_point", "lying_posture", "place_feet"]
 
 _DESCENT = 0.01  # m between two postures on the way down; each begins from the one before
 _REACHED = 1e-4  # m
@@ -17,6 +17,7 @@ _ITERATIONS = 50
 _LARGEST_STEP = 0.2  # rad in one iteration
 _REGULARIZATION = 1e-6  # m2: near a stretched leg the steps stay finite
 _LIMIT_MARGIN = 1e-3  # rad from the joints' limits
+_CROUCH_MARGIN = 0.05  # rad: what still moves when the weight comes off the feet
 
 
 def lying_posture(robot: Robot) -> Array:
@@ -45,7 +46,40 @@ def lying_posture(robot: Robot) -> Array:
     return q
 
 
-def place_feet(robot: Robot, q: Array, base: Array, feet: Array) -> Array | None:
+def crouching_posture(robot: Robot, lowest: float) -> Array:
+    """Return (nq,) the reference posture lowered on its feet as far as its joints allow.
+
+    Round feet roll under the legs that fold: on the way down Solo12's come 7 mm closer to the middle, and its hips
+    reach their limits before its belly reaches the floor. A robot that lies has put its feet down again.
+
+    Args:
+        robot: the robot.
+        lowest: height of the base below which it is not lowered, m.
+    """
+    data, q = robot.create_data(), robot.q_reference.copy()
+    pin.framesForwardKinematics(robot.model, data, q)
+    feet, turns = _frames(robot, data)
+    while q[2] > lowest:
+        base = np.array([*q[:2], max(float(q[2]) - _DESCENT, lowest)])
+        lowered = place_feet(robot, q, base, feet, _CROUCH_MARGIN)
+        if lowered is None:
+            break
+        q = lowered
+        pin.framesForwardKinematics(robot.model, data, q)
+        _, turned = _frames(robot, data)
+        rolled = [pin.log3(after @ before.T) for before, after in zip(turns, turned, strict=True)]
+        feet = feet + np.cross(rolled, [0.0, 0.0, robot.contact_radius])
+        turns = turned
+    return q
+
+
+def _frames(robot: Robot, data: pin.Data) -> tuple[Array, list[Array]]:
+    """Return the positions (nc, 3) and orientations (3, 3) of the contact frames."""
+    frames = [data.oMf[frame] for frame in robot.contact_ids]
+    return np.array([frame.translation for frame in frames]), [frame.rotation.copy() for frame in frames]
+
+
+def place_feet(robot: Robot, q: Array, base: Array, feet: Array, margin: float = _LIMIT_MARGIN) -> Array | None:
     """Return (nq,) the posture with the base at ``base`` (3,) and the contact frames at ``feet`` (nc, 3), world, m.
 
     Damped Gauss-Newton steps within the joints' limits (Nakamura and Hanafusa, "Inverse kinematic solutions with
@@ -56,6 +90,7 @@ def place_feet(robot: Robot, q: Array, base: Array, feet: Array) -> Array | None
         q: (nq,) where to begin.
         base: origin of the base.
         feet: of the contact frames' origins.
+        margin: distance that joints keep from their limits, rad.
 
     Returns:
         None if they are not all within reach.
@@ -63,7 +98,7 @@ def place_feet(robot: Robot, q: Array, base: Array, feet: Array) -> Array | None
     model, data, q = robot.model, robot.create_data(), q.copy()
     q[:3] = base
     joints, columns = robot.joint_q, robot.joint_v
-    lower, upper = robot.joint_lower + _LIMIT_MARGIN, robot.joint_upper - _LIMIT_MARGIN
+    lower, upper = robot.joint_lower + margin, robot.joint_upper - margin
     for _ in range(_ITERATIONS):
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)

@@ -17,6 +17,7 @@ __all__ = [
     "CHANNELS",
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
+    "FRICTION_CHANNELS",
     "MODES",
     "MPC_CHANNELS",
     "STEP_CHANNELS",
@@ -84,6 +85,11 @@ def _step(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
     return field(default=None, metadata={"step": Channel(axes, dtype)})
 
 
+def _friction(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+    """Declare a channel with one entry per logged control tick of runs that estimate joint friction."""
+    return field(default=None, metadata={"friction": Channel(axes, dtype)})
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunLog:
     """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
@@ -133,6 +139,7 @@ class RunLog:
         contact_states: (n, nc) state of each foot, as index into :data:`CONTACT_STATES`.
         swing_targets: (n, nc, 3) reference of a foot in the air, contact point of one in stance, m.
         footholds: (n, nc, 3) current or next foothold of each foot, m.
+        joint_friction: (n, nu) estimated friction that the torques overcome, N.m; None if it was not estimated.
     """
 
     time: Array = _tick()
@@ -167,6 +174,7 @@ class RunLog:
     contact_states: StatusArray | None = _step("nc", dtype=np.int8)
     swing_targets: Array | None = _step("nc", 3)
     footholds: Array | None = _step("nc", 3)
+    joint_friction: Array | None = _friction("nu")
     contact_frames: NDArray[np.str_]
     joint_names: NDArray[np.str_]
     effort_limit: Array
@@ -241,7 +249,7 @@ class RunLog:
 
     def _optional_tables(self) -> list[Mapping[str, Channel]]:
         """The optional tables of channels that this log has."""
-        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS)
+        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS)
         return [table for table in tables if any(getattr(self, name) is not None for name in table)]
 
     @property
@@ -301,7 +309,7 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, "mass_kg"]
+        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, *FRICTION_CHANNELS, "mass_kg"]
         absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
@@ -318,9 +326,11 @@ def _table(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
-CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS = map(_table, ("tick", "update", "estimate", "step"))
-"""Channels by table: of control ticks, MPC updates, control ticks of runs with an estimator, and of runs whose steps
-are recorded."""
+CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS = map(
+    _table, ("tick", "update", "estimate", "step", "friction")
+)
+"""Channels by table: of control ticks, MPC updates, control ticks of runs with an estimator, of runs whose steps are
+recorded, and of runs that estimate joint friction."""
 
 
 @dataclass(frozen=True)

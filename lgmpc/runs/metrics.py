@@ -80,6 +80,7 @@ class Metrics:
         min_base_height_fraction: lowest base height over the first; 1 for a base that is fixed.
         walking: metrics of commanded motion; None for a run without commands.
         falls: number of falls; a fall ends when the robot folds its legs again.
+        joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
         modes: metrics of giving up, lying and rising; None where modes were not recorded.
     """
 
@@ -110,6 +111,7 @@ class Metrics:
     walking: WalkingMetrics | None = None
     falls: int = 0
     modes: ModeMetrics | None = None
+    joint_friction_nm: float | None = None
 
 
 def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
@@ -174,6 +176,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         walking=walking_metrics(log, tilt[:fall_index]),
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
+        joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[end - 1].mean()),
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, Channel, RunLog
+from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, FRICTION_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, Channel, RunLog
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
@@ -46,6 +46,7 @@ class Recorder:
         joint_names: (nu,) names of the actuated joints; numbered unless given.
         estimated: whether the controller receives an estimate, recorded by :meth:`record_estimate`.
         stepping: whether commands and steps are recorded, by :meth:`record_steps`.
+        friction_estimated: whether estimated joint friction is recorded, by :meth:`record_friction`.
         mass: of the simulated robot, kg; NaN if unknown.
 
     Raises:
@@ -70,6 +71,7 @@ class Recorder:
         joint_names: Sequence[str] | None = None,
         estimated: bool = False,
         stepping: bool = False,
+        friction_estimated: bool = False,
         mass: float = math.nan,
     ) -> None:
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
@@ -102,6 +104,7 @@ class Recorder:
         self._mpc_rows = _Rows(MPC_CHANNELS, sizes, mpc_updates)
         self._estimate_rows = _Rows(ESTIMATE_CHANNELS, sizes, ticks) if estimated else None
         self._step_rows = _Rows(STEP_CHANNELS, sizes, ticks) if stepping else None
+        self._friction_rows = _Rows(FRICTION_CHANNELS, sizes, ticks) if friction_estimated else None
 
     @property
     def ticks(self) -> int:
@@ -173,6 +176,11 @@ class Recorder:
             InputError: it has updates of an MPC with another number of nodes.
         """
         self._rows, self._step_rows, self._estimate_rows = old._rows, old._step_rows, old._estimate_rows
+        if self._friction_rows is not None and old._friction_rows is not None:
+            self._friction_rows = old._friction_rows
+        elif self._friction_rows is not None:
+            for _ in range(old.ticks):  # nothing was estimated
+                self._friction_rows.append({"joint_friction": 0.0})
         if not old.mpc_updates:
             return
         nodes, before = (rows.buffers["mpc_horizon_com"].shape[1] - 1 for rows in (self._mpc_rows, old._mpc_rows))
@@ -181,19 +189,32 @@ class Recorder:
         self._mpc_rows = old._mpc_rows
         self._mpc_period_s = self._mpc_period_s or old._mpc_period_s
 
+    def record_friction(self, friction: Array) -> None:
+        """Copy the estimated friction (nu,) of the joints at a control tick, N.m; call it before :meth:`record`.
+
+        Raises:
+            InputError: the recorder has no channel for it.
+        """
+        if self._friction_rows is None:
+            raise InputError("friction_estimated", False, "True, for recording estimated friction")
+        self._friction_rows.append({"joint_friction": friction})
+
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
-        ticks = self._rows.bytes + sum(rows.bytes for rows in (self._estimate_rows, self._step_rows) if rows)
+        optional = (self._estimate_rows, self._step_rows, self._friction_rows)
+        ticks = self._rows.bytes + sum(rows.bytes for rows in optional if rows)
         return -(-ticks // every) + self._mpc_rows.bytes
 
     def log(self) -> RunLog:
         """Return a copy of all that has been recorded."""
         estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
         steps = {} if self._step_rows is None else self._step_rows.copies(self.ticks)
+        friction = {} if self._friction_rows is None else self._friction_rows.copies(self.ticks)
         return RunLog(
             **self._rows.copies(),
             **estimate,
             **steps,
+            **friction,
             **self._mpc_rows.copies(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),

@@ -84,6 +84,7 @@ class WholeBodyQp:
     Attributes:
         contacts: see :class:`Contacts`.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
+        joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class WholeBodyQp:
         nv, nu, base = robot.nv, robot.nu, robot.nv - robot.nu
         self.contacts = Contacts.standing(robot, settings)
         self.external_wrench = np.zeros(6)
+        self.joint_friction = robot.joint_friction.copy()
         self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
         weighted = [task for task in tasks if task.weight.any()]
         self._numeric = [task for task in weighted if isinstance(task, NumericTask)]
@@ -128,7 +130,7 @@ class WholeBodyQp:
             external_wrench=self.external_wrench,
             limits=limits.reshape(-1),
             horizon=np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2]),
-            joint_friction=robot.joint_friction.copy(),
+            joint_friction=self.joint_friction,
             weights=np.array([weights.force, weights.acceleration]),
             **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},
             hessian=s.hessian[:nv].reshape(-1),

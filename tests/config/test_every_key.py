@@ -73,6 +73,7 @@ robot:
     - {{kind: capsule, link: body, radius_m: 0.05, half_length_m: 0.1}}
 plant: {{actuators: {{stall_torque_nm: 4.0, no_load_speed_rad_s: 40.0}}}}
 estimator: {{kind: inekf}}
+joint_friction: {{}}
 reference: {{kind: com_circle}}
 pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
 """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -58,7 +57,7 @@ def test_contacts_follow_a_lifted_and_a_set_foot(solo12: Robot, estimator: Legge
     before = estimator.ekf.points.copy()
     swing = reading.torques.copy()
     swing[:3] = pin.computeGeneralizedGravity(solo12.model, solo12.create_data(), solo12.q_reference)[6:9]
-    estimator.update(replace(reading, torques=swing))
+    estimator.update(reading._replace(torques=swing))
     assert estimator.contacts.tolist() == [False, True, True, True]
     estimator.update(reading)
     assert estimator.contacts.all()
@@ -83,7 +82,7 @@ def test_a_sliding_foot_is_in_contact_but_does_not_correct_the_estimate(
     for k in range(150):
         speeds = min(k / 100.0, 1.0) * sliding
         joints = joints + PERIOD * speeds
-        state = estimator.update(replace(reading, joints=joints, speeds=speeds))
+        state = estimator.update(reading._replace(joints=joints, speeds=speeds))
         assert estimator.contacts.all()
         if k >= 30:  # 0.06 m/s
             assert estimator.ekf.touching.tolist() == [True, True, True, False]
@@ -101,7 +100,7 @@ def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
         for channel in ("gyro", "accelerometer", "joints", "speeds", "torques"):
             values = getattr(reading, channel)
             again = estimator.update(
-                replace(reading, **{channel: np.where(np.arange(len(values)) == 1, np.nan, values)})
+                reading._replace(**{channel: np.where(np.arange(len(values)) == 1, np.nan, values)})
             )
             np.testing.assert_array_equal(again.q, state.q)
             np.testing.assert_array_equal(again.v, state.v)

@@ -8,7 +8,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
-from lgmpc.robot.lying import lowest_point, lying_posture, place_feet
+from lgmpc.robot.lying import crouching_posture, lowest_point, lying_posture, place_feet
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 
@@ -45,6 +45,23 @@ def test_solo12_lies_on_its_trunk_with_its_feet_where_they_stand() -> None:
     assert lowest_point(robot, q) == pytest.approx(0.0, abs=1e-4)
     joints = q[robot.joint_q]
     assert (joints > robot.joint_lower).all() and (joints < robot.joint_upper).all()
+
+
+def test_round_feet_roll_under_a_robot_that_crouches_until_its_hips_are_near_their_limits() -> None:
+    """With straight hips everything moves in planes, in which a foot's centre goes r times the lower leg's angle."""
+    robot = solo(posture={"*_HAA": 0.0, "F?_HFE": 0.8, "F?_KFE": -1.6, "H?_HFE": -0.8, "H?_KFE": 1.6})
+    q = crouching_posture(robot, 0.03)
+    moved = feet(robot, q) - feet(robot, robot.q_reference)
+    change = (q - robot.q_reference)[robot.joint_q].reshape(4, 3)
+    np.testing.assert_allclose(moved[:, 0], 0.016 * change[:, 1:].sum(axis=1), atol=5e-4)  # in steps of 1 cm
+    np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-4)
+    assert moved[0, 0] < -0.005
+    margin = np.minimum(q[robot.joint_q] - robot.joint_lower, robot.joint_upper - q[robot.joint_q])
+    assert 0.05 <= margin.min() < 0.1
+
+
+def test_a_crouch_does_not_go_below_the_given_height() -> None:
+    assert crouching_posture(solo(), 0.2)[2] == 0.2
 
 
 def test_legs_that_fold_less_end_higher() -> None:

@@ -62,6 +62,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.config": "/tour",
         "lgmpc.config.execution": "/tour",
         "lgmpc.config.showing": "/tour",
+        "lgmpc.config.continuing": "/guide/runs",
+        "lgmpc.config.deploying": "/guide/hardware",
         "lgmpc.simulation": "/guide/plants",
         "lgmpc.runs": "/guide/runs",
         "lgmpc.sweeps": "/guide/sweeps",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
 import re
@@ -134,6 +135,27 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
     text = (ROOT / "paper.md").read_text(encoding="utf-8").split("---", 2)[2]
     entries = re.findall(r"^@\w+\{(\w+),$", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(set(re.findall(r"@(\w+)", text))) == sorted(entries)
+
+
+def documented_rooms() -> set[str]:
+    """Return the rooms of the reference, read from the source: importing it requires Sphinx."""
+    source = ast.parse((DOCS / "reference_pages.py").read_text(encoding="utf-8"))
+    (groups,) = (node.value for node in source.body if isinstance(node, ast.AnnAssign) and node.target.id == "GROUPS")  # type: ignore[union-attr]
+    return {room for rooms in ast.literal_eval(groups).values() for room in rooms}
+
+
+def test_all_names_of_the_package_are_from_rooms_of_the_reference() -> None:
+    assert set(lgmpc._NAMES) <= documented_rooms()
+
+
+def test_links_to_names_lead_to_public_ones() -> None:
+    rooms = documented_rooms()
+    for page in PAGES:
+        for kind, target in re.findall(r"\{(obj|mod)\}`(?:[^`<]*<)?(lgmpc[\w.]*)>?`", page.read_text(encoding="utf-8")):
+            room, _, name = target.rpartition(".")
+            fine = target in rooms if kind == "mod" else room == "lgmpc" or room in rooms
+            assert fine, f"{page.name}: {target}"
+            assert kind == "mod" or name in importlib.import_module(room).__all__, f"{page.name}: {target}"
 
 
 def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import Dynamics, Motion
+from lgmpc.actions.free_duration import ChooseStretch, Stretched
 from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
 from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
@@ -21,6 +22,7 @@ __all__ = [
     "Action",
     "Bounded",
     "CentroidalAction",
+    "ChooseStretch",
     "Contact",
     "ContactForwardDynamics",
     "ContactInverseDynamics",
@@ -51,6 +53,7 @@ __all__ = [
     "StageQuadratic",
     "StageValue",
     "StateMomentum",
+    "Stretched",
     "Unknowns",
     "Variational",
     "thrusters",

@@ -44,7 +44,7 @@ def _show(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
     console, outcome = out(), finished.outcome
     if not quiet:
         console.print(figure_table(_rows(outcome.figures, config.gate.bounds)))
-    if not outcome.converged and outcome.verdict.outcome is not Outcome.INTERRUPTED:
+    if outcome.explanation and not (quiet and outcome.converged) and outcome.verdict.outcome is not Outcome.INTERRUPTED:
         console.print(Text(outcome.explanation))
     show_verdict(console, outcome.verdict, finished.result.name)
     if not quiet:

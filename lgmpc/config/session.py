@@ -119,7 +119,7 @@ class SolveOutcome:
         figures: by name, which ends in the unit; NaN where one could not be measured.
         verdict: pass, fail or interrupted, with reasons.
         status: the name of the solver's :class:`lgmpc.solvers.Status`, in lower case.
-        explanation: what prevented convergence, in a few lines; empty if it converged.
+        explanation: what prevented convergence, in a few lines, and the problem's remarks on the solution.
     """
 
     log: TrajectoryLog = field(repr=False)

@@ -61,7 +61,7 @@ def trajectory_log(scenario: Scenario, solution: Solution, iterations: Sequence[
     names = controls.names if controls is not None else tuple(f"u{i}" for i in range(problem.nu))
     rotations = [np.full((3, 3), np.nan) if w.rotation is None else w.rotation for w in waypoints]
     return TrajectoryLog(
-        times=scenario.times,
+        times=scenario.times_of(trajectory) if finite else scenario.times,
         xs=solution.xs.copy(),
         us=solution.us.copy(),
         com=com,
@@ -200,7 +200,10 @@ class SolveSession:
         figures = self._figures(solution, measured)
         verdict = self._judge(solution, measured, figures, interrupted)
         log, status = trajectory_log(self.scenario, solution, self.iterations), solution.status
-        return SolveOutcome(log, figures, verdict, status.name.lower(), "" if status.solved else solution.explain())
+        remarks = self.scenario.remarks
+        words = () if remarks is None or not is_finite(solution) else remarks(solution.trajectory)
+        explanation = "\n".join(words if status.solved else (solution.explain(), *words))
+        return SolveOutcome(log, figures, verdict, status.name.lower(), explanation)
 
     def _figures(self, solution: Solution, measured: KktResidual) -> dict[str, float]:
         """Return all figures, in the order of display; NaN where the trajectory is not finite."""

@@ -1,5 +1,6 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
+from lgmpc.ocp.free_durations import FreeDurations, FreePhase
 from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.path import PathFunctions
@@ -13,6 +14,8 @@ __all__ = [
     "Block",
     "DerivativeCheck",
     "DerivativeReport",
+    "FreeDurations",
+    "FreePhase",
     "HorizonFunctions",
     "KktResidual",
     "MultipleShooting",

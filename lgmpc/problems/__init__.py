@@ -16,6 +16,7 @@ from lgmpc.locomotion.sequence import GaitPhase
 from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
+from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
 from lgmpc.problems.kinds import AnyProblemSettings, build_problem
 from lgmpc.problems.leg_strokes import LegStrokes
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
@@ -42,6 +43,7 @@ __all__ = [
     "FlightWaypoint",
     "FlightWeights",
     "Footsteps",
+    "FreeJumpSettings",
     "GaitPhase",
     "GaitSettings",
     "JumpSettings",
@@ -62,6 +64,7 @@ __all__ = [
     "Waypoint",
     "build_com_circle",
     "build_flight",
+    "build_free_jump",
     "build_gait",
     "build_jump",
     "build_legged",

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from lgmpc.problems.com_circle import ComCircleSettings, build_com_circle
 from lgmpc.problems.flight import FlightSettings, build_flight
+from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
 from lgmpc.problems.legged import build_gait, build_jump
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings
 from lgmpc.problems.reach import ReachSettings, build_reach
@@ -28,6 +29,7 @@ __all__ = ["AnyProblemSettings", "build_problem"]
 _KINDS: Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]] = {
     ComCircleSettings: build_com_circle,
     FlightSettings: build_flight,
+    FreeJumpSettings: build_free_jump,
     GaitSettings: build_gait,
     JumpSettings: build_jump,
     ReachSettings: build_reach,

@@ -20,7 +20,7 @@ from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["build_gait", "build_jump", "build_legged"]
+__all__ = ["build_gait", "build_jump", "build_legged", "check_legged", "reference_states", "resting_guess"]
 
 
 def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
@@ -30,7 +30,7 @@ def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
         InputError: as :func:`build_legged`, or a ramp longer than half of the time in which feet swing.
     """
     s = settings
-    _check_robot(robot)
+    check_legged(robot)
     gait = s.gait(robot)
     stop = gait.duration - s.settle_s
     most = (stop - s.settle_s) / 2.0
@@ -47,7 +47,7 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
         InputError: as :func:`build_legged`.
     """
     s = JumpSettings() if settings is None else settings
-    _check_robot(robot)
+    check_legged(robot)
     leap = BaseLeap(
         np.array(s.displacement_m),
         math.radians(s.yaw_deg),
@@ -73,13 +73,13 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
     Raises:
         InputError: a robot without free base or contact frames, or a gait of other feet.
     """
-    _check_robot(robot)
+    check_legged(robot)
     if gait.feet != robot.contact_frames:
         raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
     grid = gait.grid(settings.step_s)
     start = contact_positions(robot, robot.x_reference[None])[0]
     steps = Footsteps.plan(gait, motion, start, robot.q_reference[:3])
-    reference = _reference(robot, motion, grid.times)
+    reference = reference_states(robot, motion, grid.times)
     problem = legged_problem(robot, grid, reference, steps.positions(grid.times), settings)
     figures = LeggedFigures(robot, grid, steps, motion, settings.friction)
 
@@ -90,7 +90,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         name=name,
         robot=robot,
         problem=problem,
-        guess=Trajectory(_guess(robot, grid, reference), carrying_efforts(robot, grid)),
+        guess=Trajectory(resting_guess(robot, grid, reference), carrying_efforts(robot, grid)),
         durations=grid.durations,
         figures=measure,
         contact_flags=grid.flags,
@@ -100,14 +100,19 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
     )
 
 
-def _check_robot(robot: Robot) -> None:
+def check_legged(robot: Robot) -> None:
+    """Check that a robot has a free base, feet, and joints of one angle each.
+
+    Raises:
+        InputError: it has not.
+    """
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
     if robot.nq - 7 != robot.nu:
         raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which has limits")
 
 
-def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
+def reference_states(robot: Robot, motion: BaseMotion, times: Array) -> Array:
     """Return (N+1, nx) the reference posture moved with the base."""
     states = np.tile(robot.x_reference, (len(times), 1))
     position, turn = robot.q_reference[:3], np.asarray(pin.Quaternion(robot.q_reference[3:7]).matrix())
@@ -118,7 +123,7 @@ def _reference(robot: Robot, motion: BaseMotion, times: Array) -> Array:
     return states
 
 
-def _guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
+def resting_guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
     """Return the reference, at rest except in flight: a base that moves over resting feet is no feasible motion."""
     states = reference.copy()
     states[:-1][~grid.flight, robot.nq :] = 0.0

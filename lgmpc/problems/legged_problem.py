@@ -13,6 +13,7 @@ the sum of these errors; the stiffness halves the error with each interval. (Wit
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,12 @@ class LeggedScale:
 
 
 def legged_problem(
-    robot: Robot, grid: GaitGrid, reference: Array, places: Array, settings: LeggedSettings
+    robot: Robot,
+    grid: GaitGrid,
+    reference: Array,
+    places: Array,
+    settings: LeggedSettings,
+    more: Sequence[CostItem] = (),
 ) -> ShootingProblem:
     """Return the problem.
 
@@ -97,6 +103,7 @@ def legged_problem(
         reference: (N+1, nx) reference states.
         places: (N+1, nc, 3) reference positions of the feet, world, m.
         settings: weights, friction and grid.
+        more: costs of the motion besides.
     """
     scale, w = LeggedScale.of(robot), settings.weights
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
@@ -112,6 +119,7 @@ def legged_problem(
             CostItem("effort", Control(robot.nu), rate * w.effort / scale.torque**2),
             *_cones(robot, friction, rate * w.friction / scale.force**2),
             *_feet(robot, rate * w.swing / scale.length**2),
+            *more,
         ],
         [ConstraintItem("torque", Control(robot.nu), -robot.effort_limit, robot.effort_limit)],
     )

@@ -94,6 +94,9 @@ class Scenario:
         waypoints: targets, for the replay.
         controls: names and limits of the controls; unless given the joints' efforts, if there are as many.
         friction: coefficient of the contact forces' cones; None for a problem without.
+        lengths: from states and controls to the (N,) lengths of the intervals, s, where these are free; None where they
+            are the durations.
+        remarks: from states and controls to sentences about them, for the user; None for none.
 
     Raises:
         InputError: durations, flags or names of controls whose number is not the problem's.
@@ -110,6 +113,8 @@ class Scenario:
     waypoints: tuple[Waypoint, ...] = ()
     controls: Controls | None = None
     friction: float | None = None
+    lengths: Callable[[Trajectory], Array] | None = None
+    remarks: Callable[[Trajectory], tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         nodes, nc = self.problem.nodes, self.robot.nc
@@ -140,3 +145,9 @@ class Scenario:
     def times(self) -> Array:
         """(N+1,) time of every node, s, from 0; an impact's two nodes have the same."""
         return np.concatenate([[0.0], np.cumsum(self.durations)])
+
+    def times_of(self, trajectory: Trajectory) -> Array:
+        """Return (N+1,) the time of every node of a trajectory, s: :attr:`times`, unless durations are free."""
+        if self.lengths is None:
+            return self.times
+        return np.concatenate([[0.0], np.cumsum(self.lengths(trajectory))])

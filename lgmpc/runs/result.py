@@ -166,7 +166,7 @@ class SolveResult(_Result):
     Attributes (besides the common ones):
         method: the solver.
         status: the name of the :class:`lgmpc.solvers.Status`, in lower case.
-        explanation: why it did not converge, in a few lines; empty if it did.
+        explanation: why it did not converge, in a few lines, and the problem's remarks on the solution.
         figures: by name, which ends in the unit; NaN where one could not be measured.
     """
 

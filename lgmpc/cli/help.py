@@ -142,7 +142,7 @@ As first line of a config: # yaml-language-server: $schema=schema.json
 DEPLOY = _examples(
     "lgmpc robot solo12_velocity_inekf                                 in one terminal: a robot in real time",
     "lgmpc deploy solo12_velocity_inekf                                in another: its controller",
-    "lgmpc deploy solo12_balance_inekf --robot 192.168.1.20:47800      a robot whose driver speaks the protocol",
+    "lgmpc deploy solo12_balance_inekf --robot 192.168.1.20:47800      a robot whose driver uses the protocol",
 )
 ROBOT = _examples(
     "lgmpc robot solo12_balance_inekf",

@@ -55,7 +55,7 @@ def robot(
 ) -> None:
     """Simulate a config's robot in real time, and let the controller at the other end of UDP move it.
 
-    Waits for `lgmpc deploy`, or for a program of one's own that speaks its protocol. Pushes, sensors' noise, drives
+    Waits for `lgmpc deploy`, or for a program of one's own that uses its protocol. Pushes, sensors' noise, drives
     and floor are those of the config.
     """
     from lgmpc.config import load_config

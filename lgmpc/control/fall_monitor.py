@@ -36,7 +36,7 @@ class FallSettings(Settings):
 
 
 class FallMonitor:
-    """Compares what is measured with the limits, each with its own patience.
+    """Compares what is measured with the limits, each over a time of its own.
 
     Args:
         settings: see :class:`FallSettings`.

@@ -183,7 +183,7 @@ class LeggedController:
             if missed:
                 planner.observer.miss(missed)
             self.wbc.external_wrench[:] = planner.observe(self._measured.momentum)
-            # Feet that have just touched down would carry nothing until the next plan, which knows of them.
+            # Feet that have just touched down would carry nothing until a plan includes them.
             if planner.due(state.time) or self.feet.changed:
                 self._write_horizon(state.time, planner)
                 planner.plan_from(state.time, terms)

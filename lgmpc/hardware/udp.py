@@ -166,7 +166,7 @@ def _packets(link: socket.socket, longest: int) -> Iterator[bytes]:
             yield link.recv(longest + 1)
         except BlockingIOError:
             return
-        except ConnectionError:  # nobody listens at the other end: UDP reports it for a packet sent before
+        except ConnectionError:  # no process listens at the other end: UDP reports it for a packet sent before
             continue
 
 

@@ -11,7 +11,7 @@ With ``Phi = hat(phi)``, ``theta = |phi|`` and ``Phi^3 = -theta^2 Phi``, every p
     Gamma_2          = I/2 + c Phi + e Phi^2    e = (1/2 - b) / theta^2         double integral of exp
     D Gamma_2        needs  gamma and epsilon = e'/theta = (c - 4 e) / theta^2
 
-The closed forms suffer from cancellation where ``theta`` is small. Up to ``theta^2 = SEAM`` (just beyond pi^2, so that
+The closed forms cancel digits where ``theta`` is small. Up to ``theta^2 = SEAM`` (just beyond pi^2, so that
 nothing switches inside the injectivity radius) they are therefore evaluated as series: all but ``d, delta`` as Taylor
 series, whose terms at pi exceed the sum at most fourfold; ``d, delta`` by the expansion of the cotangent in its poles,
 

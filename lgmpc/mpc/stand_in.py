@@ -22,11 +22,11 @@ _PAUSE = 4
 class StandInMpc:
     """Plans with base and joints as far as the legs reach, and with the centroidal model beyond.
 
-    A stretched leg is singular: linearised there, it promises motions that it does not have, and an iteration from such
-    a plan leads away from the solution. In a push hard enough the forecast gets there long before the robot does, if
-    the robot does at all. So a plan that stretches a leg further than ``settings.reach_rad``, like one that failed, is
-    dropped, and a centroidal model, which has no legs to stretch, plans instead. Every fifth update the multibody model
-    is tried again, and followed from the second plan in a row that keeps the reach: the first began without a guess.
+    A stretched leg is singular: the linearisation there contains motions that the leg does not have, and an iteration
+    from such a plan leads away from the solution. In a push hard enough the forecast stretches the legs long before the
+    robot does, if the robot does at all. So a plan that stretches a leg further than ``settings.reach_rad``, like one
+    that failed, is dropped, and a centroidal model, which has no legs, plans instead. Every fifth update the multibody
+    model is tried again, and followed from the second plan in a row that keeps the reach: the first has no guess.
 
     Args:
         mpc: the controller with base and joints.

@@ -20,7 +20,7 @@ _JOINED_S = 0.05
 _OPEN_S = 0.01
 """A foot that should stand and carries nothing for a shorter time bounces."""
 _TILT_OFF_DEG, _VELOCITY_OFF_M_S = 2.0, 0.2
-"""An estimate that is off by more misleads the controller."""
+"""An estimate that is off by more counts as wrong."""
 _AT_LIMIT = 1e-3
 """A quantity that used all but this share of its limit has reached it."""
 _BRIEF_S = 0.005

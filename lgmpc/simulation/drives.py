@@ -28,7 +28,7 @@ _SAME_TIME = 1e-9  # s
 
 
 class LinkSettings(Settings):
-    """The link between the robot and its controller. The controller's model and its estimator do not know of it."""
+    """The link between the robot and its controller. Neither the controller's model nor its estimator contains it."""
 
     command_latency_s: Delay = Field(default=0.0, description="Time from a command's completion to the drives, s.")
     command_jitter_s: Delay = Field(default=0.0, description="Largest random addition to it, uniform from 0, s.")
@@ -62,7 +62,7 @@ class LinkSettings(Settings):
 
 
 class ActuatorSettings(Settings):
-    """The drives of the joints, all alike, as the controllers do not know them."""
+    """The drives of the joints, all alike; no controller's model contains them."""
 
     bandwidth_hz: Positive | None = Field(
         default=None, description="Corner frequency of the torque's first-order lag, Hz; null: none."
@@ -151,7 +151,7 @@ class DelayLine(Generic[T]):
 class StateLink(Generic[S]):
     """The way of measurements, or of true states, to the estimator or the controller.
 
-    What arrives late carries the time of its arrival: a controller does not know how old it is.
+    What arrives late carries the time of its arrival: its age is unknown to a controller.
     """
 
     def __init__(self, settings: LinkSettings, rng: np.random.Generator) -> None:

@@ -32,8 +32,8 @@ class Boundary:
 def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boundary:
     """Find where ``passes`` changes from true to false, to within ``settings.tolerance``.
 
-    The verdict is assumed monotonic; if it is not, the value found is one of its changes, and ``settings.probes`` runs
-    below it tell.
+    The verdict is assumed monotonic; if it is not, the value found is one of its changes, as ``settings.probes`` runs
+    below it show.
 
     Args:
         passes: the verdict at a value.

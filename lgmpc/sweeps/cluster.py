@@ -133,7 +133,7 @@ class DaskPool:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(Exception):  # without a scheduler there is nobody to end
+        with suppress(Exception):  # without a scheduler there is no worker to end
             self._client.run(_end_processes, self._remote.session)
 
     def map(
@@ -192,7 +192,7 @@ class DaskPool:
 
 @dataclass(frozen=True)
 class _Remote:
-    """What a worker has to know to compute tasks: the name of the session, and the arguments of its pool."""
+    """What a worker requires to compute tasks: the name of the session, and the arguments of its pool."""
 
     session: str
     initialize: Callable[[], None]

@@ -178,7 +178,7 @@ class _Session:
         return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
 
     def run(self, executor: Executor, stop: StopSignals, notify: Callable[[str], None]) -> None:
-        """Compute and save every point that nobody else has finished or computes."""
+        """Compute and save every point that no other process has finished or computes."""
         if self.now.done == self.now.total:
             return
         self._progress(self.now)
@@ -188,12 +188,12 @@ class _Session:
         self._started = perf_counter()
         notify("running")
         for task, result in executor.map(compute, self._tasks(stop)):
-            with stop.held():  # all of it or nothing: a row whose claim stays, say, would be nobody's
+            with stop.held():  # all of it or nothing: a row whose claim stays, say, would belong to no process
                 self._save(task, result)
             self._progress(self.now)
 
     def close(self) -> None:
-        """Give up what is not finished."""
+        """Cancel what is not finished."""
         for key, claim in self._claims.items():
             shutil.rmtree(self._folder.scratch(key), ignore_errors=True)
             claim.release()
@@ -217,7 +217,7 @@ class _Session:
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
     def _claim(self, key: str) -> bool:
-        """Return whether this process computes the point: nobody else does, or has."""
+        """Return whether this process computes the point: no other one does, or has."""
         claim = None if key in self._folder.results.rows() else self._folder.claim(key)
         if claim is not None:
             self._claims[key] = claim

@@ -158,7 +158,7 @@ class LogChoice(Settings):
 
 
 class Expectation(Settings):
-    """Limits on the sweep as a whole; a point that raises, hangs or dies breaks every sweep."""
+    """Limits on the sweep as a whole; a point that raises, hangs or ends its process fails every sweep."""
 
     min_pass_fraction: Fraction | None = Field(default=None, description="Smallest share of points that pass, 0 to 1.")
     min_boundary: NonNegative | None = Field(default=None, description="Smallest boundary that a bisection may find.")

@@ -49,7 +49,7 @@ class SlurmSettings(Settings):
         default=None, min_length=1, description="Network interface of the scheduler and the workers, such as ib0."
     )
     start_s: Positive = Field(
-        default=60.0, description="How long a job waits for the sweep's scheduler before it gives up, s."
+        default=60.0, description="How long a job waits for the sweep's scheduler before it ends, s."
     )
 
 
@@ -128,7 +128,7 @@ def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.
 
 
 def _check_accepted(script: str) -> None:
-    """Ask SLURM whether it would accept a job: a refusal of the real one would only be logged, and waited for."""
+    """Check that SLURM would accept a job: a refusal of the real one would only be logged, and waited for."""
     with NamedTemporaryFile("w", suffix=".sh", encoding="utf-8") as file:
         file.write(script)
         file.flush()

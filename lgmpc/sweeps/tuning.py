@@ -180,7 +180,7 @@ def tuning_problem(
 
 
 def parse_dimension(config: Config, text: str) -> Dimension:
-    """Return what a text asks to tune.
+    """Return what a text says to tune.
 
     Args:
         config: with the present values.

@@ -110,7 +110,7 @@ def _draw_events(axes: Axes, events: Sequence[Event], explanation: Explanation) 
     axes.set_yticks([])
     axes.grid(visible=False)
     hidden = len(explanation.events) - len(events)
-    more = f", the {len(events)} most telling of {len(explanation.events)}" if hidden else ""
+    more = f", the {len(events)} most important of {len(explanation.events)}" if hidden else ""
     axes.set_title(f"Events{more}" if events else "No events")
     if explanation.failed_s is not None:
         axes.annotate(

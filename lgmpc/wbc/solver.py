@@ -34,7 +34,7 @@ class WholeBodySolver:
     tick on. What it does not solve is left to ProxQP, which is several times slower: a Hessian that is only
     positive semidefinite, limits that contradict each other, and everything where there is no C compiler.
 
-    The data is written straight into ProxQP's own memory. Rows and bounds that nobody writes to hold nothing.
+    The data is written straight into ProxQP's own memory. Rows and bounds that are never written have no effect.
 
     Args:
         variables: n.

@@ -228,16 +228,17 @@ class Computing:
         self._rng = rng
         self._tick, self._plan = (1e-3 * np.array(each) for each in (settings.tick_ms, settings.plan_ms))
         ways = {"ideal": self._none, "measured": self._measured, "modelled": self._drawn}
-        self.spent: Callable[[float, bool], float] = ways[settings.computing]
-        """``spent(measured, planned)``: time of a tick, s, from the one measured here and whether it planned."""
+        self.spent: Callable[[Callable[[], tuple[float, bool]]], float] = ways[settings.computing]
+        """``spent(measured)``: time of a tick, s; ``measured()`` returns the one measured and whether it planned."""
 
-    def _none(self, measured: float, planned: bool) -> float:
+    def _none(self, measured: Callable[[], tuple[float, bool]]) -> float:
         return 0.0
 
-    def _measured(self, measured: float, planned: bool) -> float:
-        return measured
+    def _measured(self, measured: Callable[[], tuple[float, bool]]) -> float:
+        return measured()[0]
 
-    def _drawn(self, measured: float, planned: bool) -> float:
+    def _drawn(self, measured: Callable[[], tuple[float, bool]]) -> float:
+        _, planned = measured()
         return self._quantile(self._tick) + (self._quantile(self._plan) if planned else 0.0)
 
     def _quantile(self, quantiles: Array) -> float:

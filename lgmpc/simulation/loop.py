@@ -191,7 +191,7 @@ class Loop:
             if sample.time > self._ready - _SAME_TIME:  # else the computer is still at an earlier tick: a missed one
                 command = self._controller.update(state)
                 nu = self._nu = command.tau.size
-                self._ready = sample.time + hardware.computing.spent(*hardware.measured())
+                self._ready = sample.time + hardware.computing.spent(hardware.measured)
                 drives.send(command, self._ready)
                 torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
                 goes_on = on_tick(Tick(self.index, sample, state, command, torque, disturbance))

@@ -84,10 +84,11 @@ class RiccatiSolver:
         self.took_over = False
         self._fallback = fallback(qp)
         lqr = compile_function(lqr_function(s, f"qp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
-        self._lqr = lqr
         self._rho, self._measures = np.zeros(1), np.zeros((s.nodes, 3))
         self._mu, self._point, self._multipliers = np.zeros((3, s.nodes, s.ng))
         weights, targets, self._rows = (lqr.input("weights").T, lqr.input("targets").T, lqr.output("rows").T)
+        self._dx0, self._cost = lqr.input("dx0"), lqr.output("cost")
+        self._minimiser = tuple(lqr.output(name).T for name in ("dxs", "dus", "costates"))
         # On the problem's own memory: its numbers are not copied.
         self._regulate = lqr.bind(values=qp.values, terminal_values=qp.terminal_values)
         bounds = {"lower": qp.vector("lower"), "upper": qp.vector("upper"), "mu": self._mu, "rho": self._rho}
@@ -112,7 +113,7 @@ class RiccatiSolver:
 
     def solve(self, dx0: Array) -> QpStatus:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        self._lqr.input("dx0")[:] = dx0
+        self._dx0[:] = dx0
         self.took_over = not self._solve()
         if not self.took_over:
             return QpStatus.SOLVED
@@ -136,15 +137,14 @@ class RiccatiSolver:
         for self.iterations in range(1, settings.max_sweeps + 1):
             self._penalise()
             self._regulate()
-            cost = float(self._lqr.output("cost")[0])
+            cost = float(self._cost[0])
             if not math.isfinite(cost):
                 return False
             self._measure()
             change, residual, _ = np.maximum.reduce(self._measures, axis=0).tolist()
             if change <= settings.tolerance:
                 if residual <= settings.tolerance:
-                    minimiser = (self._lqr.output(name).T for name in ("dxs", "dus", "costates"))
-                    self.solution.write(*minimiser, self._multipliers)
+                    self.solution.write(*self._minimiser, self._multipliers)
                     return True
                 self._mu[...] = self._multipliers
                 self._point[...] = self._rows

@@ -11,6 +11,7 @@ import numpy as np
 from lgmpc.runs.estimate import CONTACT_FORCE_N, tilt_and_yaw_deg
 from lgmpc.runs.limited import Limited
 from lgmpc.runs.log import MODES, RunLog, push_intervals
+from lgmpc.runs.origin import Origin
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Event", "EventKind", "find_events"]
@@ -33,7 +34,7 @@ class EventKind(Enum):
     """What an event is to a failure."""
 
     CAUSE = "cause"
-    """From outside: a push, a new command."""
+    """From outside: a push, a new command, settings that were changed."""
     LIMIT = "limit"
     """A joint or a friction cone at its limit."""
     CONTACT = "contact"
@@ -74,12 +75,13 @@ class Event:
     words: str
 
 
-def find_events(log: RunLog, quantities: Sequence[Limited]) -> tuple[Event, ...]:
+def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | None = None) -> tuple[Event, ...]:
     """Return the events of a log, in order of their beginning.
 
     Args:
         log: finite throughout.
         quantities: what has limits, see :func:`lgmpc.runs.limited.limited_quantities`.
+        origin: the run that this one continues with other settings, if it does.
     """
     finders: tuple[Callable[[RunLog], Iterator[Event]], ...] = (
         _pushes,
@@ -93,6 +95,9 @@ def find_events(log: RunLog, quantities: Sequence[Limited]) -> tuple[Event, ...]
     found = [event for find in finders for event in find(log)]
     for quantity in quantities:
         found += _reached(log, quantity)
+    if origin is not None and origin.changes:
+        words = f"settings changed: {origin.differences}"
+        found.append(Event(origin.time_s, origin.time_s, EventKind.CAUSE, "settings", words))
     # Of what begins in the same tick, the cause is first.
     return tuple(sorted(found, key=lambda each: (each.start_s, list(EventKind).index(each.kind))))
 

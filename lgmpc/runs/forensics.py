@@ -101,7 +101,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
         overall = verdict.reasons[0] if verdict.reasons else verdict.outcome.value
         failure = _failure(log, quantities, gate, broke_s) or _Failure(None, overall)
     failed_s = failure.time_s
-    events = find_events(log, quantities)
+    events = find_events(log, quantities, run.result.origin)
     chain, earlier = _chain(events, failed_s)
     end = log.ticks if failed_s is None else int(np.searchsorted(log.time, failed_s, side="right"))
     found = (quantity.until(end).nearest(log.time[:end]) for quantity in quantities)

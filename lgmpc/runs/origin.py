@@ -27,6 +27,11 @@ class Origin:
     changes: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
     begun_anew: tuple[str, ...] = ()
 
+    @property
+    def differences(self) -> str:
+        """The changes in words: ``key before -> after``."""
+        return ", ".join(f"{key} {before} -> {after}" for key, (before, after) in self.changes.items())
+
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
         return {
@@ -51,8 +56,7 @@ class Origin:
     def __str__(self) -> str:
         text = f"{self.run}: {self.verified_ticks} logged ticks repeated bit for bit"
         if self.changes:
-            changes = ", ".join(f"{key} {a} -> {b}" for key, (a, b) in self.changes.items())
-            text += f"; from {self.time_s:.3f} s on changed: {changes}"
+            text += f"; from {self.time_s:.3f} s on changed: {self.differences}"
         if self.begun_anew:
             text += f"; begun anew: {', '.join(self.begun_anew)}"
         return text

@@ -14,9 +14,11 @@ from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.continuing import run_from
 from lgmpc.config.execution import FinishedRun, run_config
+from lgmpc.config.showing import explain
 from lgmpc.errors import ConfigError, InputError, LgmpcError, ReplayError, RunFolderError
 from lgmpc.runs import RunFolder, RunLog
 from lgmpc.runs.difference import first_difference
+from lgmpc.runs.events import EventKind
 
 PUSH = "pushes=[{body: base_link, time_s: 0.03, duration_s: 0.06, impulse_ns: [0, 1.0, 0.3]}]"
 STANDING = [PUSH, "duration_s=0.2", "gate={max_tilt_deg: 5}"]
@@ -116,6 +118,15 @@ def test_the_folder_says_where_it_came_from(pushed: FinishedRun, tmp_path: Path)
     assert loaded.result.origin == finished.result.origin
     assert loaded.log.friction == 0.4 and loaded.log.time[-1] == pytest.approx(0.248)
     assert "plant.friction 0.6 -> 0.4" in str(loaded.result.origin)
+
+
+def test_an_explanation_names_the_change_among_the_causes(pushed: FinishedRun, tmp_path: Path) -> None:
+    finished = run_from(pushed, 0.12, ["plant.friction=0.4"], tmp_path)
+    explanation, _ = explain(finished)
+    causes = [(each.name, each.start_s) for each in explanation.events if each.kind is EventKind.CAUSE]
+    assert causes == [("push", pytest.approx(0.03)), ("settings", pytest.approx(0.12))]
+    assert "settings changed: plant.friction 0.6 -> 0.4" in [each.words for each in explanation.events]
+    assert explanation.replay_from_s == 0.02
 
 
 def test_a_continued_run_is_itself_repeated_and_continued(pushed: FinishedRun, tmp_path: Path) -> None:

@@ -261,3 +261,20 @@ def test_a_start_that_cannot_be_is_refused(arguments: dict[str, object], name: s
     with pytest.raises(InputError) as caught:
         GaitClock(GAITS["stand"]).start(0.0, **arguments)  # type: ignore[arg-type]
     assert caught.value.argument == name
+
+
+@given(changes)
+def test_it_rests_where_no_foot_swings_or_is_to_lift_off(changes: list[tuple[float, Gait | None]]) -> None:
+    clock, t = GaitClock(GAITS["stand"]), 0.0
+    assert clock.rests(t)
+    for wait, gait in changes:
+        end = t + wait
+        while t < end:
+            t += 5.0 * TICK
+            clock.advance(t)
+            steps = any(clock.swing(foot, t) or math.isfinite(clock.next_liftoff(foot, t)) for foot in range(4))
+            assert clock.rests(t) is not steps
+        if gait is None:
+            clock.stop(t)
+        else:
+            clock.start(t, gait)

@@ -145,3 +145,26 @@ def test_a_foot_that_touches_without_pressing_feels_no_force(solo12) -> None:
             assert (forces[feet[~touching], 2] > 0.0).all()
         q[2] = np.nextafter(q[2], 1.0)
     assert found
+
+
+def test_forces_on_the_feet_are_those_of_mujocos_contacts(solo12) -> None:
+    """The sum of :func:`mujoco.mj_contactForce` over the contacts of each foot, turned to world axes."""
+    plant = MujocoPlant(solo12, PlantSettings())
+    plant.set_wrench(solo12.body_names[0], np.array([4.0, 3.0, 0.0, 0.0, 0.0, 0.3]))
+    x = solo12.x_reference.copy()
+    x[2] += 0.01  # falls, lands on all feet at different times, slides
+    x[solo12.nq : solo12.nq + 3] = 0.3, -0.2, 0.0
+    plant.reset(x)
+    loaded = set()
+    for _ in range(150):
+        plant.step(np.zeros(solo12.nu))
+        expected = np.zeros((solo12.nc, 3))
+        for k, contact in enumerate(plant.data.contact):
+            name = plant.model.geom(contact.geom[1]).name.removeprefix("foot ")
+            if name in solo12.contact_frames:
+                local = np.zeros(6)
+                mujoco.mj_contactForce(plant.model, plant.data, k, local)
+                expected[solo12.contact_frames.index(name)] += contact.frame.reshape(3, 3).T @ local[:3]
+        np.testing.assert_allclose(plant.sense().contact_forces, expected, atol=1e-12)
+        loaded.add(tuple((expected[:, 2] > 0.0).tolist()))
+    assert len(loaded) > 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -125,4 +126,5 @@ def test_damaged_configs_are_refused_or_checked(shipped: Path) -> None:
 
 @pytest.mark.slow
 def test_many_damaged_configs_are_refused_or_checked(shipped: Path) -> None:
-    fuzz(shipped, 150)
+    """Of each config; ``LGMPC_FUZZ=300`` makes it 10,000 of all together."""
+    fuzz(shipped, int(os.environ.get("LGMPC_FUZZ", "150")))

@@ -329,9 +329,7 @@ class LineSearchSqp(IterativeSolver):
         start = time.perf_counter()
         self.functions.linearize()
         qp = self.qp
-        bounds = qp.structure.blocks["lower"].where.start, qp.structure.blocks["upper"].where.stop
-        values = qp.values
-        self._finite = all_finite(values[:, : bounds[0]], values[:, bounds[1] :], qp.terminal_values)
+        self._finite = qp.is_finite()
         lower, upper = qp.vector("lower"), qp.vector("upper")
         self._finite = self._finite and not (np.isnan(lower).any() or np.isnan(upper).any())
         self._outside = np.maximum(np.maximum(lower, -upper), 0.0)
@@ -355,9 +353,8 @@ class LineSearchSqp(IterativeSolver):
         dense = {name: qp.dense(name) for name in "ABCD"}
 
         def gradient(vector: str, dynamics: str, rows: str) -> Array:
-            product = np.einsum("kij,ki->kj", dense[dynamics], costates)
-            out: Array = qp.vector(vector) + product + np.einsum("kij,ki->kj", dense[rows], multipliers)
-            return out
+            out: Array = costates[:, None] @ dense[dynamics] + multipliers[:, None] @ dense[rows]
+            return out[:, 0] + qp.vector(vector)
 
         states, controls = gradient("q", "A", "C")[1:] - costates[:-1], gradient("r", "B", "D")
         last = qp.terminal_values[qp.structure.terminal_blocks["q"].where] - costates[-1]

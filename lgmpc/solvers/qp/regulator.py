@@ -20,6 +20,7 @@ from lgmpc.typing import Array, IntArray
 
 __all__ = ["BlockRegulator"]
 
+_VALUES = 2  # their place in a frame
 _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
 
 
@@ -56,7 +57,7 @@ class BlockRegulator:
         self._factors = aligned_zeros(n * measure("factors"))
         places = _places(s, self._tall, measure("high"))
         self._plan = np.array([n, ng, s.size, len(places), _LOAD], dtype=np.int64)
-        self._values, self._last, self._last_gradient = np.zeros((n, s.size)), np.zeros((nx, nx)), np.zeros(nx)
+        self._last, self._last_gradient = np.zeros((nx, nx)), np.zeros(nx)
         self._gradient, self._gaps, self._residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
         self.dx0: Array = np.zeros(nx)
         self.weights: Array = np.zeros((n, ng))
@@ -69,7 +70,7 @@ class BlockRegulator:
         self._cost = np.zeros(1)
 
         own = (
-            self._plan, places, self._values, aligned_zeros(n * measure("stage", ng)),
+            self._plan, places, np.zeros(0), aligned_zeros(n * measure("stage", ng)),
             self._factors, aligned_zeros((n + 1) * measure("togo")), np.zeros((n + 1, nx)),
             aligned_zeros(measure("work", ng)), self.weights, self._last,
         )  # fmt: skip
@@ -95,7 +96,8 @@ class BlockRegulator:
     def load(self, qp: OcpQp) -> None:
         """Take over a problem's matrices and vectors (its bounds are none of the regulator's business)."""
         nx = self.dx0.size
-        self._values[...] = qp.values
+        values = np.ascontiguousarray(qp.values)
+        self._frame[_VALUES] = values.ctypes.data
         self._gradient[:, :nx], self._gradient[:, nx:] = qp.vector("q"), qp.vector("r")
         self._gaps[...] = qp.vector("b")
         self._last[...] = qp.dense_terminal("Q")

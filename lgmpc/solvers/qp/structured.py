@@ -44,6 +44,7 @@ _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and 
 _ELASTIC_PENALTIES = (1e1, 1e3, 1e5, 1e7)  # of violations where infeasibility is examined, in control weights
 _FAR = 1e2  # times the controls of a step with a small penalty: larger ones count as none
 _ELASTIC_SWEEPS = 8  # with each of them
+_FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
@@ -60,7 +61,7 @@ class StructuredSettings:
     """
 
     tolerance: float = 1e-6
-    max_sweeps: int = 5
+    max_sweeps: int = 12
     max_iterations: int = 30
     penalty: float = 1e7
 
@@ -130,12 +131,12 @@ class StructuredSolver:
         """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
         qp = self.qp
         self._lower[...], self._upper[...] = qp.vector("lower"), qp.vector("upper")
-        bounds = qp.structure.blocks["lower"].where.start, qp.structure.blocks["upper"].where.stop
-        finite = all_finite(qp.values[:, : bounds[0]], qp.values[:, bounds[1] :], qp.terminal_values)
+        finite = qp.is_finite()
         possible = bool((self._lower <= self._upper).all())  # also False where one is NaN
         # Of intervals without control the weights are ones, which mean nothing.
-        weights = qp.values[:, self._control_weights]
-        self._scale = float(np.median(weights)) if finite and weights.size else 0.0
+        weights = qp.values[:, self._control_weights].ravel()
+        middle = weights.size // 2
+        self._scale = float(np.partition(weights, middle)[middle]) if finite and weights.size else 0.0
         self._rho = self.settings.penalty * self._scale
         self._possible = possible or not finite or bool(np.isnan(self._lower).any() or np.isnan(self._upper).any())
         self._ready = self._regulator.available and finite and possible and self._scale > 0.0
@@ -212,7 +213,7 @@ class StructuredSolver:
         r, rho, lower, upper = self._regulator, self._rho, self._lower, self._upper
         low, high = lower - mu / rho, upper - mu / rho
         nearest = nearest_in(rows, low, high)
-        active, changed = rows != nearest, rows.size / 8
+        active, changed = rows != nearest, rows.size // 8
         for _ in range(self.settings.max_sweeps):
             np.multiply(active, rho, out=r.weights)
             r.targets[...] = nearest
@@ -223,8 +224,8 @@ class StructuredSolver:
             rows = r.rows.copy()
             nearest = nearest_in(rows, low, high)
             before, active = active, rows != nearest
-            few, changed = changed / 2, float(np.count_nonzero(active != before))
-            if changed > few:
+            most, changed = max(changed, _FEW), int(np.count_nonzero(active != before))
+            if changed > most:
                 return False  # no contraction: the guess was too far off
             if changed == 0:
                 low, high = lower - r.multipliers / rho, upper - r.multipliers / rho

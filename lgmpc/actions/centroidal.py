@@ -89,7 +89,7 @@ class CentroidalAction(Action):
         total = ca.sum2(forces)
         moment = s["external_wrench"][3:6]  # about the world's origin, of the contact forces, and the external one
         for i in range(self.contacts):
-            moment += ca.cross(s["contact_points"][3 * i : 3 * i + 3], forces[:, i])
+            moment += ca.cross(self._point(i, x, s), forces[:, i])
         others = m * s["gravity"] + s["external_wrench"][0:3]
         resultant = others + total
         c_next = c + (h / m) * l + (h**2 / (2 * m)) * resultant
@@ -128,6 +128,10 @@ class CentroidalAction(Action):
             lower.append(flag * s["normal_force_min"] + opened)
             upper.append(s["normal_force_max"])
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
+
+    def _point(self, contact: int, x: Any, s: dict[str, Any]) -> Any:
+        """Return the position (3,) of a contact point."""
+        return s["contact_points"][3 * contact : 3 * contact + 3]
 
     def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
         """Return the forces (3, nc), zero for feet in the air."""

@@ -10,6 +10,7 @@ import numpy as np
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents, ContactState
+from lgmpc.locomotion.foothold_room import FootholdRoom
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
@@ -17,6 +18,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.swing import SwingTrajectory
+from lgmpc.mpc import Plan
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
@@ -57,9 +59,11 @@ class Feet:
         self._places = self.legs.feet.tolist()
         self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
+        self._room = FootholdRoom(self._planner)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
-        self.footholds = np.zeros((robot.nc, 3))
+        self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
+        self._decided: list[Array | None] = [None] * robot.nc
         self._stood = np.ones(robot.nc, dtype=np.bool_)
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
@@ -79,6 +83,7 @@ class Feet:
         self.footholds[:] = points
         self.position[:] = points
         self.ground = self._height_of_ground(self.stance.tolist())
+        self._decided = [None] * len(points)
 
     @property
     def settled(self) -> list[bool]:
@@ -160,6 +165,7 @@ class Feet:
         self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
     ) -> None:
         if carries:
+            self._decided[foot] = None
             self.footholds[foot] = self.position[foot] = point
             self.velocity[foot] = self.acceleration[foot] = 0.0
             return
@@ -184,12 +190,26 @@ class Feet:
         self.footholds[foot] = path.target
 
     def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
-        """Write the foothold of the present swing."""
+        """Write the foothold of the present swing: the decided one, or without a decision the nominal one."""
         stance = self.clock.stance_duration(foot, time)
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
-        self.footholds[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
-        self.footholds[foot, 2] = 0.0
+        self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
+        self._nominal[foot, 2] = 0.0
+        decided = self._decided[foot]
+        self.footholds[foot] = self._nominal[foot] if decided is None else decided
+
+    def decide(self, plan: Plan, flags: BoolArray) -> None:
+        """Put the feet that are in the air down where a plan for contacts ``flags`` (N, nc) has decided.
+
+        Where it decided nothing, or is not fresh, they go to their nominal footholds.
+        """
+        self._decided = [None] * len(self.stance)
+        if plan.footholds is None or not plan.status.fresh:
+            return
+        for foot, column in enumerate(flags.T.tolist()):
+            if not column[0] and True in column:
+                self._decided[foot] = plan.footholds[column.index(True), foot]
 
     def loading(self, time: float, shares: Array) -> None:
         """Write (nc,) the share of its largest force that each foot may carry now."""
@@ -211,5 +231,16 @@ class Feet:
         clock = self.clock if clock is None else clock
         clock.horizon(time, dt, horizon.flags)
         self.events.correct(horizon.flags, dt)
-        self._planner.horizon(clock, motion, time, dt, self.footholds, horizon.points)
+        fixed = self._fixed(time)
+        points = np.where((self.stance | fixed)[:, None], self.footholds, self._nominal)
+        self._planner.horizon(clock, motion, time, dt, points, horizon.points)
         horizon.friction[:] = friction
+        if horizon.room.size:
+            self._room.write(horizon, motion, dt, fixed)
+
+    def _fixed(self, time: float) -> BoolArray:
+        """Return (nc,) the feet in the air whose foothold does not change any more."""
+        fixed = np.zeros(len(self.stance), dtype=np.bool_)
+        for foot in np.flatnonzero(~self.stance).tolist():
+            fixed[foot] = self.events.searching(foot) or self._swings[foot].frozen(time)
+        return fixed

@@ -186,8 +186,9 @@ class LeggedController:
             # Feet that have just touched down would carry nothing until a plan includes them.
             if planner.due(state.time) or self.feet.changed:
                 self._write_horizon(state.time, planner)
-                planner.plan_from(state.time, terms)
-                self.push_steps.watch(state.time, planner.plan, terms.contact_points)
+                plan = planner.plan_from(state.time, terms)
+                self.feet.decide(plan, planner.contacts.flags)
+                self.push_steps.watch(state.time, plan, terms.contact_points)
                 self._return_feet(state.time)
             else:
                 self._decide(state.time, planner)

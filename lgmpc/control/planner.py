@@ -68,7 +68,7 @@ class Planner:
         self._sampler = PlanSampler(period, self._every)
         node_times = settings.node_s * np.arange(settings.nodes)
         self._fading = np.exp(-node_times / settings.wrench_decay_s)[:, None]
-        self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc)
+        self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc, settings.foothold_directions)
         self.motion = MotionReference.standing(robot, settings.nodes, np.zeros(3))
 
     @property
@@ -92,13 +92,15 @@ class Planner:
         plan_time = self._sampler.start
         return self.plan is None or self._expired or time - plan_time > (self._every - 0.5) * self._period
 
-    def plan_from(self, time: float, terms: WholeBodyTerms) -> None:
-        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`."""
+    def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
+        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
         started = perf_counter()
-        self._sampler.load(self.forecast(time, terms, self.contacts), time)
+        plan = self.forecast(time, terms, self.contacts)
+        self._sampler.load(plan, time)
         self._expired = False
         self.spent = perf_counter() - started
         self.planned = True
+        return plan
 
     def forecast(self, time: float, terms: WholeBodyTerms, contacts: ContactHorizon) -> Plan:
         """Return the plan from the sensed state with given contacts, which is not followed."""

@@ -12,6 +12,7 @@ from lgmpc.locomotion.command import (
     Timeline,
 )
 from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
+from lgmpc.locomotion.foothold_room import FootholdRoom
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -34,6 +35,7 @@ __all__ = [
     "ContactState",
     "FlatGround",
     "FootholdPlanner",
+    "FootholdRoom",
     "FootholdSettings",
     "Gait",
     "GaitClock",

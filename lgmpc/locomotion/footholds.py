@@ -107,6 +107,17 @@ class FootholdPlanner:
         legs: of the robot.
         settings: see :class:`FootholdSettings`.
         terrain: the ground; flat at height 0 if omitted.
+
+    Attributes:
+        legs: as given.
+        settings: as given.
+        terrain: as given.
+        height: of the centre of mass above the feet, m.
+        feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
+        hips: (nc,) of (x, y), the same.
+        sides: (nc,) the least distance of a foot to its own side, axes of the base, with the sign of that side, m.
+        reach: (nc,) of each foothold from its hip, in the plane, m.
+        spacing: the least distance between two feet, m.
     """
 
     def __init__(
@@ -118,18 +129,18 @@ class FootholdPlanner:
         self.height = legs.height
         self._rate = math.sqrt(_GRAVITY / legs.height)
         self._rolling = legs.radius / legs.height
-        self._feet = [(float(x), float(y)) for x, y, _ in legs.feet]
+        self.feet = [(float(x), float(y)) for x, y, _ in legs.feet]
         x, y, _ = legs.feet.mean(axis=0).tolist()
         # A robot that stands need not be above the middle of its feet; one on two feet at a time is driven off it.
-        self._walking = [(ahead - x, left - y) for ahead, left in self._feet]
-        self._hips = [(float(x), float(y)) for x, y, _ in legs.hips]
-        self._sides = [s.side_share * y for _, y in self._feet]
+        self._walking = [(ahead - x, left - y) for ahead, left in self.feet]
+        self.hips = [(float(x), float(y)) for x, y, _ in legs.hips]
+        self.sides = [s.side_share * y for _, y in self.feet]
         drops = legs.hips[:, 2] + legs.height
         self.reach = [
             math.sqrt(max((s.reach_share * float(length)) ** 2 - float(drop) ** 2, 0.0))
             for length, drop in zip(legs.length, drops, strict=True)
         ]
-        self._spacing = s.spacing_share * float(legs.length.min())
+        self.spacing = s.spacing_share * float(legs.length.min())
 
     def place(
         self,
@@ -151,21 +162,31 @@ class FootholdPlanner:
             width: of the gait; a foot that stands from then on is put down where the reference posture has it, others
                 around the centre of mass.
         """
-        vx, vy = motion.vx, motion.vy
-        x, y = motion.x + vx * remaining, motion.y + vy * remaining
-        return self._place(foot, motion, (x, y), (vx, vy), remaining, stance, others, width)
+        com = self.expected(motion, remaining, present=True)
+        return self._place(foot, motion, com, (motion.vx, motion.vy), remaining, stance, others, width)
 
     def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float, width: float = 1.0) -> Point:
         """Return the foothold of a later swing: as :meth:`place`, once the velocity error has decayed."""
-        decay = self.settings.error_decay_s
-        left = math.exp(-remaining / decay) if decay > 0.0 else 0.0
+        left = self._left(remaining)
         ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
-        drift = decay * (1.0 - left)
-        # The commanded velocity turns with the base: along the chord of the arc until the touchdown.
-        cx, cy = _turn(motion.wanted_vx, motion.wanted_vy, 0.5 * motion.yaw_rate * remaining)
-        com = (motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift)
+        com = self.expected(motion, remaining, present=False)
         wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, motion.yaw_rate * remaining)
         return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, (), width)
+
+    def expected(self, motion: BaseMotion, remaining: float, present: bool) -> Point:
+        """Return where the centre of mass will be: at its velocity in a present swing, else as its error decays."""
+        if present:
+            return motion.x + motion.vx * remaining, motion.y + motion.vy * remaining
+        ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
+        drift = self.settings.error_decay_s * (1.0 - self._left(remaining))
+        # The commanded velocity turns with the base: along the chord of the arc until the touchdown.
+        cx, cy = _turn(motion.wanted_vx, motion.wanted_vy, 0.5 * motion.yaw_rate * remaining)
+        return motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift
+
+    def _left(self, remaining: float) -> float:
+        """Return the share of the velocity error that is left after a time, s."""
+        decay = self.settings.error_decay_s
+        return math.exp(-remaining / decay) if decay > 0.0 else 0.0
 
     def _place(
         self,
@@ -193,7 +214,7 @@ class FootholdPlanner:
         rolled = self._rolling * neutral
         gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         outward = s.centrifugal * omega / (rate * rate)
-        ahead, left = self._feet[foot]
+        ahead, left = self.feet[foot]
         if stance < math.inf:
             ahead, left = self._walking[foot]
             left *= width
@@ -209,16 +230,16 @@ class FootholdPlanner:
         for other in others:
             dx, dy = x - other[0], y - other[1]
             distance = math.hypot(dx, dy)
-            if distance < self._spacing:
+            if distance < self.spacing:
                 if distance == 0.0:
-                    dx, dy = _turn(*self._feet[foot], yaw)
+                    dx, dy = _turn(*self.feet[foot], yaw)
                     distance = math.hypot(dx, dy)
-                x, y = other[0] + dx * self._spacing / distance, other[1] + dy * self._spacing / distance
+                x, y = other[0] + dx * self.spacing / distance, other[1] + dy * self.spacing / distance
         # In the axes of the base at touchdown:
         x, y = _turn(x - com[0], y - com[1], -yaw)
-        left = self._feet[foot][1]
-        y = max(y, self._sides[foot]) if left > 0.0 else min(y, self._sides[foot]) if left < 0.0 else y
-        hx, hy = self._hips[foot]
+        left = self.feet[foot][1]
+        y = max(y, self.sides[foot]) if left > 0.0 else min(y, self.sides[foot]) if left < 0.0 else y
+        hx, hy = self.hips[foot]
         dx, dy, reach = x - hx, y - hy, self.reach[foot]
         distance = math.hypot(dx, dy)
         if distance > reach:

@@ -98,9 +98,13 @@ class SwingTrajectory:
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
+    def frozen(self, t: float) -> bool:
+        """Return whether the swing is too far on for another target."""
+        return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff)
+
     def retarget(self, t: float, target: Array) -> bool:
         """Move the target (3,), unless the swing is too far on; return whether it moved."""
-        if t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff):
+        if self.frozen(t):
             return False
         x, y, z = float(target[0]), float(target[1]), float(target[2])
         if (x, y, z) == self.target:

@@ -23,9 +23,9 @@ from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import RealTimeResult
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalMpc", "CentroidalMpcSettings"]
+__all__ = ["CentroidalMpc", "CentroidalMpcSettings", "CentroidalSqpSettings"]
 
-_GRAVITY = (0.0, 0.0, -9.81)
+GRAVITY = (0.0, 0.0, -9.81)
 
 
 class CentroidalSteppingWeights(Settings):
@@ -37,10 +37,9 @@ class CentroidalSteppingWeights(Settings):
     )
 
 
-class CentroidalMpcSettings(SqpMpcSettings):
-    """Model-predictive control of the momenta by contact forces over a receding horizon."""
+class CentroidalSqpSettings(SqpMpcSettings):
+    """Settings of models that predict centre of mass and momenta only."""
 
-    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
     uprighting_rate_hz: NonNegative = Field(
         default=10.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
@@ -48,6 +47,12 @@ class CentroidalMpcSettings(SqpMpcSettings):
     stepping_weights: CentroidalSteppingWeights = Field(
         default=CentroidalSteppingWeights(), description="Weights of the cost while the robot steps."
     )
+
+
+class CentroidalMpcSettings(CentroidalSqpSettings):
+    """Model-predictive control of the momenta by contact forces over a receding horizon."""
+
+    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
 
 
 class CentroidalMpc(SqpMpc):
@@ -73,14 +78,14 @@ class CentroidalMpc(SqpMpc):
         self,
         mass: float,
         contacts: int,
-        settings: CentroidalMpcSettings | None = None,
+        settings: CentroidalSqpSettings | None = None,
         *,
-        gravity: tuple[float, float, float] | Array = _GRAVITY,
+        gravity: tuple[float, float, float] | Array = GRAVITY,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         s = CentroidalMpcSettings() if settings is None else settings
         mass = checked_mass(mass)
-        problem = ShootingProblem(CentroidalAction(contacts, s.friction_facets), s.nodes)
+        problem = ShootingProblem(self._make_action(contacts, s.friction_facets), s.nodes)
         problem.set("mass", mass)
         problem.set("gravity", gravity)
         problem.set("duration", s.node_s)
@@ -91,7 +96,7 @@ class CentroidalMpc(SqpMpc):
         problem.view("x_weight")[-1] *= s.weights.terminal
         problem.set("u_weight", s.weights.forces(contacts, mass))
         super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64), progress)
-        self.settings: CentroidalMpcSettings = s
+        self.settings: CentroidalSqpSettings = s
         self._contacts = contacts
         view = problem.view
         self._points = view("contact_points").reshape(s.nodes + 1, contacts, 3)
@@ -105,9 +110,13 @@ class CentroidalMpc(SqpMpc):
         self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
 
+    @staticmethod
+    def _make_action(contacts: int, facets: int) -> CentroidalAction:
+        return CentroidalAction(contacts, facets)
+
     @classmethod
     def of(
-        cls, robot: Robot, settings: CentroidalMpcSettings, progress: Callable[[str], None] | None = None
+        cls, robot: Robot, settings: CentroidalSqpSettings, progress: Callable[[str], None] | None = None
     ) -> CentroidalMpc:
         """Return the controller of a robot; arguments and errors as of the class."""
         return cls(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=progress)
@@ -134,9 +143,13 @@ class CentroidalMpc(SqpMpc):
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
     def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
+        return self._make_plan(t, trajectory.xs, self._forces(trajectory), result.kkt)
+
+    def _forces(self, trajectory: Trajectory) -> Array:
+        """(N, nc, 3) forces of the contacts."""
         n, nc = self.settings.nodes, self._contacts
-        forces = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
-        return self._make_plan(t, trajectory.xs, forces, result.kkt)
+        forces: Array = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
+        return forces
 
     def _standing_plan(self, t: float) -> Plan:
         n = self.settings.nodes

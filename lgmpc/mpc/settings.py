@@ -89,6 +89,11 @@ class MpcSettings(Settings):
         default=5, description="Updates in a row that may fail before the plan is no longer followed."
     )
 
+    @property
+    def foothold_directions(self) -> int:
+        """Directions in which the room of footholds is needed; 0 of a model that takes footholds as given."""
+        return 0
+
     def normal_force(self, mass: float) -> tuple[float, float]:
         """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""
         return normal_force_range(self.normal_force_n, _NORMAL_FORCE, mass)

@@ -380,7 +380,7 @@ def recorded_by(config: Document) -> str:
     return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, late])
 
 
-@pytest.mark.parametrize("model", ["centroidal", "kinodynamic", "full_body", "lqr"])
+@pytest.mark.parametrize("model", ["centroidal", "centroidal_footholds", "kinodynamic", "full_body", "lqr"])
 def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
     config = parse_any_config(LOOP.format(urdf=urdf, model=model))
     assert isinstance(config, Config)

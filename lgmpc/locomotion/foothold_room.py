@@ -1,0 +1,115 @@
+"""How far a foothold may be from its nominal point: within reach, on its own side, clear of the other feet.
+
+The admissible footholds of a foot are a convex polygon about the nominal one p, with sides towards m evenly spaced
+directions n_j: ``n_j . d <= room_j`` for the shift d. The disc of radius R that the leg reaches about its hip h holds
+the polygon with ``room_j = n_j . (h - p) + R cos(pi / m)``. A half-plane ``w . d <= a`` holds it if the two sides next
+to w, of which ``w = a_j n_j + a_k n_k`` with weights that are not negative, have at most the room ``a / (a_j + a_k)``.
+So what is admissible is never left, whatever direction the bounds have, and a little is lost between the sides.
+Rooms are not negative: a nominal foothold on the edge of the disc is admissible too, and moves the sides next to it
+outward as far as itself, so that a corner is at most ``R / cos(pi / m)`` from the hip.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
+from lgmpc.locomotion.horizon import ContactHorizon
+from lgmpc.robot.friction import facet_normals
+from lgmpc.typing import Array, BoolArray
+
+__all__ = ["FootholdRoom", "tighten"]
+
+
+class FootholdRoom:
+    """Writes the room of every foothold of a horizon.
+
+    Args:
+        planner: of the nominal footholds; its bounds are kept.
+    """
+
+    def __init__(self, planner: FootholdPlanner) -> None:
+        self._planner = planner
+
+    def write(self, horizon: ContactHorizon, motion: BaseMotion, dt: float, fixed: BoolArray) -> None:
+        """Write ``horizon.room`` from its flags and points: zero for feet that stand.
+
+        A nominal foothold that is out of bounds itself has no room towards them.
+
+        Args:
+            horizon: of intervals of ``dt``.
+            motion: at its beginning.
+            dt: s.
+            fixed: (nc,) feet whose present swing is too far on for another foothold.
+        """
+        room, flags = horizon.room, horizon.flags
+        room[...] = 0.0
+        normals = directions(room.shape[2])
+        for foot, column in enumerate(flags.T.tolist()):
+            begin = 0
+            while begin < len(column):
+                if column[begin]:
+                    begin += 1
+                    continue
+                end = column.index(True, begin) if True in column[begin:] else len(column)
+                if end < len(column) and not (begin == 0 and fixed[foot]):
+                    room[begin:end, foot] = self._at(foot, horizon, end, motion, dt * end, begin == 0, normals)
+                begin = end
+
+    def _at(
+        self,
+        foot: int,
+        horizon: ContactHorizon,
+        touchdown: int,
+        motion: BaseMotion,
+        remaining: float,
+        present: bool,
+        normals: Array,
+    ) -> Array:
+        """Return (m,) the room of the foothold of a touchdown at the beginning of interval ``touchdown``."""
+        planner = self._planner
+        com, yaw = planner.expected(motion, remaining, present), motion.yaw + motion.yaw_rate * remaining
+        points = horizon.points[touchdown, :, :2].tolist()
+        x, y = points[foot]
+        c, s = math.cos(yaw), math.sin(yaw)
+        ahead, left = planner.hips[foot]
+        hip = (com[0] + c * ahead - s * left - x, com[1] + s * ahead + c * left - y)
+        reach = planner.reach[foot] * math.cos(math.pi / len(normals))
+        room: Array = normals @ np.array(hip) + reach
+        beside = planner.feet[foot][1]
+        if beside != 0.0:
+            own = math.copysign(1.0, beside)
+            across = own * (c * (y - com[1]) - s * (x - com[0]) - planner.sides[foot])
+            tighten(room, math.atan2(-own * c, own * s), across)
+        landing = horizon.flags[touchdown - 1].tolist()
+        for other, (ox, oy) in enumerate(points):
+            if other != foot:
+                dx, dy = ox - x, oy - y
+                clear = math.hypot(dx, dy) - planner.spacing
+                tighten(room, math.atan2(dy, dx), clear if landing[other] else 0.5 * clear)
+        np.maximum(room, 0.0, out=room)
+        return room
+
+
+@functools.lru_cache(maxsize=8)
+def directions(count: int) -> Array:
+    """Return (m, 2) evenly spaced unit vectors, the first along x; read-only."""
+    normals = facet_normals(count)
+    normals.flags.writeable = False
+    return normals
+
+
+def tighten(room: Array, angle: float, distance: float) -> None:
+    """Reduce the room (m,) so that no shift goes further than ``distance``, m, towards ``angle``, rad; at least 0."""
+    count = len(room)
+    sector = 2.0 * math.pi / count
+    first, past = divmod(angle % (2.0 * math.pi), sector)
+    j = int(first) % count
+    weights = math.sin(sector - past) / math.sin(sector), math.sin(past) / math.sin(sector)
+    most = max(distance, 0.0) / (weights[0] + weights[1])
+    for k, weight in zip((j, (j + 1) % count), weights, strict=True):
+        if weight > 1e-9:
+            room[k] = min(room[k], most)

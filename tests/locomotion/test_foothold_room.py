@@ -1,0 +1,135 @@
+"""The room of footholds: what it holds is within reach, on its own side, and clear of the other feet."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.foothold_room import FootholdRoom, tighten
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
+from lgmpc.locomotion.gait import quadruped_gaits
+from lgmpc.locomotion.horizon import ContactHorizon
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.robot.friction import facet_normals
+
+DT = 0.02
+
+
+def corners(room: np.ndarray) -> np.ndarray:
+    """Corners of the polygon of normals and room: intersections of sides that are within all others."""
+    normals = facet_normals(len(room))
+    found = []
+    for i in range(len(room)):
+        for j in range(i):
+            pair = normals[[i, j]]
+            if abs(np.linalg.det(pair)) > 1e-9:
+                corner = np.linalg.solve(pair, room[[i, j]])
+                if (normals @ corner <= room + 1e-9).all():
+                    found.append(corner)
+    return np.array(found)
+
+
+@given(st.integers(3, 16), st.floats(-7.0, 7.0), st.floats(0.0, 0.3), st.floats(0.05, 0.3))
+def test_no_shift_goes_further_than_a_tightened_room(count: int, angle: float, distance: float, width: float) -> None:
+    room = np.full(count, width)
+    tighten(room, angle, distance)
+    towards = np.array([math.cos(angle), math.sin(angle)])
+    assert (corners(room) @ towards).max() <= distance + 1e-9
+    assert (room >= 0.0).all()
+
+
+def test_a_side_of_the_polygon_loses_nothing() -> None:
+    room = np.full(8, 0.2)
+    tighten(room, math.pi / 4, 0.1)
+    np.testing.assert_allclose(room, [0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
+
+
+def written(
+    legs: LegGeometry, motion: BaseMotion, gait: str, t: float, directions: int, fixed: tuple[int, ...] = ()
+) -> tuple[FootholdPlanner, ContactHorizon]:
+    """The horizon of a gait that began at time 0, at time ``t``."""
+    planner = FootholdPlanner(legs)
+    clock = GaitClock(quadruped_gaits()[gait])
+    clock.advance(t)
+    horizon = ContactHorizon.allocate(20, 4, directions)
+    clock.horizon(t, DT, horizon.flags)
+    contacts = np.zeros((4, 3))
+    for foot in range(4):
+        contacts[foot, :2] = planner.place(foot, motion, 0.06, 0.12)
+    planner.horizon(clock, motion, t, DT, contacts, horizon.points)
+    held = np.zeros(4, dtype=bool)
+    held[list(fixed)] = True
+    FootholdRoom(planner).write(horizon, motion, DT, held)
+    return planner, horizon
+
+
+@settings(max_examples=30)
+@given(
+    st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+    st.floats(-3.0, 3.0),
+    st.floats(0.0, 0.24),
+    st.sampled_from(["trot", "walk", "pace", "bound"]),
+    st.integers(4, 12),
+)
+def test_footholds_with_room_are_within_reach_on_their_side_and_clear_of_other_feet(
+    legs: LegGeometry, velocity: tuple[float, float, float], yaw: float, t: float, gait: str, directions: int
+) -> None:
+    vx, vy, rate = velocity
+    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, wanted_vx=0.5 * vx)
+    planner, horizon = written(legs, motion, gait, t, directions)
+    assert (horizon.room >= 0.0).all()
+    assert (horizon.room[horizon.flags] == 0.0).all()
+    for foot in range(4):
+        column = horizon.flags[:, foot]
+        for end in np.flatnonzero(column[1:] & ~column[:-1]) + 1:
+            begin = end - 1
+            while begin > 0 and not column[begin - 1]:
+                begin -= 1
+            room, nominal = horizon.room[begin, foot], horizon.points[end, foot, :2]
+            assert (horizon.room[begin:end, foot] == room).all()
+            remaining = DT * end
+            com = np.array(planner.expected(motion, remaining, present=begin == 0))
+            turned = yaw + rate * remaining
+            axes = np.array([[math.cos(turned), math.sin(turned)], [-math.sin(turned), math.cos(turned)]])
+            own = math.copysign(1.0, legs.feet[foot, 1])
+            at = axes @ (nominal - com)
+            out = float(np.linalg.norm(at - planner.hips[foot]))
+            inside = out <= planner.reach[foot] * math.cos(math.pi / directions)
+            # Where the nominal foothold itself breaks a bound, a shift breaks it by no more than the polygon's corners.
+            reach = planner.reach[foot] if inside else max(planner.reach[foot], out) / math.cos(math.pi / directions)
+            for corner in corners(room):
+                place = nominal + corner
+                local = axes @ (place - com)
+                assert np.linalg.norm(local - planner.hips[foot]) <= reach + 1e-9
+                assert own * local[1] >= min(own * planner.sides[foot], own * at[1]) - 1e-9
+                for other in set(range(4)) - {foot}:
+                    there = horizon.points[end, other, :2]
+                    moves = not horizon.flags[end - 1, other]
+                    away = float(np.linalg.norm(nominal - there))
+                    least = 0.5 * (planner.spacing + away) if moves else planner.spacing
+                    assert np.linalg.norm(place - there) >= min(least, away) - 1e-9
+
+
+def test_a_fixed_foot_has_no_room_in_its_present_swing(legs: LegGeometry) -> None:
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, wanted_vx=0.5)
+    _, free = written(legs, motion, "trot", 0.03, 12)
+    swinging = np.flatnonzero(~free.flags[0])
+    assert swinging.size == 2
+    _, fixed = written(legs, motion, "trot", 0.03, 12, tuple(swinging))
+    end = int(free.flags[:, swinging[0]].argmax())
+    assert (fixed.room[:end, swinging] == 0.0).all() and free.room[:end, swinging].min() > 0.05
+    np.testing.assert_array_equal(fixed.room[end:], free.room[end:])
+
+
+def test_a_swing_that_ends_beyond_the_horizon_has_no_room(legs: LegGeometry) -> None:
+    _, horizon = written(legs, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), "trot", 0.0, 8)
+    for foot in range(4):
+        air = np.flatnonzero(~horizon.flags[:, foot])
+        if not horizon.flags[-1, foot]:
+            last = air[np.flatnonzero(np.diff(air, prepend=-9) > 1)[-1] :]
+            assert (horizon.room[last, foot] == 0.0).all()
+    assert horizon.room.max() > 0.05

@@ -16,6 +16,7 @@ from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
 from lgmpc.actions.penalized import PenalizedAction
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
+from lgmpc.actions.squashing import Squashed
 from lgmpc.actions.variational import Variational
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
@@ -51,6 +52,7 @@ __all__ = [
     "RungeKutta3",
     "RungeKutta4",
     "SemiImplicitEuler",
+    "Squashed",
     "Stage",
     "StageQuadratic",
     "StageValue",

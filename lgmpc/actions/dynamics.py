@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import casadi as ca
 import pinocchio as pin
 
 from lgmpc.actions.implicit import Unknowns
@@ -78,8 +77,3 @@ def actuated(model: pin.Model) -> slice:
     """Entries of the velocity that are actuated: all but the free-flyer's, if the model begins with one."""
     floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
     return slice(6 if floating else 0, int(model.nv))
-
-
-def generalized(model: pin.Model, tau: Any) -> Any:
-    """Return (nv,) generalised forces of efforts of the actuated joints."""
-    return ca.vertcat(ca.SX(actuated(model).start, 1), tau)

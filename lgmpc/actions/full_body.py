@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from lgmpc.actions.contacts import Contact, ContactSet
-from lgmpc.actions.dynamics import Dynamics, Motion, actuated, generalized
+from lgmpc.actions.dynamics import Dynamics, Motion, actuated
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.loads import Load
 from lgmpc.costs import Bounded, Parameter
@@ -22,9 +22,9 @@ __all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynam
 
 
 class ContactForwardDynamics(Dynamics):
-    """u = efforts of the actuated joints; accelerations and contact forces from the constrained equations of motion.
+    """u = efforts, ``B u`` on the robot; accelerations and contact forces from the constrained equations of motion.
 
-        M a + nle = [0; u] + J^T f + loads,        J a + dJ/dt v + Baumgarte = -damping f
+        M a + nle = B u + J^T f + loads,        J a + dJ/dt v + Baumgarte = -damping f
 
     for the contacts whose flag is 1; the others have no force. Udwadia and Kalaba (1992); with point contacts it is
     what Crocoddyl calls contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
@@ -36,25 +36,34 @@ class ContactForwardDynamics(Dynamics):
         model: the robot; its base, if free, is not actuated.
         contacts: names of frames (points) or contacts.
         loads: further forces on the robot.
+        actuation: (nv, nu) B, with zero rows for passive joints and columns for thrusters (see
+            :func:`lgmpc.actions.thrusters`); unless given, the identity on all joints but the free base.
 
     Raises:
-        InputError: a contact frame that is unknown or named twice.
+        InputError: a contact frame that is unknown or named twice, or a matrix of the wrong shape.
         ModelError: unsupported joints.
     """
 
-    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact], loads: Sequence[Load] = ()) -> None:
+    def __init__(
+        self,
+        model: pin.Model,
+        contacts: Sequence[str | Contact],
+        loads: Sequence[Load] = (),
+        actuation: ArrayLike | None = None,
+    ) -> None:
         self.contacts = ContactSet(model, contacts)
         self.loads = tuple(loads)
-        joints = actuated(model)
+        self.actuation = _actuation(model, actuation)
         parameters = [*self.contacts.parameters, *self.contacts.anchors]
         parameters += [parameter for load in loads for parameter in load.parameters]
-        super().__init__(model, joints.stop - joints.start, tuple(parameters))
+        super().__init__(model, self.actuation.shape[1], tuple(parameters))
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return accelerations and contact forces."""
         robot, contacts, nv = self.robot, self.contacts, self.robot.nv
         solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
-        effort = generalized(self.model, u)
+        effort = self.actuation @ u
+        tau = effort[actuated(self.model)]
         for load in self.loads:
             effort += load.generalized(robot, q, values)
 
@@ -67,7 +76,7 @@ class ContactForwardDynamics(Dynamics):
 
         still = flags * contacts.acceleration(robot, q, v, None, values)
         z = unknowns.define_linear(solver, ca.vertcat(effort - robot.nle(q, v), -still), residual)
-        return Motion(z[:nv], u, contacts.by_frame(z[nv:]))
+        return Motion(z[:nv], tau, contacts.by_frame(z[nv:]))
 
 
 class FreeForwardDynamics(Dynamics):
@@ -91,13 +100,10 @@ class FreeForwardDynamics(Dynamics):
     """
 
     def __init__(self, model: pin.Model, actuation: ArrayLike | None = None, submerged: bool = False) -> None:
-        nv, joints = int(model.nv), actuated(model)
-        matrix = np.eye(nv)[:, joints] if actuation is None else np.asarray(actuation, dtype=np.float64)
-        if matrix.ndim != 2 or matrix.shape[0] != nv or not np.isfinite(matrix).all():
-            raise InputError("actuation", f"shape {matrix.shape}", f"a finite matrix of shape ({nv}, nu)")
-        if submerged and joints.start == 0:
+        nv = int(model.nv)
+        if submerged and actuated(model).start == 0:
             raise InputError("submerged", "a model with a fixed base", "a model whose first joint is a free-flyer")
-        self.actuation = ca.sparsify(ca.DM(matrix))
+        self.actuation = _actuation(model, actuation)
         self.submerged = submerged
         parameters: tuple[Parameter, ...] = (
             Parameter("drag_linear", nv, "generalised drag force per velocity"),
@@ -109,7 +115,7 @@ class FreeForwardDynamics(Dynamics):
                 Parameter("buoyancy", 3, "buoyant force, world axes, N"),
                 Parameter("buoyancy_center", 3, "centre of buoyancy, body frame, m"),
             )
-        super().__init__(model, matrix.shape[1], parameters)
+        super().__init__(model, self.actuation.shape[1], parameters)
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return the accelerations."""
@@ -186,3 +192,12 @@ class ContactInverseDynamics(Dynamics):
         rows = ca.vertcat(efforts[: joints.start], held + (1 - flags + values["contact_damping"]) * f)
         zero = ca.SX.zeros(rows.shape[0])
         return Motion(a, efforts[joints], contacts.by_frame(flags * f), Bounded(rows, zero, zero))
+
+
+def _actuation(model: pin.Model, actuation: ArrayLike | None) -> ca.DM:
+    """Return (nv, nu) B; the identity on the actuated joints unless given."""
+    nv = int(model.nv)
+    matrix = np.eye(nv)[:, actuated(model)] if actuation is None else np.asarray(actuation, dtype=np.float64)
+    if matrix.ndim != 2 or matrix.shape[0] != nv or not np.isfinite(matrix).all():
+        raise InputError("actuation", f"shape {matrix.shape}", f"a finite matrix of shape ({nv}, nu)")
+    return ca.sparsify(ca.DM(matrix))

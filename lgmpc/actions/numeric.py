@@ -77,6 +77,9 @@ class NumericContactAction(Action):
     def __init__(self, action: MultibodyAction) -> None:
         if not isinstance(action.dynamics, ContactForwardDynamics):
             raise InputError("action", type(action.dynamics).__name__, "ContactForwardDynamics")
+        joints = actuated(action.dynamics.model)
+        if not np.array_equal(action.dynamics.actuation.full(), np.eye(int(action.dynamics.model.nv))[:, joints]):
+            raise InputError("action.dynamics.actuation", "a matrix of one's own", "the standard one, of all joints")
         if action.dynamics.loads:
             raise InputError("action", f"dynamics with {len(action.dynamics.loads)} loads", "dynamics without loads")
         if type(action.integrator) is not SemiImplicitEuler:

@@ -2,6 +2,8 @@
 
 from lgmpc.costs.activations import (
     Activation,
+    FlatExponential,
+    FlatLogarithm,
     Huber,
     Quadratic,
     QuadraticBarrier,
@@ -20,6 +22,8 @@ __all__ = [
     "Cost",
     "CostItem",
     "CostTerm",
+    "FlatExponential",
+    "FlatLogarithm",
     "Huber",
     "LeastSquares",
     "MissingQuantityError",

@@ -17,7 +17,16 @@ import numpy as np
 from lgmpc.costs.parameters import Parameter
 from lgmpc.errors import InputError
 
-__all__ = ["Activation", "Huber", "Quadratic", "QuadraticBarrier", "SmoothOneNorm", "WeightedQuadratic"]
+__all__ = [
+    "Activation",
+    "FlatExponential",
+    "FlatLogarithm",
+    "Huber",
+    "Quadratic",
+    "QuadraticBarrier",
+    "SmoothOneNorm",
+    "WeightedQuadratic",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,3 +176,56 @@ class Huber(Activation):
     def curvature(self, r: Any) -> Any:
         """Return one up to the threshold, zero beyond."""
         return ca.if_else(ca.fabs(r) <= self.threshold, 1.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatExponential(Activation):
+    """``1 - exp(-r^2 / width^2)``: flat far from zero, so that what is far off does not count more and more.
+
+    Crocoddyl's ActivationModelQuadFlatExp, of each entry; of a norm with the residual ``Norm``.
+
+    Attributes:
+        width: not zero.
+    """
+
+    width: Any = 1.0
+
+    def value(self, r: Any) -> Any:
+        """Return the value."""
+        return 1 - self._bell(r)
+
+    def gradient(self, r: Any) -> Any:
+        """Return ``2 r / width^2 exp(-r^2 / width^2)``."""
+        return 2 * r / self.width**2 * self._bell(r)
+
+    def curvature(self, r: Any) -> Any:
+        """Return the second derivative near zero, and zero where it is negative."""
+        found = 2 / self.width**2 * (1 - 2 * r**2 / self.width**2)
+        return ca.if_else(found > 0, found, 0) * self._bell(r)
+
+    def _bell(self, r: Any) -> Any:
+        return ca.exp(-((r / self.width) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class FlatLogarithm(Activation):
+    """``log(1 + r^2 / width^2)``: grows ever more slowly. Crocoddyl's ActivationModelQuadFlatLog, of each entry.
+
+    Attributes:
+        width: not zero.
+    """
+
+    width: Any = 1.0
+
+    def value(self, r: Any) -> Any:
+        """Return the logarithm."""
+        return ca.log(1 + (r / self.width) ** 2)
+
+    def gradient(self, r: Any) -> Any:
+        """Return ``2 r / (width^2 + r^2)``."""
+        return 2 * r / (self.width**2 + r**2)
+
+    def curvature(self, r: Any) -> Any:
+        """Return the second derivative near zero, and zero where it is negative."""
+        found = 2 * (self.width**2 - r**2) / (self.width**2 + r**2) ** 2
+        return ca.if_else(found > 0, found, 0)

@@ -107,7 +107,8 @@ class ClosedLoopSession:
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
-        certificate = self._certificate(log.since(self._taken_over))
+        # Of its own ticks; the forces logged at the first one acted in the step before, maybe on another floor.
+        certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> None:

@@ -139,6 +139,47 @@ def test_a_continued_run_is_itself_repeated_and_continued(pushed: FinishedRun, t
     assert first_difference(twice.session.log, run_from(twice, out=tmp_path).session.log) is None
 
 
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+def test_the_floor_is_another_one_from_then_on(tmp_path: Path, plant: str) -> None:
+    """Engines keep friction coefficients beside their state; the certificate is of the continuation."""
+    first = run_config(load_config("solo12_balance", [*STANDING, f"plant.kind={plant}"]), tmp_path)
+    log, after = first.session.log, first.session.log.time >= 0.052
+    used = np.linalg.norm(log.contact_forces[:, :, :2], axis=2) / np.maximum(log.contact_forces[:, :, 2], 0.1)
+    friction = 0.5 * float(used[after].max())
+    certificate = run_from(first, 0.05, [f"plant.friction={friction:.3f}"], tmp_path).session.certificate
+    assert certificate is not None
+    check = next(each for each in certificate.checks if each.name == "friction")
+    assert check.kept and check.margin < 1e-6  # the feet slide on it
+
+
+def test_plans_come_at_another_rate_from_then_on(pushed: FinishedRun, tmp_path: Path) -> None:
+    log = run_from(pushed, 0.08, ["mpc.rate_hz=50"], tmp_path).session.log
+    np.testing.assert_allclose(np.diff(log.mpc_time[log.mpc_time < 0.08]), 0.01)
+    np.testing.assert_allclose(np.diff(log.mpc_time[log.mpc_time > 0.08]), 0.02)
+
+
+def test_what_gets_another_structure_begins_anew_and_the_robot_stands_on(pushed: FinishedRun, tmp_path: Path) -> None:
+    finished = run_from(pushed, 0.1, ["wbc.friction_facets=8"], tmp_path)
+    assert finished.result.origin is not None and finished.result.origin.begun_anew == ("controller.wbc",)
+    before, after = pushed.session.log, finished.session.log
+    np.testing.assert_allclose(after.q, before.q, atol=5e-5)  # measured 8e-6: cones of 8 facets are narrower
+    assert not after.wbc_status.any() and not after.mpc_status.any()
+
+
+def test_weights_of_a_robot_that_steps_are_the_new_ones() -> None:
+    """They are written when it begins to step: the one case of state that follows from settings."""
+    config = load_config("solo12_balance", STANDING)
+    doubled = config.replace({"wbc.stepping_weights.base_orientation": 3.0, "wbc.weights.base_orientation": 0.2})
+    old, new, expected = (session_of(each) for each in (config, doubled, doubled))
+    beginning = old.beginning()
+    for session in (old, expected):
+        session.controller.wbc.weigh(True)
+    new.take_over(old, beginning, draws=True)
+    weights = [each.controller.wbc.tasks["base_orientation"].weight for each in (new, expected, old)]
+    np.testing.assert_array_equal(weights[0], weights[1])
+    assert (weights[0] > weights[2]).all()
+
+
 def test_a_run_goes_on_beyond_its_end(pushed: FinishedRun, tmp_path: Path) -> None:
     longer = run_from(pushed, changes=["duration_s=0.25"], out=tmp_path)
     expected = whole(load_config("solo12_balance", [*STANDING, "duration_s=0.25"])).decimated(2)

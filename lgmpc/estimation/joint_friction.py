@@ -19,6 +19,7 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["JointFrictionEstimator", "JointFrictionSettings"]
 
 _MOVING = 1.0  # rad/s: from here on the smoothed sign of a speed is one, and noise does not change it
+_FAST = 5.0  # rad/s: slower motion counts less, because friction needs some way after a reversal to develop
 _CLEAR_S = 0.01  # s from the last contact of a foot, or command to carry, until its leg is a free one
 
 
@@ -30,11 +31,11 @@ class JointFrictionSettings(Settings):
     )
     excitation_s: Annotated[Positive, Field(le=10.0)] = Field(
         default=0.1,
-        description="Motion of a joint in the air that an estimate requires, in each direction, s; what moves one way"
-        " only cannot tell friction from an error of the model.",
+        description="Fast motion of a joint in the air that an estimate requires, in each direction, s; what moves"
+        " one way only cannot tell friction from an error of the model.",
     )
     rise_s: Positive = Field(
-        default=0.3, description="Time constant with which the compensated friction follows the estimate, s."
+        default=0.05, description="Time constant with which the compensated friction follows the estimate, s."
     )
     largest_share: Fraction = Field(
         default=0.1, description="Largest friction of a joint that is believed, as a share of its torque limit."
@@ -131,8 +132,9 @@ class JointFrictionEstimator:
         if not used.any():
             return
         sign, sums = np.sign(rates[used]), self._sums[:, used]
+        weight = np.minimum(np.square(rates[used] / _FAST), 1.0)
         sums *= self._keep
-        sums += [np.ones_like(sign), sign, residual[used], sign * residual[used]]
+        sums += weight * np.array([np.ones_like(sign), sign, residual[used], sign * residual[used]])
         self._sums[:, used] = sums
         count, signs, residuals, products = sums
         # Twice the harmonic mean of the times in the two directions.

@@ -132,12 +132,23 @@ class ConstraintItem(_Item):
         upper: default of the parameter ``<name>_upper`` (nr,); infinity for no bound.
 
     Raises:
-        InputError: a name that is no identifier, or bounds of the wrong size.
+        InputError: a name that is no identifier, or bounds of the wrong size or in the wrong order.
     """
 
     lower: ArrayLike = 0.0
     upper: ArrayLike = 0.0
     own = (("lower", "lower bounds of the residual's entries"), ("upper", "upper bounds of the residual's entries"))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        lower, upper = (
+            np.broadcast_to(np.asarray(b, dtype=np.float64), self.residual.nr) for b in (self.lower, self.upper)
+        )
+        crossed = np.flatnonzero(lower > upper)
+        if crossed.size:
+            row = int(crossed[0])
+            got = f"{lower[row]:g} in row {row}, above the upper bound {upper[row]:g}"
+            raise InputError(f"lower of '{self.name}'", got, "a lower bound that is not above the upper")
 
     def bounded(self, s: StageSymbols) -> Bounded:
         """Return the constraint at a node."""

@@ -255,6 +255,9 @@ class Solution:
         first = self._first_not_finite()
         if first is not None:
             return "\n".join([*lines, first])
+        crossed = self._crossed_bounds()
+        if crossed is not None:
+            lines.append(crossed)
         beyond = self.problem.first_violation()
         if beyond is not None:
             row, size = beyond
@@ -293,6 +296,18 @@ class Solution:
         share = self._largest_term(k)
         lines.append(f"cost: {costs.sum():.6g}, most of it at node {k} ({costs[k]:.6g}{share}).")
         return "\n".join(lines)
+
+    def _crossed_bounds(self) -> str | None:
+        """Return a message on the first row whose bounds contradict each other."""
+        for k, (x, u) in enumerate(self._nodes()):
+            point = self.problem.evaluate(k, x, u)
+            rows = np.flatnonzero(point.lower > point.upper)
+            if rows.size:
+                row = int(rows[0])
+                owner = _row_name(self.problem.actions[k], row, point.constraint.size)
+                bounds = f"lower {point.lower[row]:.4g} is above upper {point.upper[row]:.4g}"
+                return f"The bounds of {owner} of node {k} contradict each other: {bounds}."
+        return None
 
     def _nodes(self) -> list[tuple[Array, Array]]:
         return list(zip(self.xs[:-1], self.us, strict=True))

@@ -258,3 +258,10 @@ def test_a_first_state_outside_a_constraint_is_named_at_once(name: str) -> None:
     assert "first state violates 'walls' row 0 of node 0 by 0.1" in solution.explain()
     problem.set_initial_state([0.3, 0.0])
     assert SOLVERS[name](problem).solve().iterations > 0
+    problem.set("motor_lower", 5.0, [2])
+    crossed = SOLVERS[name](problem).solve()
+    assert crossed.status is Status.INFEASIBLE
+    words = "bounds of 'motor' row 0 of node 2 contradict each other: lower 5 is above upper 2"
+    assert words in crossed.explain()
+    with pytest.raises(InputError, match="lower of 'motor': got 5 in row 0, above the upper bound 2"):
+        ConstraintItem("motor", Control(1), 5.0, 2.0)

@@ -57,7 +57,7 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
             n_workers=workers or available_cores(),
             threads_per_worker=1,
             memory_limit=0,  # that of the tasks' own processes is limited
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # any free port: several clusters may be on a machine
             silence_logs=logging.CRITICAL,
         )
         with cluster, distributed.Client(cluster) as client:

@@ -117,7 +117,7 @@ def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.
         log_directory=str(folder.resolve()),
         python=sys.executable,
         death_timeout=settings.start_s,
-        scheduler_options={"dashboard_address": None},
+        scheduler_options={"dashboard_address": "127.0.0.1:0"},  # any free port
         silence_logs=logging.CRITICAL,
         **options,
     )

@@ -93,6 +93,23 @@ class NumericContactAction(Action):
         self._joints = actuated(self.model)
         self._items = self._item_function()
         kept = ("cost", "value", "lower", "upper")
+        inputs = self._items.sx_in()
+        # One column in memory of numpy's: CasADi converts its matrices number by number.
+        column = ca.vertcat(*(ca.vec(ca.densify(output)) for output in self._items.call(inputs)))
+        self._column = ca.Function(f"{action.name}_items_column", inputs, [column])
+        self._given = [np.zeros(self._column.numel_in(i)) for i in range(self._column.n_in())]
+        self._found = np.zeros(self._column.numel_out(0))
+        buffer: Any
+        buffer, self._evaluate_column = self._column.buffer()
+        for i, array in enumerate(self._given):
+            buffer.set_arg(i, array.data)
+        buffer.set_res(0, self._found.data)
+        self._buffer = buffer  # which the call refers to
+        ends = np.cumsum([self._items.numel_out(i) for i in range(self._items.n_out())]).tolist()
+        self._places = tuple(
+            (name, slice(start, end), self._items.size_out(i)[::-1])
+            for i, (name, start, end) in enumerate(zip(self._items.name_out(), [0, *ends], ends, strict=False))
+        )
         self._values = self._items.factory(f"{action.name}_items_values", self._items.name_in(), list(kept))
 
     def step(self, x: Any, u: Any, p: Any) -> Any:
@@ -184,17 +201,21 @@ class NumericContactAction(Action):
         return flags
 
     def _kkt(self, mass: Array, jacobian: Array, values: Mapping[str, Array]) -> Array:
-        flags = self._flags(values)
-        rows = flags[:, None] * jacobian
-        return np.block([[mass, -rows.T], [rows, np.diag(1 - flags + values["contact_damping"])]])
+        flags, nv = self._flags(values), self.model.nv
+        rows, size = flags[:, None] * jacobian, nv + flags.size
+        out = np.zeros((size, size))
+        out[:nv, :nv], out[:nv, nv:], out[nv:, :nv] = mass, -rows.T, rows
+        out.ravel()[nv * (size + 1) :: size + 1] = 1 - flags + values["contact_damping"]
+        return out
 
     def _solve(self, x: Array, u: Array, values: Mapping[str, Array]) -> Array:
         """Return (nv + nf,) accelerations and forces."""
         model, data, nv = self.model, self._data, self.model.nv
         q, v = x[: model.nq], x[model.nq :]
-        pin.computeForwardKinematicsDerivatives(model, data, q, v, np.zeros(nv))
+        pin.forwardKinematics(model, data, q, v, np.zeros(nv))
+        pin.computeJointJacobians(model, data)
         pin.updateFramePlacements(model, data)
-        rows, _, by_a = self._contact_rows(q, v, values)
+        rows, by_a = self._contact_values(values)
         mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         effort = -pin.nonLinearEffects(model, data, q, v)
@@ -209,7 +230,7 @@ class NumericContactAction(Action):
         flags = self._flags(values)
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         pin.updateFramePlacements(model, data)
-        _, by_x, by_a = self._contact_rows(q, v, values)
+        by_x, by_a = self._contact_slopes(values)
         external, turning = self._external(flags * z[nv:])
         tau_q, tau_v, mass = pin.computeRNEADerivatives(model, data, q, v, a, external)
         mass = np.triu(mass) + np.triu(mass, 1).T
@@ -235,48 +256,69 @@ class NumericContactAction(Action):
             joint = model.frames[frame].parentJoint
             back, arm = data.oMi[joint].rotation.T, model.frames[frame].placement.translation
             force, moment = back @ wrench[:3], back @ wrench[3:]
-            external[joint] += pin.Force(force, moment + np.cross(arm, force))
+            external[joint] += pin.Force(force, moment + pin.skew(arm) @ force)
             jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL)
             turned_force, turned_moment = pin.skew(force), pin.skew(moment)
             turned = np.vstack([turned_force, turned_moment + pin.skew(arm) @ turned_force])
             turning -= jacobian.T @ turned @ jacobian[3:]
         return external, turning
 
-    def _contact_rows(self, q: Array, v: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-        """Return the contacts' accelerations plus Baumgarte's terms (nf,), their derivatives by dx, and J."""
-        model, data, nv = self.model, self._data, self.model.nv
+    def _contact_values(self, values: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the contacts' accelerations plus Baumgarte's terms (nf,), and J."""
+        model, data = self.model, self._data
         stiffness, damping = values["contact_gains"]
-        value, by_x, by_a, surface = [], [], [], 0
+        value, by_a, surface = [], [], 0
         for i, (contact, frame) in enumerate(zip(self.contacts.contacts, self._frames, strict=True)):
-            v_q, a_q, a_v, jacobian = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
-            speed, acceleration = (
-                pin.getFrameVelocity(model, data, frame, pin.LOCAL),
-                pin.getFrameAcceleration(model, data, frame, pin.LOCAL),
-            )
-            placement, turn = data.oMf[frame], jacobian[3:]
+            speed = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+            acceleration = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL)
+            placement, jacobian = data.oMf[frame], pin.getFrameJacobian(model, data, frame, pin.LOCAL)
             rotation = placement.rotation
-            spin, sweep = pin.skew(speed.angular), pin.skew(speed.linear)
-            # Classical acceleration: spatial plus omega x v, then both rotated to world axes.
-            linear = acceleration.linear + np.cross(speed.angular, speed.linear)
-            linear_q = a_q[:3] + spin @ v_q[:3] - sweep @ v_q[3:] - pin.skew(linear) @ turn
-            linear_v = a_v[:3] + spin @ jacobian[:3] - sweep @ turn
-            rate_q = v_q[:3] - sweep @ turn
-            held = values["contact_points"][3 * i : 3 * i + 3]
-            error = placement.translation - held
-            value.append(rotation @ (linear + damping * speed.linear) + stiffness * error)
-            by_q = rotation @ (linear_q + damping * rate_q + stiffness * jacobian[:3])
-            by_x.append(np.hstack([by_q, rotation @ (linear_v + damping * jacobian[:3])]))
+            error = placement.translation - values["contact_points"][3 * i : 3 * i + 3]
+            value.append(rotation @ (acceleration.linear + damping * speed.linear) + stiffness * error)
             by_a.append(rotation @ jacobian[:3])
             if contact.size == 6:
-                goal = quaternion.to_matrix(values["contact_orientations"][4 * surface : 4 * surface + 4])
+                phi = self._turned(rotation, values, surface)
                 surface += 1
-                phi = so3.log(rotation @ goal.T)
                 value.append(rotation @ (acceleration.angular + damping * speed.angular) + stiffness * phi)
+                by_a.append(rotation @ jacobian[3:])
+        return np.concatenate(value), np.concatenate(by_a)
+
+    def _contact_slopes(self, values: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the derivatives by dx of :meth:`_contact_values`, and J."""
+        model, data, nv = self.model, self._data, self.model.nv
+        stiffness, damping = values["contact_gains"]
+        by_x = np.empty((self.contacts.nf, 2 * nv))
+        by_a, row, surface = np.empty((self.contacts.nf, nv)), 0, 0
+        for contact, frame in zip(self.contacts.contacts, self._frames, strict=True):
+            v_q, a_q, a_v, jacobian = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+            speed = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+            acceleration = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL)
+            rotation, turn = data.oMf[frame].rotation, jacobian[3:]
+            spin, sweep = pin.skew(speed.angular), pin.skew(speed.linear)
+            # Classical acceleration: spatial plus omega x v, then both rotated to world axes.
+            linear_q = a_q[:3] + spin @ v_q[:3] - sweep @ v_q[3:] - pin.skew(acceleration.linear) @ turn
+            linear_v = a_v[:3] + spin @ jacobian[:3] - sweep @ turn
+            rate_q = v_q[:3] - sweep @ turn
+            rows = slice(row, row + 3)
+            by_x[rows, :nv] = rotation @ (linear_q + damping * rate_q + stiffness * jacobian[:3])
+            by_x[rows, nv:] = rotation @ (linear_v + damping * jacobian[:3])
+            by_a[rows] = rotation @ jacobian[:3]
+            if contact.size == 6:
+                rows = slice(row + 3, row + 6)
+                phi = self._turned(rotation, values, surface)
+                surface += 1
                 angular_q = a_q[3:] - pin.skew(acceleration.angular) @ turn + damping * (v_q[3:] - spin @ turn)
                 pulled = stiffness * so3.left_jacobian_inverse(phi) @ rotation @ turn
-                by_x.append(np.hstack([rotation @ angular_q + pulled, rotation @ (a_v[3:] + damping * turn)]))
-                by_a.append(rotation @ turn)
-        return np.concatenate(value), np.vstack(by_x), np.vstack(by_a).reshape(-1, nv)
+                by_x[rows, :nv], by_x[rows, nv:] = rotation @ angular_q + pulled, rotation @ (a_v[3:] + damping * turn)
+                by_a[rows] = rotation @ turn
+            row += contact.size
+        return by_x, by_a
+
+    def _turned(self, rotation: Array, values: Mapping[str, Array], surface: int) -> Array:
+        """Return the rotation vector of a surface's error of orientation, in world axes."""
+        goal = quaternion.to_matrix(values["contact_orientations"][4 * surface : 4 * surface + 4])
+        phi: Array = so3.log(rotation @ goal.T)
+        return phi
 
     def _item_function(self) -> ca.Function:
         """Return costs, constraints and their derivatives as functions of (x, u, z, p), z = [accelerations; forces]."""
@@ -305,5 +347,8 @@ class NumericContactAction(Action):
         return ca.Function(f"{action.name}_items", [x, u, z, p], still, ["x", "u", "z", "p"], list(outputs))
 
     def _evaluate_items(self, x: Array, u: Array, z: Array, p: Array) -> dict[str, Array]:
-        outputs = self._items(x, u, z, p)
-        return {name: out.full() for name, out in zip(self._items.name_out(), outputs, strict=True)}
+        for array, value in zip(self._given, (x, u, z, p), strict=True):
+            array[...] = value
+        self._evaluate_column()
+        found = self._found.copy()
+        return {name: found[place].reshape(shape).T for name, place, shape in self._places}

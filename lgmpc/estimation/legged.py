@@ -146,7 +146,7 @@ class LeggedEstimator:
         self.contacts = self._detector.touching
         self.rejected = np.zeros(robot.nc, dtype=np.bool_)
         self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
-        self._gate = chi_square_bound(settings.outlier_probability)
+        self._gate, self._rest = chi_square_bound(settings.outlier_probability), settings.rest_s
         self._resting = settings.resting_speed_m_s**2 * np.eye(3)
         self._speed_variance = settings.joint_velocity_noise_rad_s**2
         self.settings, self._period = settings, duration_of("period", period)
@@ -189,7 +189,7 @@ class LeggedEstimator:
             self._level(reading.accelerometer)
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
         self._detector.update(legs.forces @ self._up)
-        resting = self.contacts & self._slow() & (reading.time - self._moved >= self.settings.rest_s)
+        resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
         for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)
         new = resting & ~ekf.touching

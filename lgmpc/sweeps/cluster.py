@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 import multiprocessing
+import signal
 import socket
 import uuid
 from collections.abc import Callable, Iterable, Iterator
@@ -59,6 +60,7 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
             memory_limit=0,  # that of the tasks' own processes is limited
             dashboard_address="127.0.0.1:0",  # any free port: several clusters may be on a machine
             silence_logs=logging.CRITICAL,
+            preload=[__name__],
         )
         with cluster, distributed.Client(cluster) as client:
             yield client
@@ -70,6 +72,11 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
         raise InputError("dask", address, f"{expected} ({error})", ["local"]) from error
     with client:
         yield client
+
+
+def dask_setup(worker: distributed.Worker) -> None:
+    """Make a worker of a cluster on this machine deaf to Ctrl-C, which ends the sweep; Dask calls it by this name."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @dataclass(frozen=True)

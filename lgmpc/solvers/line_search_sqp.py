@@ -13,7 +13,7 @@ long where the curvature of the cost's residuals is positive, and the search mus
 constraints are inconsistent, a step removes a part of the gaps and violations only (Powell, "A fast algorithm for
 nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
 
-Where this fails, far from a solution, or makes no progress, an augmented Lagrangian takes over once a solve
+Where this fails, far from a solution, or makes no progress for long, an augmented Lagrangian takes over once a solve
 (:class:`~lgmpc.solvers.AugmentedLagrangianFddp`), whose roll-outs follow the dynamics; its trajectory and multipliers
 are where the SQP continues. If it finds a stationary point of the violation, the problem is infeasible.
 """
@@ -49,6 +49,7 @@ __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
 _KEPT = (0.0, 0.5, 0.9, 0.99)  # fractions of gaps and violations kept by relaxed subproblems, tried in this order
 _LEAST_TOLERANCE = 1e-13  # smallest decrease that exceeds rounding errors
 _ROUNDING = 1e-13  # of the penalty function
+_IDLE = 30  # steps that do not halve the least residual, after which the augmented Lagrangian takes over
 _PATIENCE = 6  # most steps that do not halve the residual
 _FAILED = {
     QpStatus.INFEASIBLE: Status.INFEASIBLE,
@@ -135,6 +136,7 @@ class LineSearchSqp(IterativeSolver):
         self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
         self._global = self._was_global = self._near = False
+        self._best, self._idle = np.inf, 0
         self._take_over(False)
         self._start = Trajectory(f.xs.copy(), f.us.copy())
         self._linearize(0)
@@ -161,7 +163,9 @@ class LineSearchSqp(IterativeSolver):
             return self._return_to_steps(self._globaliser._iterate())
         status = self._step()
         lost = status in (Status.STALLED, Status.INFEASIBLE, Status.FAILED, Status.UNBOUNDED)
-        if (lost or not (status or self._trusting)) and not self._was_global:
+        better = self._kkt.largest < 0.5 * self._best
+        self._best, self._idle = (self._kkt.largest, 0) if better else (self._best, self._idle + 1)
+        if (lost or (status is None and self._idle >= _IDLE)) and not self._was_global:
             if self._start_globaliser():
                 return None
             return self._step() if status is Status.FAILED else status

@@ -169,6 +169,6 @@ def test_hard_constraints_are_met_from_random_guesses(
     """The SQP's own steps solve 5 of the first 10 from guesses a quarter as wild."""
     solver = make(arm)
     for guess in wild(arm, 5):
-        solution = solver.solve(guess)
+        solution = solver.solve(guess, max_iterations=600)
         assert solution.status is Status.CONVERGED, solution.explain()
         assert max(solution.kkt.constraint, solution.kkt.dynamics, solution.kkt.complementarity) < 1e-6

@@ -1,4 +1,4 @@
-"""Activations: the cost of a residual's entries, one scalar function applied to each.
+"""Activations: the cost of a residual, one scalar function applied to each of its entries, or to its norm.
 
 An activation is a frozen dataclass whose fields are its parameters: numbers, arrays, or CasADi expressions, either one
 for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostItem` they become named parameters of the
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -22,16 +22,25 @@ __all__ = [
     "FlatExponential",
     "FlatLogarithm",
     "Huber",
+    "OfNorm",
     "Quadratic",
     "QuadraticBarrier",
     "SmoothOneNorm",
+    "SmoothTwoNorm",
     "WeightedQuadratic",
 ]
 
 
 @dataclass(frozen=True, eq=False)
 class Activation(ABC):
-    """A scalar function of one residual entry, with its derivatives; all methods act on the entries of a column."""
+    """A scalar function of one residual entry, with its derivatives; all methods act on the entries of a column.
+
+    Attributes:
+        joint: whether it is a function of all entries together (:class:`OfNorm`), and has one weight and one value of
+            each field for all of them.
+    """
+
+    joint: ClassVar[bool] = False
 
     @abstractmethod
     def value(self, r: Any) -> Any:
@@ -51,12 +60,14 @@ class Activation(ABC):
         Raises:
             InputError: a field has the wrong number of values.
         """
+        size = 1 if self.joint else size
         found = []
         for field in fields(self):
             values = np.asarray(getattr(self, field.name), dtype=np.float64)
             name = f"{prefix}_{field.name}"
             if values.shape not in ((), (size,)):
-                raise InputError(name, f"shape {values.shape}", f"a number or shape {(size,)}")
+                expected = "a number" if self.joint else f"a number or shape {(size,)}"
+                raise InputError(name, f"shape {values.shape}", expected)
             found.append(Parameter(name, size, f"{field.name} of the {type(self).__name__} activation", values))
         return tuple(found)
 
@@ -179,37 +190,61 @@ class Huber(Activation):
 
 
 @dataclass(frozen=True, eq=False)
-class FlatExponential(Activation):
-    """``1 - exp(-r^2 / width^2)``: flat far from zero, so that what is far off does not count more and more.
+class OfNorm(Activation):
+    """A concave function ``rho`` of the squared norm ``s = r^T r`` of the whole residual.
 
-    Crocoddyl's ActivationModelQuadFlatExp, of each entry; of a norm with the residual ``Norm``.
-
-    Attributes:
-        width: not zero.
+    Its gradient is ``2 rho'(s) r``. ``2 rho'(s)`` in each entry bounds its Hessian from above, because rho is concave:
+    iteratively reweighted least squares (Triggs et al., Bundle Adjustment, 2000, section 4.3). The item has one weight,
+    not one for each entry.
     """
 
-    width: Any = 1.0
+    joint = True
+
+    @abstractmethod
+    def rho(self, s: Any) -> Any:
+        """Return ``rho(s)``."""
+
+    @abstractmethod
+    def slope(self, s: Any) -> Any:
+        """Return ``rho'(s)``, not negative, and not growing with s."""
 
     def value(self, r: Any) -> Any:
-        """Return the value."""
-        return 1 - self._bell(r)
+        """Return ``rho(s)``, in equal parts in each entry."""
+        return self.rho(ca.sumsqr(r)) / r.shape[0] * type(r).ones(*r.shape)
 
     def gradient(self, r: Any) -> Any:
-        """Return ``2 r / width^2 exp(-r^2 / width^2)``."""
-        return 2 * r / self.width**2 * self._bell(r)
+        """Return ``2 rho'(s) r``."""
+        return 2 * self.slope(ca.sumsqr(r)) * r
 
     def curvature(self, r: Any) -> Any:
-        """Return the second derivative near zero, and zero where it is negative."""
-        found = 2 / self.width**2 * (1 - 2 * r**2 / self.width**2)
-        return ca.if_else(found > 0, found, 0) * self._bell(r)
-
-    def _bell(self, r: Any) -> Any:
-        return ca.exp(-((r / self.width) ** 2))
+        """Return ``2 rho'(s)`` in each entry."""
+        return 2 * self.slope(ca.sumsqr(r)) * type(r).ones(*r.shape)
 
 
 @dataclass(frozen=True, eq=False)
-class FlatLogarithm(Activation):
-    """``log(1 + r^2 / width^2)``: grows ever more slowly. Crocoddyl's ActivationModelQuadFlatLog, of each entry.
+class SmoothTwoNorm(OfNorm):
+    """``sqrt(r^T r + epsilon)``: the norm, smoothed over a width of ``sqrt(epsilon)``.
+
+    Attributes:
+        epsilon: positive.
+    """
+
+    epsilon: Any = 1.0
+
+    def rho(self, s: Any) -> Any:
+        """Return the smoothed norm."""
+        return ca.sqrt(s + self.epsilon)
+
+    def slope(self, s: Any) -> Any:
+        """Return half its reciprocal."""
+        return 0.5 / self.rho(s)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatExponential(OfNorm):
+    """``1 - exp(-r^T r / width^2)``: flat far from zero, so that what is far off does not count more and more.
+
+    Crocoddyl's ActivationModelQuadFlatExp, whose alpha is ``width^2``.
 
     Attributes:
         width: not zero.
@@ -217,15 +252,29 @@ class FlatLogarithm(Activation):
 
     width: Any = 1.0
 
-    def value(self, r: Any) -> Any:
+    def rho(self, s: Any) -> Any:
+        """Return the value."""
+        return 1 - ca.exp(-s / self.width**2)
+
+    def slope(self, s: Any) -> Any:
+        """Return ``exp(-s / width^2) / width^2``."""
+        return ca.exp(-s / self.width**2) / self.width**2
+
+
+@dataclass(frozen=True, eq=False)
+class FlatLogarithm(OfNorm):
+    """``log(1 + r^T r / width^2)``: grows ever more slowly. Crocoddyl's ActivationModelQuadFlatLog.
+
+    Attributes:
+        width: not zero.
+    """
+
+    width: Any = 1.0
+
+    def rho(self, s: Any) -> Any:
         """Return the logarithm."""
-        return ca.log(1 + (r / self.width) ** 2)
+        return ca.log(1 + s / self.width**2)
 
-    def gradient(self, r: Any) -> Any:
-        """Return ``2 r / (width^2 + r^2)``."""
-        return 2 * r / (self.width**2 + r**2)
-
-    def curvature(self, r: Any) -> Any:
-        """Return the second derivative near zero, and zero where it is negative."""
-        found = 2 * (self.width**2 - r**2) / (self.width**2 + r**2) ** 2
-        return ca.if_else(found > 0, found, 0)
+    def slope(self, s: Any) -> Any:
+        """Return ``1 / (width^2 + s)``."""
+        return 1 / (self.width**2 + s)

@@ -67,17 +67,23 @@ class _Item:
             raise InputError("name", repr(self.name), "letters, digits and underscores, no digit first")
         for field, _ in self.own:
             shape = np.shape(getattr(self, field))
-            if shape not in ((), (self.residual.nr,)):
-                expected = f"a number or shape {(self.residual.nr,)}"
+            if shape not in ((), (self._rows,)):
+                expected = "a number" if self._rows == 1 else f"a number or shape {(self._rows,)}"
                 raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
         for parameter in self.parameters():
             parameter.check_sign(np.asarray(parameter.default, dtype=np.float64))
 
+    @property
+    def _rows(self) -> int:
+        """Number of values that each of its own fields has."""
+        return self.residual.nr
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""
         inner = (Parameter(f"{self.name}_{p.name}", p.size, p.meaning, p.default) for p in self.residual.parameters)
-        size = self.residual.nr
-        fields = (Parameter(f"{self.name}_{key}", size, text, getattr(self, key), self.sign) for key, text in self.own)
+        fields = (
+            Parameter(f"{self.name}_{key}", self._rows, text, getattr(self, key), self.sign) for key, text in self.own
+        )
         return (*inner, *fields)
 
     def _column(self, s: StageSymbols) -> tuple[StageSymbols, Any]:
@@ -91,14 +97,14 @@ class _Item:
 
 @dataclass(frozen=True, eq=False)
 class CostItem(_Item):
-    """A residual as a cost: ``sum_i weight_i a(r_i)``.
+    """A residual as a cost: ``sum_i weight_i a(r_i)``, or ``weight a(r)`` with an activation of the norm.
 
     At the last node it counts as the terminal cost if it is a function of the state alone.
 
     Attributes:
         name: a C identifier, first part of the names of its parameters.
         residual: r.
-        weight: default of the parameter ``<name>_weight`` (nr,).
+        weight: default of the parameter ``<name>_weight`` (nr,); a number with an activation of the norm.
         activation: a; its fields are defaults of parameters too.
 
     Raises:
@@ -109,6 +115,11 @@ class CostItem(_Item):
     activation: Activation = Quadratic()
     own = (("weight", "weights of the residual's entries"),)
     sign = "not negative"
+
+    @property
+    def _rows(self) -> int:
+        """Number of values that the weight has."""
+        return 1 if self.activation.joint else self.residual.nr
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -324,9 +324,14 @@ def _one_each(action: Action | Sequence[Action], nodes: int | None) -> tuple[Act
         if nodes is None or nodes < 1:
             raise InputError("nodes", nodes, "at least one interval")
         return (action,) * nodes
-    actions = tuple(action)
+    actions = tuple(action) if isinstance(action, Iterable) else (action,)
     if not actions:
         raise InputError("action", "an empty sequence", "at least one interval")
+    for k, each in enumerate(actions):
+        if not isinstance(each, Action):
+            expected = "an action, or a sequence of actions; the first state is the attribute x0"
+            raise InputError("action", f"{type(each).__name__} at interval {k}", expected)
     if nodes is not None and nodes != len(actions):
-        raise InputError("nodes", nodes, f"{len(actions)}, one for each action, or nothing")
+        got = nodes if isinstance(nodes, int) else type(nodes).__name__
+        raise InputError("nodes", got, f"{len(actions)}, one for each action, or nothing")
     return actions

@@ -20,6 +20,7 @@ from lgmpc.costs import (
     QuadraticBarrier,
     Residual,
     SmoothOneNorm,
+    SmoothTwoNorm,
     StageSymbols,
     WeightedQuadratic,
     constraint_of,
@@ -102,8 +103,6 @@ def test_the_terminal_cost_depends_on_the_state_alone() -> None:
             lambda r: np.r_[min(r[0] + 1, 0), max(r[1] - 1.5, 0)] ** 2 / 2,
         ),
         (SmoothOneNorm(0.25), lambda r: np.sqrt(r**2 + 0.25)),
-        (FlatExponential(0.7), lambda r: 1.0 - np.exp(-(r**2) / 0.49)),
-        (FlatLogarithm(0.7), lambda r: np.log1p(r**2 / 0.49)),
         (Huber(0.8), lambda r: np.where(np.abs(r) < 0.8, r**2 / 2, 0.8 * (np.abs(r) - 0.4))),
     ],
     ids=lambda value: type(value).__name__,
@@ -126,10 +125,45 @@ def test_activation_and_its_derivatives(activation: Any, value: Any) -> None:
         plus, minus = at(here + step), at(here - step)
         np.testing.assert_allclose(got[1], (plus[0] - minus[0]) / (2 * step), rtol=1e-6, atol=1e-8)
         second = (plus[1] - minus[1]) / (2 * step)
-        if isinstance(activation, (FlatExponential, FlatLogarithm)):  # not convex far from zero
-            second = np.maximum(second, 0.0)
         np.testing.assert_allclose(got[2], second, rtol=1e-6, atol=1e-8)
         assert (got[2] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("activation", "value"),
+    [
+        (SmoothTwoNorm(0.25), lambda s: np.sqrt(s + 0.25)),
+        (FlatExponential(0.7), lambda s: -np.expm1(-s / 0.49)),
+        (FlatLogarithm(0.7), lambda s: np.log1p(s / 0.49)),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_an_activation_of_the_norm_has_its_gradient_and_a_bound_of_its_hessian(activation: Any, value: Any) -> None:
+    n = 3
+    layout = ParameterLayout(*activation.parameters("c", n))
+    assert layout.size == 1
+    r, p = ca.SX.sym("r", n), ca.SX.sym("p", layout.size)
+    bound = activation.bind("c", layout.split(p))
+    total = ca.sum1(bound.value(r))
+    hessian, gradient = ca.hessian(total, r)
+    function = ca.Function("a", [r, p], [total, bound.gradient(r), bound.curvature(r), gradient, hessian])
+    for point in (np.zeros(n), [1e-8, 0.0, 0.0], [0.3, -0.4, 0.1], [-2.0, 2.5, 1.0], [1e3, -1e3, 2.0]):
+        here = np.asarray(point, dtype=np.float64)
+        mine, first, second, exact, bounded = (each.full() for each in function(here, layout.default))
+        np.testing.assert_allclose(mine.item(), value(here @ here), rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(first, exact, rtol=1e-12, atol=1e-15)
+        scale = 1.0 + np.abs(bounded).max()
+        assert np.linalg.eigvalsh(np.diag(second.ravel()) - bounded).min() > -1e-12 * scale
+        assert (second >= 0.0).all()
+
+
+def test_a_norm_has_one_weight() -> None:
+    item = CostItem("speeds", Speeds(), 3.0, SmoothTwoNorm(0.01))
+    assert [(each.name, each.size) for each in item.parameters()] == [("speeds_weight", 1), ("speeds_epsilon", 1)]
+    with pytest.raises(InputError, match=r"weight of 'speeds': got shape \(2,\); expected a number"):
+        CostItem("speeds", Speeds(), [1.0, 2.0], SmoothTwoNorm())
+    with pytest.raises(InputError, match=r"speeds_epsilon: got shape \(2,\); expected a number"):
+        CostItem("speeds", Speeds(), 1.0, SmoothTwoNorm([0.1, 0.2]))
 
 
 def test_huber_is_quadratic_up_to_its_threshold_and_linear_beyond() -> None:

@@ -34,6 +34,10 @@ def test_rollout_follows_the_action(problem: ShootingProblem) -> None:
 def test_bad_input_is_named(problem: ShootingProblem) -> None:
     with pytest.raises(InputError, match="nodes: got 0"):
         ShootingProblem(CentroidalAction(1), 0)
+    with pytest.raises(InputError, match="action: got float64 at interval 0; expected an action.*attribute x0"):
+        ShootingProblem(np.zeros(9), [CentroidalAction(1)])
+    with pytest.raises(InputError, match="nodes: got list; expected 2, one for each action"):
+        ShootingProblem([CentroidalAction(1)] * 2, [CentroidalAction(1)])
     with pytest.raises(InputError, match="Did you mean friction"):
         problem.set("frction", 0.5)
     with pytest.raises(InputError, match=r"gravity: got shape \(2,\); expected a number, shape \(3,\) or \(6, 3\)"):

@@ -29,6 +29,7 @@ from lgmpc.costs.library import (
     FrameRotation,
     SmoothFrictionCone,
     StateError,
+    WrenchCone,
 )
 from lgmpc.ocp import ShootingProblem, Trajectory, check_derivatives
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -69,6 +70,7 @@ def costs(state: State, forces: bool = True) -> list[CostItem]:
         CostItem("force", ContactForce(POINT), 1e-2),
         CostItem("cone", SmoothFrictionCone(POINT), 1e-2, inside),
         CostItem("pressure", CenterOfPressure(SURFACE, (0.1, 0.05)), 1e-2, inside),
+        CostItem("wrench", WrenchCone(SURFACE, (0.1, 0.05)), 1e-2, inside),
     ]
     return of_motion + of_forces if forces else of_motion
 

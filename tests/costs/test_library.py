@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import linprog
 
 from lgmpc.costs import MissingQuantityError, ParameterLayout, Residual, StageSymbols
 from lgmpc.costs.library import (
@@ -33,6 +35,7 @@ from lgmpc.costs.library import (
     JointPosition,
     SmoothFrictionCone,
     StateError,
+    WrenchCone,
 )
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -162,6 +165,16 @@ def pyramid(point: Point) -> np.ndarray:
     return np.append(facets, f[2])
 
 
+def wrench_cone(s: Point) -> np.ndarray:
+    back = placement(s, SURFACE).rotation.T
+    (fx, fy, fz), (mx, my, mz) = back @ s.wrench[:3], back @ s.wrench[3:]
+    a, b, m = 0.1, 0.05, 0.6 * math.cos(math.pi / 4)
+    signs = list(itertools.product((1, -1), repeat=3))
+    torsion = [m * (a + b) * fz - k * mz - i * (b * fx + k * m * mx) - j * (a * fy + k * m * my) for k, i, j in signs]
+    sliding = [m * fz - fx, m * fz + fx, m * fz - fy, m * fz + fy]
+    return np.array([fz, *sliding, a * fz - my, a * fz + my, b * fz - mx, b * fz + mx, *torsion])
+
+
 def pressure(point: Point) -> np.ndarray:
     force = pin.Force(point.wrench)
     local = pin.SE3(placement(point, SURFACE).rotation, np.zeros(3)).actInv(force)
@@ -208,6 +221,7 @@ LIBRARY: dict[str, tuple[Residual, Callable[[Point], np.ndarray]]] = {
         lambda s: np.array([0.36 * s.wrench[2] ** 2 - s.wrench[0] ** 2 - s.wrench[1] ** 2, s.wrench[2]]),
     ),
     "pressure": (CenterOfPressure(SURFACE, (0.1, 0.05)), pressure),
+    "wrench cone": (WrenchCone(SURFACE, (0.1, 0.05), 0.6), wrench_cone),
     "distance": (
         FramePairDistance(POINT, SURFACE),
         lambda s: np.array([np.linalg.norm(placement(s, POINT).translation - placement(s, SURFACE).translation)]),
@@ -260,6 +274,34 @@ def test_residual_and_its_derivatives(name: str) -> None:
             np.testing.assert_allclose(slope.full(), difference, rtol=0, atol=1e-6 * scale)
 
 
+def test_the_wrench_cone_is_what_forces_at_the_corners_sum_to() -> None:
+    """Two sets, one by the closed form, one by linear programming, are the same on random rays and at their ends."""
+    a, b, friction = 0.1, 0.05, 0.6
+    compiled, rng = build(WrenchCone(SURFACE, (a, b), friction)), np.random.default_rng(7)
+    point = random_point(rng)
+    rotation = placement(point, SURFACE).rotation
+    m = friction / math.sqrt(2.0)
+    edges = np.array([[x, y, 1.0] for x in (m, -m) for y in (m, -m)])
+    corners = [np.array([x, y, 0.0]) for x in (a, -a) for y in (b, -b)]
+    generators = np.array([[*edge, *np.cross(corner, edge)] for corner in corners for edge in edges]).T
+    # From the middle of the cone towards random directions, as far as corners can give the wrench.
+    middle = generators.sum(axis=1)
+    for _ in range(50):
+        ray = rng.standard_normal(6) * [1.0, 1.0, 1.0, b, a, a]
+        farthest = linprog(
+            [*np.zeros(16), -1.0], A_eq=np.column_stack([generators, -ray]), b_eq=middle, bounds=(0.0, None)
+        )
+        length = farthest.x[-1] if farthest.status == 0 else math.inf
+        for factor, inside in ((1.0 - 1e-6, True), (1.0 + 1e-6, False)):
+            if math.isinf(length):
+                factor, inside = 1e3, True
+            wrench = middle + (factor if math.isinf(length) else factor * length) * ray
+            world = np.concatenate([rotation @ wrench[:3], rotation @ wrench[3:]])
+            there = Point(point.x, point.u, point.a, point.tau, point.force, world)
+            margin = compiled.value(*compiled.arguments(there)).min()
+            assert (margin > 0.0) == inside, (factor, margin)
+
+
 def test_half_the_square_of_the_matrix_residual_is_psi() -> None:
     point = random_point(np.random.default_rng(2))
     compiled = build(LIBRARY["rotation matrix"][0])
@@ -287,8 +329,9 @@ def test_bad_input_is_named() -> None:
         FrictionCone(POINT, 2)
     with pytest.raises(InputError, match="surface: got no rotation"):
         SmoothFrictionCone(POINT, 0.7, 2 * np.eye(3))
-    with pytest.raises(InputError, match="a point contact"):
-        build(CenterOfPressure(POINT, (0.1, 0.1)))
+    for surface in (CenterOfPressure(POINT, (0.1, 0.1)), WrenchCone(POINT, (0.1, 0.1))):
+        with pytest.raises(InputError, match="a point contact"):
+            build(surface)
     with pytest.raises(InputError, match="Did you mean FL_FOOT"):
         build(ContactForce("FL_FOT"))
     with pytest.raises(InputError, match="reference: got a default of shape"):

@@ -12,7 +12,7 @@ from lgmpc.costs.library.dynamics import (
     JointPosition,
     StateError,
 )
-from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, SmoothFrictionCone
+from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, SmoothFrictionCone, WrenchCone
 from lgmpc.costs.library.frames import (
     FramePairDistance,
     FramePlacement,
@@ -45,4 +45,5 @@ __all__ = [
     "JointPosition",
     "SmoothFrictionCone",
     "StateError",
+    "WrenchCone",
 ]

@@ -14,7 +14,7 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 
-__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "SmoothFrictionCone"]
+__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "SmoothFrictionCone", "WrenchCone"]
 
 
 class ContactForce(Residual):
@@ -128,9 +128,65 @@ class CenterOfPressure(Residual):
         Raises:
             InputError: the contact is a point.
         """
-        wrench, back = s.force(self.frame), s.placement(self.frame).rotation.T
-        if wrench.shape[0] != 6:
-            raise InputError("frame", f"{self.frame}, a point contact", "a surface contact")
-        normal, moment = (back @ wrench[:3])[2], back @ wrench[3:]
-        reach_y, reach_x = s["half_size"][0] * normal, s["half_size"][1] * normal
+        force, moment = _wrench(s, self.frame)
+        reach_y, reach_x = s["half_size"][0] * force[2], s["half_size"][1] * force[2]
         return ca.vertcat(reach_y - moment[1], reach_y + moment[1], reach_x - moment[0], reach_x + moment[0])
+
+
+class WrenchCone(Residual):
+    """The wrenches that a rectangle can transmit (17,), N and N.m: all entries are positive strictly inside.
+
+    With the wrench in the frame's own axes, z being the surface's normal, the rectangle 2 a by 2 b and
+    ``m = mu cos(pi / 4)``: ``f_z`` > 0, sliding ``m f_z -+ f_x``, ``m f_z -+ f_y``, the centre of pressure
+    (:class:`CenterOfPressure`), and torsion about the normal, for all signs s, t::
+
+        m (a + b) f_z - m_z - s (b f_x + m m_x) - t (a f_y + m m_y)
+        m (a + b) f_z + m_z - s (b f_x - m m_x) - t (a f_y - m m_y)
+
+    These are exactly the sums of forces at the four corners, each within the pyramid of four facets inscribed in its
+    friction cone: Caron, Pham and Nakamura, Stability of Surface Contacts for Humanoid Robots, ICRA 2015.
+
+    As a constraint: ``lower=0, upper=inf``. As a cost: ``QuadraticBarrier(0.0, np.inf)``.
+
+    Args:
+        frame: name of a surface contact.
+        half_size: (a, b) along the frame's x and y, m; default of the parameter ``half_size``.
+        friction: default of the parameter ``friction``.
+    """
+
+    nr = 17
+
+    def __init__(self, frame: str, half_size: tuple[float, float], friction: float = 0.7) -> None:
+        self.frame = frame
+        self.parameters = (
+            Parameter("half_size", 2, "half lengths of the surface along x and y, m", half_size),
+            Parameter("friction", 1, "friction coefficient", friction, "not negative"),
+        )
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the margins.
+
+        Raises:
+            InputError: the contact is a point.
+        """
+        force, moment = _wrench(s, self.frame)
+        (fx, fy, fz), (mx, my, mz) = (ca.vertsplit(each) for each in (force, moment))
+        a, b = s["half_size"][0], s["half_size"][1]
+        m = pyramid_half_width(s["friction"], 4)
+        sliding = [m * fz - sign * each for each in (fx, fy) for sign in (1, -1)]
+        pressure = [arm * fz - sign * each for arm, each in ((a, my), (b, mx)) for sign in (1, -1)]
+        torsion = [
+            m * (a + b) * fz - turn * mz - across * (b * fx + turn * m * mx) - along * (a * fy + turn * m * my)
+            for turn in (1, -1)
+            for across in (1, -1)
+            for along in (1, -1)
+        ]
+        return ca.vertcat(fz, *sliding, *pressure, *torsion)
+
+
+def _wrench(s: StageSymbols, frame: str) -> tuple[Any, Any]:
+    """Return force and moment of a surface contact in the frame's own axes."""
+    wrench, back = s.force(frame), s.placement(frame).rotation.T
+    if wrench.shape[0] != 6:
+        raise InputError("frame", f"{frame}, a point contact", "a surface contact")
+    return back @ wrench[:3], back @ wrench[3:]

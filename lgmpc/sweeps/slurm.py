@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationError
@@ -97,8 +99,9 @@ def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.
         MissingDependencyError: dask-jobqueue is not installed.
     """
     try:
-        import dask_jobqueue
         import distributed
+
+        dask_jobqueue = _import_jobqueue()
     except ImportError as error:
         raise MissingDependencyError("dask-jobqueue", "a sweep on SLURM", 'pip install "lgmpc[dask]"') from error
     if shutil.which("sbatch") is None:
@@ -125,6 +128,17 @@ def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.
         _check_accepted(cluster.job_script())
         cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
         yield client
+
+
+def _import_jobqueue() -> ModuleType:
+    """Import dask-jobqueue, and keep this program's handler of Ctrl-C, in whose place the import sets another one."""
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        import dask_jobqueue
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    module: ModuleType = dask_jobqueue
+    return module
 
 
 def _check_accepted(script: str) -> None:

@@ -1,7 +1,9 @@
 """A sweep in jobs of SLURM, with programs in place of its own that run the jobs' scripts on this machine."""
 
 import shutil
+import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from lgmpc.sweeps.slurm import load_slurm, slurm_client
 
 from .conftest import Parse
 
-pytest.importorskip("dask_jobqueue")
+pytestmark = pytest.mark.skipif(find_spec("dask_jobqueue") is None, reason="dask-jobqueue is not installed")
 
 JOBS = """
 jobs: 1
@@ -54,6 +56,18 @@ except ProcessLookupError:
     pass
 file.with_suffix(".cancelled").touch()
 """
+
+
+def test_ctrl_c_stays_the_programs_own() -> None:
+    """The import of dask_jobqueue sets a handler; in a process of its own, where nothing has imported it before."""
+    program = (
+        "import signal\n"
+        "from lgmpc.sweeps.slurm import _import_jobqueue\n"
+        "before = signal.getsignal(signal.SIGINT)\n"
+        "_import_jobqueue()\n"
+        "assert signal.getsignal(signal.SIGINT) is before\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """lgmpc: Lie-group trajectory optimisation and model-predictive control for floating-base robots.
 
-The names that most programs need are here, each imported from its room on first use, so that ``import lgmpc`` is fast.
-All other names are imported from their rooms (``lgmpc.costs.library``).
+The names that most programs need are here, each imported from its package on first use, so that ``import lgmpc`` is
+fast. All other names are imported from their packages (``lgmpc.costs.library``).
 
 Conventions of the whole package:
 
@@ -16,9 +16,13 @@ Conventions of the whole package:
 """
 
 from importlib import import_module
+from time import time_ns
 from typing import TYPE_CHECKING
 
 __version__ = "0.2.0"
+
+__imported_ns__ = time_ns()
+"""When the package was imported, ns since 1970: source files that are younger may not be what was imported."""
 
 # The public names, by the module that defines them. Type checkers and editors read the imports below instead; a test
 # compares the two.

@@ -40,10 +40,10 @@ class Check:
     """The result of one check.
 
     Attributes:
-        name: what, in a word or two.
-        ok: whether lgmpc works with it as it is.
-        detail: what was found.
-        remedy: what to do about it; empty if there is nothing to do. A check that is ok may have one too.
+        name: short name of the checked feature.
+        ok: whether it works.
+        detail: the findings.
+        remedy: recommended action; empty if there is none. A check that is ok may have one too.
     """
 
     name: str
@@ -75,7 +75,7 @@ def _guarded(name: str, check: Callable[[], Check], remedy: str) -> Check:
         return check()
     except InputError as error:
         return Check(name, False, f"{error.argument}: got {error.got}", f"expected {error.expected}")
-    except Exception as error:  # noqa: BLE001 (whatever a broken installation raises is a finding)
+    except Exception as error:  # noqa: BLE001 (any exception of a broken installation is a finding)
         detail = str(error) if isinstance(error, CompileError) else f"{type(error).__name__}: {error}"
         return Check(name, False, detail, remedy or _REINSTALL)
 
@@ -160,7 +160,7 @@ def _compile_and_compare(compiler: Compiler, folder: Path) -> tuple[float, float
     compiled = CompiledFunction(Signature.of(function), functools.partial(bind_library, loaded), compiled=True)
     point = np.array([0.3, -1.2, 2.1])
     pairs = zip(compiled(point), function(point), strict=True)
-    difference = max(float(np.max(np.abs(got - np.asarray(want).ravel()))) for got, want in pairs)
+    difference = max(float(np.max(np.abs(got - np.asarray(expected).ravel()))) for got, expected in pairs)
     calls = 1000
     start = time.perf_counter()
     for _ in range(calls):

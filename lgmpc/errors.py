@@ -154,7 +154,7 @@ class SolverError(LgmpcError):
 
 
 class ClusterError(LgmpcError):
-    """Worker processes on other machines that cannot be used, or are gone."""
+    """Worker processes on other machines that cannot be used, or whose connection is lost."""
 
 
 class MissingDependencyError(LgmpcError):
@@ -185,8 +185,8 @@ class ReplayError(LgmpcError):
     """A recorded run was not repeated bit for bit.
 
     Attributes:
-        run: its folder.
-        difference: where, as :class:`lgmpc.runs.difference.Difference`.
+        run: folder of the recorded run.
+        difference: the first :class:`lgmpc.runs.difference.Difference`.
     """
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""What a notebook displays: short tables of objects, bars of progress; and whether this process is its kernel."""
+"""Display in notebooks: short tables of objects, progress bars; and whether this process is a notebook's kernel."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["ProgressBar", "bar_html", "html_table", "in_notebook", "reports"]
 T = TypeVar("T")
 
 _PERIOD_S = 0.1
-"""Between two updates of a bar."""
+"""Time between two updates of a bar, s."""
 
 
 def html_table(title: str, rows: Iterable[tuple[str, object]]) -> str:
     """Return a table of two columns, names and values, under a title.
 
     Args:
-        title: what the object is.
+        title: description of the object.
         rows: name and value of each line; values are shown by ``str``.
     """
     body = "".join(
@@ -42,7 +42,7 @@ def in_notebook() -> bool:
 class ProgressBar:
     """Progress in the output of a notebook's cell: HTML that is replaced in place, so that no widgets are required.
 
-    Used as a context manager; what it displays at the end stays in the saved notebook.
+    Used as a context manager; its final state remains in the saved notebook.
     """
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class ProgressBar:
             self._draw(running=False)
 
     def announce(self, message: str) -> None:
-        """Display what is being prepared."""
+        """Display a description of the present preparation."""
         self._fraction, self._words = None, message
         self._draw()
 
@@ -94,11 +94,11 @@ def reports(
     progress: Callable[[T], None] | None,
     read: Callable[[T], tuple[float | None, str]],
 ) -> Iterator[tuple[Callable[[str], None], Callable[[T], None]]]:
-    """Yield the two reports of a run to call: the given ones or, where neither is given in a notebook, those of a bar.
+    """Yield the two callbacks of a run: the given ones or, where neither is given in a notebook, those of a bar.
 
     Args:
-        notify: report of what is being prepared, if any.
-        progress: report of the progress, if any.
+        notify: called with a description of the present preparation, if any.
+        progress: called with the progress, if any.
         read: from a progress to the fraction that is done (``None`` if unknown) and words, for the bar.
     """
     if notify is None and progress is None and in_notebook():

@@ -4,6 +4,8 @@
 
 For each step: libraries built, processor time of the C compiler, processor time of Python (expressions and code), and
 elapsed time. Dynamics are compiled apart from costs and shared by solvers, so that only the first step takes long.
+Then the same for whole controllers of configs: in an empty cache, with their libraries but not the index of what they
+were written from, and again, as every point of a sweep does.
 """
 
 from __future__ import annotations
@@ -14,16 +16,20 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
 
 import argparse
 import resource
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import example_robot_data
 import numpy as np
 from record import add_json_option, print_machine, write_record
 
+from lgmpc import load_config
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
+from lgmpc.config.build import prepare
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.ocp import ShootingProblem
@@ -96,22 +102,36 @@ def steps_of(robot: str) -> dict[str, Step]:
     }
 
 
+def builds_of(config: str, cache: Path) -> dict[str, Step]:
+    """Measure builds of a closed loop; all but the last write every expression."""
+    loop = load_config(config)
+
+    def build(progress: Callable[[str], None]) -> None:
+        prepare(loop, notify=progress)
+
+    steps = {"empty cache": measure(build)}
+    shutil.rmtree(cache / "index", ignore_errors=True)
+    return steps | {"libraries, no index": measure(build), "again": measure(build)}
+
+
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", nargs="+", choices=sorted(FEET), default=list(FEET))
+    parser.add_argument("--configs", nargs="*", default=["solo12_velocity_inekf", "solo12_balance_full_body"])
     add_json_option(parser)
     options = parser.parse_args()
     print_machine()
     taken: dict[str, dict[str, dict[str, float]]] = {}
-    print(f"{'':34s}{'libraries':>10s}{'compiler, s':>13s}{'Python, s':>11s}{'elapsed, s':>12s}")
-    for robot in options.robots:
+    print(f"{'':49s}{'libraries':>10s}{'compiler, s':>13s}{'Python, s':>11s}{'elapsed, s':>12s}")
+    for subject in (*options.robots, *options.configs):
         with tempfile.TemporaryDirectory() as cache:
             os.environ["LGMPC_CACHE_DIR"] = cache
-            for name, step in steps_of(robot).items():
-                figures = f"{step.libraries:10d}{step.compiler_s:13.1f}{step.python_s:11.1f}{step.elapsed_s:12.1f}"
-                print(f"{robot:10s}{name:24s}{figures}", flush=True)
-                taken.setdefault(robot, {})[name] = asdict(step)
+            steps = steps_of(subject) if subject in FEET else builds_of(subject, Path(cache))
+            for name, step in steps.items():
+                figures = f"{step.libraries:10d}{step.compiler_s:13.1f}{step.python_s:11.2f}{step.elapsed_s:12.2f}"
+                print(f"{subject:25s}{name:24s}{figures}", flush=True)
+                taken.setdefault(subject, {})[name] = asdict(step)
     write_record(options.json, taken)
 
 

@@ -3,9 +3,9 @@
     python scripts/bench_optimiser.py --nodes 20 50 100 --json figures.json
 
 FDDP here and there, from the same guess: Solo12 standing on four feet (any horizon) and trotting one step, ANYmal C in
-five gaits, Talos on both feet reaching with its right hand, an arm, a quadrotor (also bounded, by box FDDP). Then the
-same stance with hard friction cones and torque limits, by SQP. Medians and minima of all rounds. Crocoddyl comes with
-the extra ``bench``; without it Solo12 and ANYmal are timed alone.
+five gaits, Talos on both feet reaching with its right hand (compiled, and by the numeric action), an arm, a quadrotor
+(also bounded, by box FDDP). Then the same stance with hard friction cones and torque limits, by SQP. Medians and minima
+of all rounds. Crocoddyl comes with the extra ``bench``; without it Solo12 and ANYmal are timed alone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait
-from paired_robots import Pair, arm, paired, quadrotor, talos
+from paired_robots import Pair, arm, interpreted, paired, quadrotor, talos
 from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
@@ -210,6 +210,7 @@ def main() -> None:
     if theirs:
         problems |= {
             "Talos": partial(talos, still=()),
+            "Talos by Pinocchio": lambda: interpreted(talos(still=())),
             "arm": arm,
             "quadrotor": quadrotor,
             "bounded quadrotor": partial(quadrotor, bounds=(1.0, 6.0)),

@@ -195,7 +195,7 @@ GROUPS: dict[str, Group] = {
     "estimation": Group("bench_estimation.py", "bench_estimation.py", of_estimation),
     "actions": Group("bench_actions.py", "bench_actions.py --repeat 100", of_actions),
     "optimiser": Group("bench_optimiser.py", "bench_optimiser.py --nodes 20 --rounds 3", of_optimiser),
-    "compilation": Group("bench_compilation.py", "bench_compilation.py --robots solo12", of_compilation),
+    "compilation": Group("bench_compilation.py", "bench_compilation.py --robots solo12 --configs", of_compilation),
 }
 
 

@@ -22,12 +22,12 @@ from urllib.parse import unquote, urlsplit
 from lgmpc.chromium import find_chromium
 
 QUERY, FOUND = "FrictionCone", "lgmpc.costs.library"
-"""What the search is asked for, and what is among its results."""
+"""A query of the search, and a result that it must have."""
 
 
 @dataclass
 class Page(HTMLParser):
-    """What a page links to, and what can be linked to on it."""
+    """The links of a page and the anchors on it."""
 
     links: list[str] = field(default_factory=list)
     pictures: list[tuple[str, str | None]] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Page(HTMLParser):
 
 
 def faults(site: Path) -> Iterator[str]:
-    """Yield what is wrong on the pages of a site."""
+    """Yield the faults of a site's pages."""
     pages = {file.resolve(): Page.read(file) for file in sorted(site.rglob("*.html"))}
     for file, page in pages.items():
         name = file.relative_to(site.resolve())
@@ -70,7 +70,7 @@ def faults(site: Path) -> Iterator[str]:
 
 
 def fault_of(link: str, file: Path, pages: dict[Path, Page]) -> str:
-    """Return what is wrong with a link on a page; empty if nothing is."""
+    """Return the fault of a link on a page; empty if there is none."""
     parts = urlsplit(link)
     if parts.scheme:
         fine = parts.scheme == "mailto" or (

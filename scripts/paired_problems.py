@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
-from lgmpc.costs import CostItem, QuadraticBarrier
+from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import CoMPosition, Control, FrameTranslation, FrictionCone, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -179,6 +179,7 @@ class Trot(Stance):
         friction: coefficient of the cones.
         cone_weight: of their violations.
         swing_weight: of the swinging feet's places.
+        effort_limit: hard bound of the torques, N.m.
     """
 
     dt: float = 0.015
@@ -190,6 +191,7 @@ class Trot(Stance):
     friction: float = 0.3
     cone_weight: float = 10.0
     swing_weight: float = 1e4
+    effort_limit: float = np.inf
     nodes: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
@@ -241,7 +243,9 @@ class Trot(Stance):
             *(CostItem(f"cone_{f}", FrictionCone(f, 4, self.friction), self.cone_weight, inside) for f in self.names),
             *(CostItem(f"swing_{f}", FrameTranslation(f)) for f in self.names),
         ]
-        problem = ShootingProblem(MultibodyAction("trot", dynamics, costs), self.nodes)
+        limit = self.effort_limit
+        bounds = [ConstraintItem("motors", Control(dynamics.nu), -limit, limit)] if np.isfinite(limit) else []
+        problem = ShootingProblem(MultibodyAction("trot", dynamics, costs, bounds), self.nodes)
         problem.set("duration", self.dt)
         problem.set("contact_flags", self.flags)
         problem.set("contact_points", self.points.reshape(self.nodes + 1, 12))
@@ -284,7 +288,10 @@ class Trot(Stance):
         weighted(costs, "posture", crocoddyl.ResidualModelState(state, self.x_reference, nu), self.state_weights)
         weighted(costs, "effort", crocoddyl.ResidualModelControl(state, nu), np.full(nu, self.effort_weight))
         actuation = crocoddyl.ActuationModelFloatingBase(state)
-        return crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+        model = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+        if np.isfinite(self.effort_limit):
+            model.u_lb, model.u_ub = np.full(nu, -self.effort_limit), np.full(nu, self.effort_limit)
+        return model
 
 
 ANYMAL_GAITS: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -296,7 +303,7 @@ ANYMAL_GAITS: dict[str, tuple[tuple[int, ...], ...]] = {
 }
 
 
-def anymal_gait(name: str) -> Trot:
+def anymal_gait(name: str, effort_limit: float = np.inf) -> Trot:
     """ANYmal C takes a step with each foot, in the order of a gait."""
     flight = name == "jump"
     return Trot(
@@ -312,4 +319,5 @@ def anymal_gait(name: str) -> Trot:
         effort_weight=1e-3,
         cone_weight=0.1,
         swing_weight=1e4,
+        effort_limit=effort_limit,
     )

@@ -10,6 +10,11 @@ MPC above it. With steps or a command, "survived" and "recovered" mean what they
     python scripts/push_recovery.py --command 0.5,0,0 --phases 4   # m/s ahead, m/s left, rad/s
     python scripts/push_recovery.py --friction 0.4 0.5 0.7 --directions 12 --set mpc.qp_solver=piqp
     python scripts/push_recovery.py --model full_body    # or kinodynamic, lqr: what predicts
+
+What is estimated only while the robot walks, such as joint friction, it learns in a warm-up: a trot, after which it
+stands again for a second before it is pushed (with the MPC: without a plan it only stands).
+
+    python scripts/push_recovery.py --warm-up 3 --set plant.joint_friction_nm=0.1 --set joint_friction={}
 """
 
 from __future__ import annotations
@@ -34,16 +39,28 @@ CONFIGS = Path(__file__).parent.parent / "configs"
 MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
 DURATION_S = 2.5
 START_S = 0.5
+WARM_UP_M_S, STOP_S = 0.3, 1.0
 CONTROLLERS = {"whole-body QP": "mpc.enabled=false", "MPC + whole-body QP": "mpc.enabled=true"}
 
 
-def stays(config_file: Path, overrides: list[str], angle: float, impulse: float) -> bool:
-    """Return whether the robot is up, its feet where they were, after a push of ``impulse`` N.s towards ``angle``."""
+def stays(config_file: Path, overrides: list[str], warm_up: float, angle: float, impulse: float) -> bool:
+    """Return whether the robot is up, its feet where they were, after a push of ``impulse`` N.s towards ``angle``.
+
+    With a ``warm_up``, s, it trots for so long and stands again before.
+    """
+    go, stop = f"{{at_s: 0.0, velocity_m_s: [{WARM_UP_M_S}, 0, 0]}}", f"{{at_s: {warm_up}, velocity_m_s: [0, 0, 0]}}"
+    stands = warm_up + STOP_S if warm_up else 0.0
     push = [float(impulse * np.cos(angle)), float(impulse * np.sin(angle)), 0.0]
-    pushes = f"pushes=[{{body: base_link, time_s: {START_S}, duration_s: 0.2, impulse_ns: {push}}}]"
-    config = load_config(config_file, [*overrides, pushes, f"duration_s={DURATION_S}"])
-    metrics = prepare(config).run(lambda progress: None).metrics
-    return metrics is not None and not metrics.fell and metrics.max_foot_displacement_m < FOOT_LIMIT_M
+    keys = [
+        f"commands=[{f'{go}, {stop}' if warm_up else ''}]",
+        f"pushes=[{{body: base_link, time_s: {stands + START_S}, duration_s: 0.2, impulse_ns: {push}}}]",
+        f"duration_s={stands + DURATION_S}",
+    ]
+    result = prepare(load_config(config_file, [*overrides, *keys])).run(lambda progress: None)
+    if result.metrics is None or result.metrics.fell:
+        return False
+    feet = result.log.contact_points[result.log.time >= stands, :, :2]
+    return bool(np.linalg.norm(feet - feet[0], axis=2).max() < FOOT_LIMIT_M)
 
 
 def motion(text: str) -> Motion:
@@ -56,12 +73,13 @@ def motion(text: str) -> Motion:
 
 
 def compare_standing(
-    config_file: Path, same: list[str], angles: np.ndarray, resolution: float
+    config_file: Path, same: list[str], warm_up: float, angles: np.ndarray, resolution: float
 ) -> dict[str, dict[str, object]]:
     """Print and return by controller the largest pushes that the feet hold in place."""
     found: dict[str, dict[str, object]] = {}
-    for name, switch in CONTROLLERS.items():
-        pushed = partial(stays, config_file, [*same, switch])
+    # Without a plan the robot only stands.
+    for name, switch in [*CONTROLLERS.items()][1 if warm_up else 0 :]:
+        pushed = partial(stays, config_file, [*same, switch], warm_up)
         held = [largest(partial(pushed, angle), resolution) for angle in angles]
         print(
             f"{name:20s} stay: median {np.median(held):.2f}  min {min(held):.2f}  max {max(held):.2f} N.s", flush=True
@@ -77,6 +95,7 @@ def main() -> None:
     parser.add_argument("--friction", type=float, nargs="+", default=[0.6], help="of floor and controller")
     parser.add_argument("--command", type=motion, metavar="VX,VY,W", help="to trot at meanwhile, m/s, m/s, rad/s")
     parser.add_argument("--stepping", action="store_true", help="it may step where it stands")
+    parser.add_argument("--warm-up", type=float, default=0.0, help="it trots for so long before, s; feet in place")
     parser.add_argument("--directions", type=int, default=12)
     parser.add_argument("--phases", type=int, default=1, help="of the gait at which pushes begin, with --command")
     parser.add_argument("--resolution", type=float, default=0.05, help="N.s")
@@ -99,7 +118,9 @@ def main() -> None:
             command = arguments.command or Motion()
             found = pushes(bench, command, "base_link", arguments.directions, phases, arguments.resolution)
         else:
-            found = {"controllers": compare_standing(config_file, same, angles, arguments.resolution)}
+            found = {
+                "controllers": compare_standing(config_file, same, arguments.warm_up, angles, arguments.resolution)
+            }
         results.append({"friction": friction, **found})
     write_record(arguments.json, results)
 

@@ -1,4 +1,4 @@
-"""The rooms of lgmpc and their allowed imports, checked in the source of every module.
+"""The subpackages of lgmpc and their allowed imports, checked in the source of every module.
 
 The arrows:
 
@@ -22,13 +22,13 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
-# Every room may import these.
+# Every subpackage may import these.
 FOUNDATION = "errors typing settings shipped compile notebook proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
 
-# Room (or one module of it, which then has its own row) -> the rooms that it may import, besides the foundation.
+# Subpackage (or one module of it, which then has its own row) -> those that it may import, besides the foundation.
 ARROWS: dict[str, str] = {
     "lie": "",
     "state": "lie",
@@ -52,7 +52,7 @@ ARROWS: dict[str, str] = {
     "runs": "",
     "viz": "lie state robot runs demos",
     "config": "",
-    # A document composes the settings of the rooms.
+    # A document composes the settings of the subpackages.
     "config.schema": f"{_PARTS} simulation control hardware runs problems",
     "config.limits": "robot runs simulation",
     "config.notes": "simulation",
@@ -82,7 +82,7 @@ ARROWS: dict[str, str] = {
     "": f"errors {_PROBLEMS} solvers locomotion mpc wbc problems config",
 }
 
-# Outside package -> the only modules (or rooms) that may import it.
+# Outside package -> the only modules (or subpackages) that may import it.
 OWNERS: dict[str, str] = {
     "mujoco": "simulation.mujoco doctor",
     "crocoddyl": "",
@@ -96,13 +96,13 @@ OWNERS: dict[str, str] = {
     "typer": "cli",
     "IPython": "notebook viz",
     "rich": "cli",
-    "optuna": "sweeps.study",
+    "optuna": "sweeps.journal sweeps.study",
     "pyarrow": "sweeps.parquet",
     "distributed": "sweeps.cluster sweeps.slurm sweeps.execution",
     "dask_jobqueue": "sweeps.slurm",
 }
 
-# Packages that must not be loaded by importing the package or a room that computes: slow, or with a display.
+# Packages that must not be loaded by importing the package or a subpackage that computes: slow, or with a display.
 HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
 COMPUTING = (
     "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control"
@@ -128,7 +128,7 @@ def imports(module: str, path: Path, package: str) -> Iterator[tuple[int, str]]:
         elif isinstance(node, ast.ImportFrom):
             base = folder[: len(folder) - node.level + 1] if node.level else []
             origin = ".".join([*base, *filter(None, [node.module])])
-            # `from lgmpc import wbc` names a room; `from lgmpc.wbc import x` may name no module, but its room is known.
+            # `from lgmpc import wbc` names a subpackage; `from lgmpc.wbc import x` may name no module, but its parent.
             yield from ((node.lineno, f"{origin}.{alias.name}") for alias in node.names)
 
 
@@ -141,8 +141,8 @@ def row(module: str, table: dict[str, str]) -> str | None:
     return table.get(module)
 
 
-def inside(module: str, rooms: str) -> bool:
-    return any(module == room or module.startswith(f"{room}.") for room in rooms.split())
+def inside(module: str, subpackages: str) -> bool:
+    return any(module == subpackage or module.startswith(f"{subpackage}.") for subpackage in subpackages.split())
 
 
 def offences(package: Path) -> list[str]:
@@ -152,14 +152,14 @@ def offences(package: Path) -> list[str]:
         allowed = row(module, ARROWS)
         own = module.partition(".")[0]
         if allowed is None:
-            found.append(f"{module} belongs to no room in the table")
+            found.append(f"{module} belongs to no subpackage in the table")
             continue
         foundation = "" if inside(module, FOUNDATION) or module == "" else FOUNDATION
         for line, name in imports(module, path, package.name):
             outside, _, within = name.partition(".")
             if outside == package.name:
-                room = within.partition(".")[0]
-                fine = room == own or room.startswith("__") or inside(within, f"{allowed} {foundation}")
+                subpackage = within.partition(".")[0]
+                fine = subpackage == own or subpackage.startswith("__") or inside(within, f"{allowed} {foundation}")
             else:
                 fine = outside not in OWNERS or inside(module, OWNERS[outside])
             if not fine:
@@ -179,18 +179,18 @@ def test_every_module_was_read() -> None:
 
 
 def test_the_table_has_no_cycle() -> None:
-    rooms: dict[str, set[str]] = {}
+    subpackages: dict[str, set[str]] = {}
     for module, allowed in ARROWS.items():
         own = module if module == "control.interface" else module.partition(".")[0]
         foundation = set() if inside(module, FOUNDATION) or module == "" else set(FOUNDATION.split())
-        rooms.setdefault(own, set()).update(set(allowed.split()) | foundation)
-    order = list(graphlib.TopologicalSorter(rooms).static_order())
+        subpackages.setdefault(own, set()).update(set(allowed.split()) | foundation)
+    order = list(graphlib.TopologicalSorter(subpackages).static_order())
     chain = ["lie", "state", "robot", "costs", "actions", "ocp", "solvers", "mpc", "control", "config", "cli"]
-    assert [room for room in order if room in chain] == chain
+    assert [subpackage for subpackage in order if subpackage in chain] == chain
 
 
-def test_no_packages_within_a_room_import_each_other_in_a_circle() -> None:
-    """The packages within a room have no cycle either."""
+def test_no_packages_within_a_subpackage_import_each_other_in_a_circle() -> None:
+    """The packages within a subpackage have no cycle either."""
     packages = {module for module, path in modules(PACKAGE) if path.name == "__init__.py" and module.count(".") == 1}
     assert {"mechanics.integrators", "mechanics.reduction"} <= packages
     graph: dict[str, set[str]] = {name: set() for name in packages}
@@ -258,11 +258,15 @@ def test_an_allowed_import_is_not_reported(module: str, line: str, tmp_path: Pat
 
 
 def test_computing_loads_no_viewer_and_no_physics_engine() -> None:
-    rooms = [room for room in COMPUTING.split() if (PACKAGE / room).exists() or (PACKAGE / f"{room}.py").exists()]
-    assert {"compile", "lie", "robot", "simulation"} <= set(rooms)
+    subpackages = [
+        subpackage
+        for subpackage in COMPUTING.split()
+        if (PACKAGE / subpackage).exists() or (PACKAGE / f"{subpackage}.py").exists()
+    ]
+    assert {"compile", "lie", "robot", "simulation"} <= set(subpackages)
     script = f"""
 import importlib, sys
-for name in ["lgmpc", *("lgmpc." + room for room in {rooms!r})]:
+for name in ["lgmpc", *("lgmpc." + subpackage for subpackage in {subpackages!r})]:
     importlib.import_module(name)
     loaded = [heavy for heavy in {HEAVY!r} if heavy in sys.modules]
     if loaded:

@@ -57,12 +57,20 @@ class ScriptedFloor:
 
 
 def walked(
-    height: float, begins: Callable[[float, ContactState], bool], lasts: float, gait: str = "trot"
+    height: float,
+    begins: Callable[[float, ContactState], bool],
+    lasts: float,
+    gait: str = "trot",
+    age: float = 0.0,
 ) -> tuple[RunLog, Metrics, float]:
-    """Return the log of 0.3 m/s ahead until 1.4 s and a stop, its metrics, and when the floor moved."""
+    """Return the log of 0.3 m/s ahead until 1.4 s and a stop, its metrics, and when the floor moved.
+
+    Measurements arrive after ``age``, s, which the controller compensates.
+    """
     ahead = f"{{at_s: 0.1, velocity_m_s: [0.3, 0.0, 0.0], gait: {gait}}}"
     commands = f"commands=[{ahead}, {{at_s: 1.4, velocity_m_s: [0.0, 0.0, 0.0]}}]"
-    session = prepare(load_config(CONFIG, [commands, "duration_s=2.6"]))
+    late = [f"plant.link.measurement_latency_s={age}", f"delays.measurement_s={age}"]
+    session = prepare(load_config(CONFIG, [commands, "duration_s=2.6", *late]))
     assert isinstance(session, ClosedLoopSession)
     floor = ScriptedFloor(session, height, begins, lasts)
     metrics = session.run(lambda progress: None).metrics
@@ -125,4 +133,29 @@ def test_a_foot_that_loses_its_contact_regains_it() -> None:
     log, metrics, begin = walked(-0.035, in_stance, 0.25, "walk")
     states = states_after(log, begin, 0.25)
     assert states[:3] == ["stance", "lost", "stance"]
+    check_it_walks_on(log, metrics, begin)
+
+
+AGE = 0.008
+
+
+def test_measurements_that_arrive_late_delay_no_touchdown() -> None:
+    """The floor is flat: feet carry from the tick at which they touch it, not from that of the measurement."""
+    log, metrics, begin = walked(0.0, in_swing, 0.24, age=AGE)
+    check_it_walks_on(log, metrics, begin)
+    assert log.stance is not None
+    carries, touches = log.stance.astype(bool), log.contact_forces[:, :, 2] > 0.0
+    behind = []
+    for foot in range(4):
+        lands = [np.flatnonzero(each[1:, foot] & ~each[:-1, foot]) for each in (carries, touches)]
+        behind += [tick - lands[1][np.abs(lands[1] - tick).argmin()] for tick in lands[0].tolist()]
+    assert len(behind) > 20
+    assert abs(np.median(behind)) <= 2 and np.percentile(np.abs(behind), 90) <= 5  # ticks of 1 ms
+
+
+@pytest.mark.parametrize("height", [0.012, -0.012])
+def test_a_step_and_a_hole_are_walked_over_on_old_measurements(height: float) -> None:
+    log, metrics, begin = walked(height, in_swing, 0.24, age=AGE)
+    states = states_after(log, begin, 0.24)
+    assert ("early" if height > 0.0 else "late") in states
     check_it_walks_on(log, metrics, begin)

@@ -1,4 +1,4 @@
-"""Modes in closed loop: lying, rising and lying down; falling, giving up, and beginning again."""
+"""Modes in closed loop: lying, rising and lying down; falling, damping, and recovery."""
 
 from __future__ import annotations
 

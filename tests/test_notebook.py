@@ -14,7 +14,7 @@ import lgmpc
 from lgmpc.actions import RigidBody, RigidBodyAction
 from lgmpc.notebook import bar_html, html_table, in_notebook, reports
 from lgmpc.runs import RunFolder
-from lgmpc.viz.embedded import frame_of
+from lgmpc.viz.page import frame_of
 
 
 class _Cells(HTMLParser):
@@ -161,8 +161,8 @@ class Client(nbclient.NotebookClient):
 Client(notebook, timeout=120, kernel_name="python3").execute()
 run, shown, path, plots, figure, solve, sweep, quiet = (cell.outputs for cell in notebook.cells)
 bar, table = run
-assert bar.output_type == "display_data" and 'value="0.99' in bar.data["text/html"], bar
-assert "0.3 of 0.3 s simulated" in bar.data["text/html"], bar
+assert bar.output_type == "display_data" and 'value="1.000"' in bar.data["text/html"], bar
+assert "4.0 of 4 s simulated" in bar.data["text/html"], bar
 assert any(re.search(r'value="0[.](?!000|99)', html) for html in updates), updates
 assert "<th" in table.data["text/html"]
 for (output,) in (shown, path):
@@ -179,7 +179,7 @@ CELLS = [
     """
 import lgmpc
 from pathlib import Path
-config = lgmpc.load_config("solo12_stand", ["duration_s=0.3", "gate={max_tilt_deg: 1.0}"])
+config = lgmpc.load_config("solo12_stand", ["duration_s=4.0", "gate={max_tilt_deg: 1.0}"])
 run = lgmpc.run_config(config)
 run""",
     "run.show()",

@@ -37,7 +37,7 @@ def test_type_checkers_see_the_names_that_are_there() -> None:
     assert imported == lgmpc._MODULE_OF
 
 
-def test_no_name_hides_a_room() -> None:
+def test_no_name_hides_a_package() -> None:
     assert not set(NAMES) & {room.name for room in pkgutil.iter_modules(lgmpc.__path__)}
 
 

@@ -37,6 +37,7 @@ WALKING = [
     "solo12_gaits",
     "solo12_random_commands",
     "solo12_payload",
+    "solo12_economical",
     "solo12_slippery",
     "anymal_velocity",
     "go2_velocity",
@@ -121,7 +122,7 @@ def test_an_estimated_state_costs_no_accuracy_of_the_velocity() -> None:
 
 @pytest.mark.slow
 def test_sliding_feet_do_not_draw_the_estimate_along() -> None:
-    """On a floor of a third of the believed friction; the drift and the sliding are the first steps'."""
+    """On a floor of a third of the assumed friction; the drift and the sliding are the first steps'."""
     drift = {}
     for probability in (0.0, 1e-3):
         noise = "sensors={joint_velocity_noise_rad_s: 0.02, torque_noise_nm: 0.01, encoder_noise_rad: 5.0e-5}"
@@ -273,7 +274,7 @@ def test_a_whole_body_qp_that_fails_for_good_ends_in_damping(caplog: pytest.LogC
             "commands=[{at_s: 2.0, gait: trot}, {at_s: 1.0}]",
             ("commands.1.at_s: got 1", "not before that of the entry ahead of it (2 s)"),
         ),
-        ("mpc.enabled=false", ("mpc.enabled: got false", "true where there are commands")),
+        ("mpc.enabled=false", ("mpc.enabled: got false", "true if there are commands")),
         ("commands=[{at_s: 1.0, velocity_m_s: [0.5, 0.0, 0.1]}]", ("commands.0.velocity_m_s", "height_m")),
         ("commands=[{at_s: 1.0, velocity_m_s: [0.5, 0.0]}]", ("commands.0.velocity_m_s", "three numbers")),
         ("commands=[{at_s: 1.0, speed: 1}]", ("commands.0.speed: got an unknown key",)),

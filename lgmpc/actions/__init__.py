@@ -6,15 +6,21 @@ from lgmpc.actions.centroidal_footholds import CentroidalFootholdAction
 from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.free_duration import ChooseStretch, Stretched
-from lgmpc.actions.full_body import ContactForwardDynamics, ContactInverseDynamics, FreeForwardDynamics
+from lgmpc.actions.full_body import (
+    ContactForwardDynamics,
+    ContactInverseDynamics,
+    FreeForwardDynamics,
+    FreeInverseDynamics,
+)
 from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta2, RungeKutta3, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
-from lgmpc.actions.numeric import NumericContactAction, StageQuadratic
+from lgmpc.actions.numeric import NumericContactAction, StageQuadratics
 from lgmpc.actions.penalized import PenalizedAction
+from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
 from lgmpc.actions.squashing import Squashed
 from lgmpc.actions.variational import Variational
@@ -34,11 +40,13 @@ __all__ = [
     "Dynamics",
     "ExternalWrench",
     "FreeForwardDynamics",
+    "FreeInverseDynamics",
     "HoldAction",
     "ImpulseAction",
     "Integrator",
     "KinodynamicAction",
     "LeastSquares",
+    "Limits",
     "Load",
     "Motion",
     "MultibodyAction",
@@ -46,6 +54,8 @@ __all__ = [
     "Parameter",
     "ParameterLayout",
     "PenalizedAction",
+    "PenalizedPythonAction",
+    "PythonAction",
     "RigidBody",
     "RigidBodyAction",
     "RungeKutta2",
@@ -54,7 +64,8 @@ __all__ = [
     "SemiImplicitEuler",
     "Squashed",
     "Stage",
-    "StageQuadratic",
+    "StageDerivatives",
+    "StageQuadratics",
     "StageValue",
     "StateMomentum",
     "Stretched",

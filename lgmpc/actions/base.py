@@ -16,7 +16,9 @@ import numpy as np
 
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, at_zero
+from lgmpc.compile import recall
 from lgmpc.costs import Bounded, Cost, ParameterLayout
+from lgmpc.errors import InputError
 from lgmpc.state.base import State
 from lgmpc.typing import Array
 
@@ -113,16 +115,21 @@ class Action(ABC):
         x, u, p = (
             ca.SX.sym(name, n) for name, n in (("x", self.state.nx), ("u", self.nu), ("p", self.parameters.size))
         )
-        stage = self.stage(x, u, p, Unknowns())
+        stage = self._checked(self.stage(x, u, p, Unknowns()))
         outputs = [stage.x_next, stage.cost.value, stage.path.value, stage.path.lower, stage.path.upper]
         names = ["x_next", "cost", "constraint", "lower", "upper"]
         return ca.Function(f"{self.name}_value", [x, u, p], outputs, ["x", "u", "p"], names)
 
     @cached_property
+    def path_rows(self) -> int:
+        """Number of rows of the path constraint."""
+        return recall(_path_rows, self)
+
+    @cached_property
     def terminal_value_function(self) -> ca.Function:
         """``(x, p) -> cost``."""
         x, p = ca.SX.sym("x", self.state.nx), ca.SX.sym("p", self.parameters.size)
-        cost = self.terminal_cost(x, p).value
+        cost = self._checked_cost("terminal_cost", self.terminal_cost(x, p)).value
         return ca.Function(f"{self.name}_terminal_value", [x, p], [cost], ["x", "p"], ["cost"])
 
     @cached_property
@@ -166,6 +173,38 @@ class Action(ABC):
         names = ["x", "u", "x_next", "p"]
         return ca.Function(f"{self.name}_quadratic", inputs, outputs, names, list(expressions))
 
+    def _checked(self, stage: Stage) -> Stage:
+        """Return a stage of the right types and shapes."""
+        self._checked_column("step", stage.x_next, self.state.nx)
+        self._checked_cost("cost", stage.cost)
+        if not isinstance(stage.path, Bounded):
+            raise InputError(f"constraint of '{self.name}'", type(stage.path).__name__, "Bounded(value, lower, upper)")
+        rows = ca.SX(stage.path.value).shape[0]
+        for name in ("value", "lower", "upper"):
+            self._checked_column(f"{name} of the constraint", getattr(stage.path, name), rows)
+        return stage
+
+    def _checked_cost(self, name: str, cost: Cost) -> Cost:
+        if not isinstance(cost, Cost):
+            expected = "Cost((CostTerm(residual, weight=...), ...))"
+            raise InputError(f"{name} of '{self.name}'", type(cost).__name__, expected)
+        for i, term in enumerate(cost.terms):
+            rows, weights = ca.SX(term.residual).shape, ca.SX(term.weight).shape
+            if rows[1] != 1:
+                raise InputError(f"residual {i} of {name} of '{self.name}'", f"shape {rows}", "a column")
+            if weights not in ((1, 1), rows):
+                expected = f"a number or shape {rows}, as its residual"
+                raise InputError(f"weight {i} of {name} of '{self.name}'", f"shape {weights}", expected)
+        return cost
+
+    def _checked_column(self, name: str, column: Any, rows: int) -> None:
+        kinds = (ca.SX, ca.DM, np.ndarray, float, int)
+        if not isinstance(column, kinds):
+            raise InputError(f"{name} of '{self.name}'", type(column).__name__, f"a CasADi column of shape ({rows}, 1)")
+        shape = column.shape if hasattr(column, "shape") else ()
+        if shape not in ((rows, 1), (rows,)) and not (rows == 1 and shape == ()):
+            raise InputError(f"{name} of '{self.name}'", f"shape {shape}", f"shape ({rows}, 1)")
+
     @property
     def expansion(self) -> Expansion | None:
         """The same expansion in steps, for actions that have one."""
@@ -192,3 +231,7 @@ class Action(ABC):
         """
         x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
         return StageValue(x_next, float(cost[0]), value, lower, upper)
+
+
+def _path_rows(action: Action, progress: None) -> int:
+    return int(action.value_function.size1_out("constraint"))

@@ -52,7 +52,7 @@ class CentroidalFootholdAction(CentroidalAction):
             Parameter(
                 "foothold_room",
                 contacts * facets,
-                "how far the next foothold may be from its nominal point towards each facet's normal, in units of s_i",
+                "largest shift of the next foothold from its nominal point along each facet's normal, in units of s_i",
                 sign="positive",
             ),
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pinocchio as pin
 
 from lgmpc.costs import Parameter
@@ -18,24 +19,69 @@ from lgmpc.robot.symbolic import Factored, LdlFactor, MassFactor, SymbolicModel
 __all__ = ["Contact", "ContactSet"]
 
 
+Axis = tuple[float, float, float]
+_AXES: dict[int, tuple[Axis, ...]] = {1: ((0.0, 0.0, 1.0),), 2: ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
+
+
 @dataclass(frozen=True)
 class Contact:
     """A frame in contact with the ground.
 
+    A contact of size 1 or 2 holds its origin along some axes, and slides without friction along the others: z, or x and
+    z, of the world unless others are given. Axes of the frame turn with it: the axle of a wheel or of a skate
+    (a nonholonomic constraint), of which only the velocity is held, not the place.
+
     Attributes:
         frame: its name.
-        size: 3 constrains its origin (a point), 6 its orientation too (a surface).
+        size: 1 or 2 constrain its origin along axes, 3 along all (a point), 6 its orientation too (a surface).
+        axes: directions of the world that a contact of size 1 or 2 holds; of any length, stored as unit vectors.
+        frame_axes: directions of the frame that it holds.
 
     Raises:
-        InputError: another size.
+        InputError: another size, or axes that do not suit it.
     """
 
     frame: str
     size: int = 3
+    axes: tuple[Axis, ...] = ()
+    frame_axes: tuple[Axis, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.size not in (3, 6):
-            raise InputError("size", self.size, "3 for a point, 6 for a surface")
+        if self.size not in (1, 2, 3, 6):
+            raise InputError("size", self.size, "1 or 2 for some axes, 3 for a point, 6 for a surface")
+        given = len(self.axes) + len(self.frame_axes)
+        if given == 0:
+            object.__setattr__(self, "axes", _AXES.get(self.size, ()))
+            return
+        for name in ("axes", "frame_axes"):
+            object.__setattr__(self, name, _unit_vectors(name, getattr(self, name)))
+        if self.size not in _AXES or given != self.size:
+            expected = f"{self.size} in all" if self.size in _AXES else f"none for a contact of size {self.size}"
+            raise InputError("axes, frame_axes", f"{given} axes", expected)
+        if any(np.linalg.matrix_rank(np.array(axes), 1e-6) < len(axes) for axes in (self.axes, self.frame_axes)):
+            raise InputError("axes, frame_axes", self.axes + self.frame_axes, "two directions that are not parallel")
+
+    def along(self, column: Any, rotation: Any) -> Any:
+        """Return the entries that are held (size, m) of a quantity in world axes (6, m).
+
+        Args:
+            column: [linear; angular], at the frame's origin.
+            rotation: (3, 3) of the frame in the world.
+        """
+        return self.directions(rotation).T @ column[:3, :] if self.size in _AXES else column[: self.size, :]
+
+    def directions(self, rotation: Any) -> Any:
+        """Return the axes (3, size) in the world, of a contact of size 1 or 2."""
+        world, own = (ca.DM(np.array(axes).reshape(-1, 3).T) for axes in (self.axes, self.frame_axes))
+        return ca.horzcat(world, rotation @ own)
+
+
+def _unit_vectors(name: str, axes: Sequence[Axis]) -> tuple[Axis, ...]:
+    vectors = [np.asarray(axis, dtype=np.float64) for axis in axes]
+    lengths = [float(np.linalg.norm(vector)) for vector in vectors]
+    if any(vector.shape != (3,) or not 0.0 < length < np.inf for vector, length in zip(vectors, lengths, strict=True)):
+        raise InputError(name, axes, "directions of three numbers, of a length above zero")
+    return tuple(tuple((v / n).tolist()) for v, n in zip(vectors, lengths, strict=True))
 
 
 class ContactSet:
@@ -81,9 +127,10 @@ class ContactSet:
             Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
             Parameter(
                 "contact_gains",
-                2,
-                "Baumgarte stiffness (1/s2) and damping (1/s) towards contact_points",
+                2 * n,
+                "Baumgarte stiffness (1/s2) and damping (1/s) towards contact_points, of each contact; two for all",
                 sign="not negative",
+                part=2,
             ),
         )
         if turned:
@@ -92,44 +139,67 @@ class ContactSet:
 
     def jacobian(self, robot: SymbolicModel, q: Any) -> Any:
         """Return (nf, nv) J."""
-        return ca.vertcat(ca.SX(0, robot.nv), *(robot.frame_jacobian(q, c.frame)[: c.size, :] for c in self.contacts))
+        rows = (c.along(robot.frame_jacobian(q, c.frame), self._rotation(robot, q, c)) for c in self.contacts)
+        return ca.vertcat(ca.SX(0, robot.nv), *rows)
 
     def velocity(self, robot: SymbolicModel, q: Any, v: Any) -> Any:
         """Return (nf,) J v."""
-        return ca.vertcat(ca.SX(0, 1), *(robot.frame_velocity(q, v, c.frame)[: c.size] for c in self.contacts))
+        rows = (c.along(robot.frame_velocity(q, v, c.frame), self._rotation(robot, q, c)) for c in self.contacts)
+        return ca.vertcat(ca.SX(0, 1), *rows)
 
     def acceleration(self, robot: SymbolicModel, q: Any, v: Any, a: Any, values: Mapping[str, Any]) -> Any:
         """Return (nf,) accelerations of the contacts plus Baumgarte's terms, zero for contacts at rest in their place.
 
         ``J a + dJ/dt v + stiffness (p - p_held) + damping J v`` (Baumgarte 1972); of orientations ``log(R R_held^T)``.
+        Along axes that turn with the frame no place is held.
         """
-        stiffness, damping = values["contact_gains"][0], values["contact_gains"][1]
         rows, surface = [ca.SX(0, 1)], 0
         for i, contact in enumerate(self.contacts):
+            stiffness, damping = values["contact_gains"][2 * i], values["contact_gains"][2 * i + 1]
             placement = robot.frame_placement(q, contact.frame)
-            error = placement.translation - values["contact_points"][3 * i : 3 * i + 3]
+            error = self.error(robot, q, i, values)
             if contact.size == 6:
                 held = quaternion.to_matrix(values["contact_orientations"][4 * surface : 4 * surface + 4])
                 error = ca.vertcat(error, so3.log(placement.rotation @ held.T))
                 surface += 1
-            rate = robot.frame_velocity(q, v, contact.frame)[: contact.size]
-            moved = robot.frame_acceleration(q, v, a, contact.frame)[: contact.size]
-            rows.append(moved + stiffness * error + damping * rate)
+            rate = robot.frame_velocity(q, v, contact.frame)
+            moved = contact.along(robot.frame_acceleration(q, v, a, contact.frame), placement.rotation)
+            if contact.frame_axes:
+                # The axes' own rates: d(n . v)/dt = n . a + (omega x n) . v
+                turning = so3.hat(rate[3:]) @ contact.directions(placement.rotation)
+                moved += ca.vertcat(ca.SX(len(contact.axes), 1), turning[:, len(contact.axes) :].T @ rate[:3])
+            rows.append(moved + stiffness * error + damping * contact.along(rate, placement.rotation))
         return ca.vertcat(*rows)
+
+    def error(self, robot: SymbolicModel, q: Any, i: int, values: Mapping[str, Any]) -> Any:
+        """Return the distances of contact i from its point in ``contact_points``, (3,) or along its axes; m."""
+        contact = self.contacts[i]
+        placement = robot.frame_placement(q, contact.frame)
+        apart = placement.translation - values["contact_points"][3 * i : 3 * i + 3]
+        if contact.size >= 3:
+            return apart
+        free = ca.SX(len(contact.frame_axes), 1)
+        return ca.vertcat(contact.along(apart, placement.rotation)[: len(contact.axes)], free)
 
     def flags(self, values: Mapping[str, Any]) -> Any:
         """Return (nf,) the flag of each force component."""
         given = values["contact_flags"]
         return ca.vertcat(ca.SX(0, 1), *(ca.repmat(given[i], c.size, 1) for i, c in enumerate(self.contacts)))
 
-    def by_frame(self, forces: Any) -> dict[int | str, Any]:
-        """Split (nf,) force components by frame."""
+    def by_frame(self, forces: Any, robot: SymbolicModel, q: Any) -> dict[int | str, Any]:
+        """Return the forces (3,) or wrenches (6,) on each frame, world axes, of the force components (nf,)."""
         found: dict[int | str, Any] = {}
         start = 0
         for contact in self.contacts:
-            found[contact.frame] = forces[start : start + contact.size]
+            own = forces[start : start + contact.size]
+            found[contact.frame] = (
+                own if contact.size >= 3 else contact.directions(self._rotation(robot, q, contact)) @ own
+            )
             start += contact.size
         return found
+
+    def _rotation(self, robot: SymbolicModel, q: Any, contact: Contact) -> Any:
+        return robot.frame_placement(q, contact.frame).rotation
 
     def solver(self, robot: SymbolicModel, q: Any, values: Mapping[str, Any]) -> ContactSolver:
         """Return the solver of the equations above at a configuration."""
@@ -164,3 +234,9 @@ class ContactSolver(Factored):
         half = mass.forward(right[:nv, :])
         forces = self._schur.with_matrices(*schur).solve(right[nv:, :] - coupling.T @ mass.scale(half))
         return ca.vertcat(mass.back(mass.scale(half + coupling @ forces)), forces)
+
+    def solve_transposed(self, right: Any) -> Any:
+        """Return the solution of the transposed system, which differs by the signs of both coupling blocks."""
+        nv = self.matrices[0].shape[0]
+        solved = self.solve(ca.vertcat(right[:nv, :], -right[nv:, :]))
+        return ca.vertcat(solved[:nv, :], -solved[nv:, :])

@@ -85,8 +85,8 @@ class Stretched(ItemAction):
         values = dict(self.parameters.split(p))
         values["duration"] = sigma * values["duration"]
         if _BAUMGARTE in values:
-            stiffness, damping = values[_BAUMGARTE][0], values[_BAUMGARTE][1]
-            values[_BAUMGARTE] = ca.vertcat(stiffness / sigma**2, damping / sigma)
+            contacts = values[_BAUMGARTE].shape[0] // 2
+            values[_BAUMGARTE] = values[_BAUMGARTE] / ca.repmat(ca.vertcat(sigma**2, sigma), contacts, 1)
         return ca.vertcat(*values.values())
 
 

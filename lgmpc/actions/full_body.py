@@ -18,7 +18,7 @@ from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3
 
-__all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynamics"]
+__all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynamics", "FreeInverseDynamics"]
 
 
 class ContactForwardDynamics(Dynamics):
@@ -69,14 +69,14 @@ class ContactForwardDynamics(Dynamics):
 
         def residual(z: Any) -> Any:
             a, f = z[:nv], z[nv:]
-            external = contacts.by_frame(flags * f)
+            external = contacts.by_frame(flags * f, robot, q)
             held = flags * contacts.acceleration(robot, q, v, a, values)
             loose = (1 - flags + values["contact_damping"]) * f
             return ca.vertcat(robot.rnea(q, v, a, external) - effort, held + loose)
 
         still = flags * contacts.acceleration(robot, q, v, None, values)
         z = unknowns.define_linear(solver, ca.vertcat(effort - robot.nle(q, v), -still), residual)
-        return Motion(z[:nv], tau, contacts.by_frame(z[nv:]))
+        return Motion(z[:nv], tau, contacts.by_frame(z[nv:], robot, q))
 
 
 class FreeForwardDynamics(Dynamics):
@@ -159,6 +159,42 @@ class FreeForwardDynamics(Dynamics):
         return ca.vertcat(values["added_mass"], ca.SX(nv - 6, 1)) if self.submerged else ca.SX(nv, 1)
 
 
+class FreeInverseDynamics(Dynamics):
+    """u = accelerations; no contacts. Efforts follow from ``M a + nle``.
+
+    Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by
+    :class:`~lgmpc.costs.library.JointEffort`. The generalised forces that no actuator gives, of passive joints or of a
+    free base with fewer than six thrusters, are zero by a path constraint.
+
+    Args:
+        model: the robot.
+        actuation: (nv, nu) B of full column rank; unless given, the identity on all joints but the free base.
+
+    Raises:
+        InputError: a matrix of the wrong shape or rank.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None) -> None:
+        matrix = _actuation(model, actuation).full()
+        rows, values, _ = np.linalg.svd(matrix)
+        if matrix.shape[1] > matrix.shape[0] or values.min(initial=np.inf) < 1e-9 * values.max(initial=1.0):
+            raise InputError("actuation", f"shape {matrix.shape}, of lower rank", "a matrix of full column rank")
+        # Rows of the identity, where a joint is passive, rather than an orthonormal basis of these.
+        passive = np.eye(len(matrix))[~matrix.any(axis=1)]
+        others = len(matrix) - matrix.shape[1] - len(passive)
+        free = rows[:, matrix.shape[1] :].T if others else passive
+        self._unactuated = ca.sparsify(ca.DM(free))
+        super().__init__(model, int(model.nv), ())
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the control as accelerations, with zero generalised forces of what is not actuated as a constraint."""
+        efforts = self.robot.rnea(q, v, u)
+        rows = self._unactuated @ efforts
+        zero = ca.SX.zeros(rows.shape[0])
+        return Motion(u, efforts[actuated(self.model)], path=Bounded(rows, zero, zero))
+
+
 class ContactInverseDynamics(Dynamics):
     """u = [accelerations; contact forces]; the equations of motion are path constraints.
 
@@ -185,13 +221,13 @@ class ContactInverseDynamics(Dynamics):
         robot, contacts, nv = self.robot, self.contacts, self.robot.nv
         a, f = u[:nv], u[nv:]
         flags = contacts.flags(values)
-        external = contacts.by_frame(flags * f)
+        external = contacts.by_frame(flags * f, robot, q)
         efforts = robot.rnea(q, v, a, external)
         joints = actuated(self.model)
         held = flags * contacts.acceleration(robot, q, v, a, values)
         rows = ca.vertcat(efforts[: joints.start], held + (1 - flags + values["contact_damping"]) * f)
         zero = ca.SX.zeros(rows.shape[0])
-        return Motion(a, efforts[joints], contacts.by_frame(flags * f), Bounded(rows, zero, zero))
+        return Motion(a, efforts[joints], external, Bounded(rows, zero, zero))
 
 
 def _actuation(model: pin.Model, actuation: ArrayLike | None) -> ca.DM:

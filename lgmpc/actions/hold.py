@@ -25,7 +25,7 @@ class HoldAction(ItemAction):
         arrive = HoldAction("arrive", model, costs, [ConstraintItem("hand", FramePlacement("hand", goal))])
         problem = ShootingProblem([move] * 50 + [arrive])
 
-    Between two others it is a waypoint. SQP and nonlinear programmes satisfy it; FDDP refuses it, as any constraint.
+    Between two others it is a waypoint. SQP and nonlinear programmes satisfy it; FDDP supports no constraints.
 
     Args:
         name: a C identifier; part of the names of the compiled functions.

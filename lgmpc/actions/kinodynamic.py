@@ -176,7 +176,7 @@ class KinodynamicAction(ItemAction):
         speeds = contacts.velocity(robot, q, v)
         rows = flags * (speeds + self._pull(q, values)) + (1 - flags) * f
         zero = ca.SX.zeros(contacts.nf)
-        forces = contacts.by_frame(flags * f)
+        forces = contacts.by_frame(flags * f, robot, q)
         s = StageSymbols(robot, x, values, u=u, forces=forces, momentum=h, v=v)
         cost = cost_of(self.costs, s, scale=duration)
         return Stage(x_next, cost, Bounded.stack(Bounded(rows, zero, zero), constraint_of(self.constraints, s)))
@@ -188,7 +188,7 @@ class KinodynamicAction(ItemAction):
 
     def _momentum_rate(self, q: Any, forces: Any, values: dict[str, Any]) -> Any:
         center, force, moment = self.robot.com(q), self.robot.mass * self._gravity, ca.SX.zeros(3)
-        for frame, wrench in self.contacts.by_frame(forces).items():
+        for frame, wrench in self.contacts.by_frame(forces, self.robot, q).items():
             force += wrench[:3]
             moment += ca.cross(self.robot.frame_placement(q, frame).translation - center, wrench[:3])
             if wrench.shape[0] == 6:
@@ -199,8 +199,6 @@ class KinodynamicAction(ItemAction):
         """Return (nf,) minus the velocities at which contacts return to their points."""
         rows = []
         for i, contact in enumerate(self.contacts.contacts):
-            error = (
-                self.robot.frame_placement(q, contact.frame).translation - values["contact_points"][3 * i : 3 * i + 3]
-            )
-            rows += [values["contact_stiffness"] * error, ca.SX(contact.size - 3, 1)]
+            rows.append(values["contact_stiffness"] * self.contacts.error(self.robot, q, i, values))
+            rows.append(ca.SX(max(contact.size - 3, 0), 1))
         return ca.vertcat(*rows)

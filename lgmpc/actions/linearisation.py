@@ -27,7 +27,7 @@ from lgmpc.compile import PipelineStep
 if TYPE_CHECKING:
     from lgmpc.actions.multibody import ItemAction
 
-__all__ = ["Expansion", "at_zero", "expand_in_steps"]
+__all__ = ["Expansion", "StageSteps", "at_zero", "expand_in_steps"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Expansion:
 
 def expand_in_steps(action: ItemAction) -> Expansion | None:
     """Return an action's expansion in steps; None if its unknowns are not those of one linear equation."""
-    stage = _Stage(action)
+    stage = StageSteps(action)
     if stage.equation is None:
         return None
     parts = (*stage.dynamics(stage.equation), *stage.costs(), *stage.constraints())
@@ -67,7 +67,7 @@ def at_zero(expressions: list[Any], dx: Any) -> list[Any]:
     return [ca.sparsify(ca.simplify(e)) if e.numel() else e for e in ca.substitute(expressions, [dx], [zero])]
 
 
-class _Stage:
+class StageSteps:
     """The expressions of an action at one point, and their derivatives by ``d = [dx; u]`` and by the unknown z.
 
     Attributes:
@@ -108,18 +108,18 @@ class _Stage:
         x, u, own, z = self.x, self.u, self.own, self.z
         assert self.moved is not None
         factors = equation.system.entries
-        factorise = self._function("factors", [x, u, own], [factors, equation.right])
+        factorise = self.function("factors", [x, u, own], [factors, equation.right])
         entries, right = ca.SX.sym("factors", factors.shape[0]), ca.SX.sym("right", z.shape[0])
-        solve = self._function("solve", [entries, right], [equation.system.with_entries(entries).solve(right)])
+        solve = self.function("solve", [entries, right], [equation.system.with_entries(entries).solve(right)])
         slopes = at_zero([-ca.jacobian(self.moved.residual, self.d)], self.dx)
         # A column of zeros has the solution zero; any other may fill.
         filled = ca.sum1(ca.DM(slopes[0].sparsity(), 1.0)).sparsity()
         self._slopes = _product(ca.Sparsity.dense(z.shape[0], 1), filled)
-        equations = self._function("equations", [x, u, z, own], slopes)
+        equations = self.function("equations", [x, u, z, own], slopes)
         gap = self.action.state.diff_symbolic(self.x_next, self.stage.x_next)
         gap, direct, through = self._derivatives(gap)
         self.columns["gap"] = ca.Sparsity.dense(*gap.shape)
-        step = self._function("step", [x, u, self.x_next, z, own], [gap, direct, _entries(through)])
+        step = self.function("step", [x, u, self.x_next, z, own], [gap, direct, _entries(through)])
         return (
             PipelineStep(factorise, ("x", "u", "p"), ("factors", "right")),
             PipelineStep(solve, ("factors", "right"), ("z",)),
@@ -144,28 +144,19 @@ class _Stage:
         self.columns["hessian"] = _product(of_residual.T, of_residual)
         self.columns["gradient"], self.columns["cost"] = ca.Sparsity.dense(self.n, 1), ca.Sparsity.dense(1, 1)
         if not used:
-            function = self._function("costs", self._inputs, [hessian, slope, value], of_robot=False)
+            function = self.function("costs", self._inputs, [hessian, slope, value], of_robot=False)
             return (PipelineStep(function, ("x", "u", "z", "p"), ("hessian", "gradient", "cost")),)
         mixed, inner = through.T @ scaled, ca.triu2symm(ca.triu(through.T @ (ca.diag(weight) @ through)))
         outputs = [hessian, slope, value, mixed, _entries(mixed), _entries(inner), through.T @ gradient]
-        function = self._function("costs", self._inputs, outputs, of_robot=False)
+        function = self.function("costs", self._inputs, outputs, of_robot=False)
         results = ("direct_hessian", "direct_gradient", "cost", "mixed", "mixed_entries", "inner", "pulled")
-        size, nz, k = self.n, self.z.shape[0], len(used)
-        column, column_mixed = ca.SX.sym("slope", nz), ca.SX.sym("mixed", k)
-        entries, own = _symbols("inner", inner)
-        half = self._function("half", [entries, column_mixed, column], [own @ column[used] + column_mixed])
-        start, half_column = ca.SX.sym("start", size), ca.SX.sym("half", k)
-        slopes = ca.SX.sym("slopes", nz, size)
-        mixed_entries, mixed_all = _symbols("mixed", mixed)
-        whole = start + mixed_all.T @ column[used] + slopes[used, :].T @ half_column
-        fill = self._function("hessian", [start, mixed_entries, slopes, half_column, column], [whole])
+        k, column = len(used), ca.SX.sym("slope", self.z.shape[0])
         pulled, first = ca.SX.sym("pulled", k), ca.SX.sym("start")
-        pull = self._function("gradient", [first, pulled, column], [first + column[used].T @ pulled])
+        pull = self.function("gradient", [first, pulled, column], [first + column[used].T @ pulled])
         return (
             PipelineStep(function, ("x", "u", "z", "p"), results),
-            PipelineStep(half, ("inner", "mixed", "slopes"), ("half",), size),
-            PipelineStep(fill, ("direct_hessian", "mixed_entries", "slopes", "half", "slopes"), ("hessian",), size),
-            PipelineStep(pull, ("direct_gradient", "pulled", "slopes"), ("gradient",), size),
+            *self.through_slopes(used, mixed, inner),
+            PipelineStep(pull, ("direct_gradient", "pulled", "slopes"), ("gradient",), self.n),
         )
 
     def constraints(self) -> tuple[PipelineStep, ...]:
@@ -175,11 +166,38 @@ class _Stage:
         lower, upper = at_zero([path.lower - path.value, path.upper - path.value], self.dx)
         self.columns["lower"] = self.columns["upper"] = ca.Sparsity.dense(*lower.shape)
         outputs = [lower, upper, direct, _entries(through)]
-        function = self._function("constraints", self._inputs, outputs, of_robot=False)
+        function = self.function("constraints", self._inputs, outputs, of_robot=False)
         results = ("lower", "upper", "rows_direct", "rows_through")
         return (
             PipelineStep(function, ("x", "u", "z", "p"), results),
             self._chain("rows_chain", direct, through, "rows", "rows"),
+        )
+
+    def through_slopes(
+        self, used: list[int], mixed: Any, inner: Any, entries: str = "mixed_entries"
+    ) -> tuple[PipelineStep, ...]:
+        """Return the steps ``hessian = direct_hessian + M^T S + S^T (M + N S)``, with S the slopes of z.
+
+        They read the dense column ``mixed`` of M and the stored entries of N in ``inner``.
+
+        Args:
+            used: entries of z that M (k, n) and N (k, k) belong to.
+            mixed: M, whose sparsity counts.
+            inner: N, whose sparsity counts.
+            entries: the column with the stored entries of M.
+        """
+        size, nz, k = self.n, self.z.shape[0], len(used)
+        column, column_mixed = ca.SX.sym("slope", nz), ca.SX.sym("mixed", k)
+        inner_entries, own = _symbols("inner", inner)
+        half = self.function("half", [inner_entries, column_mixed, column], [own @ column[used] + column_mixed])
+        start, half_column = ca.SX.sym("start", size), ca.SX.sym("half", k)
+        slopes = ca.SX.sym("slopes", nz, size)
+        mixed_entries, mixed_all = _symbols("mixed", mixed)
+        whole = start + mixed_all.T @ column[used] + slopes[used, :].T @ half_column
+        fill = self.function("hessian", [start, mixed_entries, slopes, half_column, column], [whole])
+        return (
+            PipelineStep(half, ("inner", "mixed", "slopes"), ("half",), size),
+            PipelineStep(fill, ("direct_hessian", entries, "slopes", "half", "slopes"), ("hessian",), size),
         )
 
     @property
@@ -196,10 +214,11 @@ class _Stage:
         self.columns[result] = direct.sparsity() + _product(through.sparsity(), self._slopes)
         entries, matrix = _symbols("through", through)
         start, slope = ca.SX.sym("direct", through.shape[0]), ca.SX.sym("slope", through.shape[1])
-        function = self._function(name, [entries, start, slope], [start + matrix @ slope])
+        function = self.function(name, [entries, start, slope], [start + matrix @ slope])
         return PipelineStep(function, (f"{columns}_through", f"{columns}_direct", "slopes"), (result,), self.n)
 
-    def _function(self, part: str, inputs: list[Any], outputs: list[Any], of_robot: bool = True) -> ca.Function:
+    def function(self, part: str, inputs: list[Any], outputs: list[Any], of_robot: bool = True) -> ca.Function:
+        """Return a dense function, named after the robot or the action."""
         owner = self.robot if of_robot else self.action.name
         return ca.Function(f"{owner}_{part}", inputs, [ca.densify(ca.SX(output)) for output in outputs])
 

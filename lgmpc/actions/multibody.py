@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -31,6 +31,8 @@ from lgmpc.costs import (
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import State, StateMultibody
+
+Item = TypeVar("Item", CostItem, ConstraintItem)
 
 __all__ = ["ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
 
@@ -70,8 +72,8 @@ class ItemAction(Action):
         self.robot = robot
         self.state = state
         self.nu = nu
-        self.costs = tuple(costs)
-        self.constraints = tuple(constraints)
+        self.costs = _items("costs", costs, CostItem)
+        self.constraints = _items("constraints", constraints, ConstraintItem)
         items, own = (*self.costs, *self.constraints), tuple(parameters)
         self.parameters = ParameterLayout(*own, *(p for item in items for p in item.parameters()))
         self.own_parameters = sum(parameter.size for parameter in own)
@@ -97,6 +99,17 @@ class ItemAction(Action):
         """Return the costs that depend on the state alone, not multiplied by a duration."""
         symbols = StageSymbols(self.robot, x, self.parameters.split(p))
         return cost_of(self.costs, symbols, terminal=True)
+
+
+def _items(name: str, items: Sequence[Item], kind: type[Item]) -> tuple[Item, ...]:
+    given = tuple(items) if isinstance(items, Iterable) else (items,)
+    for i, item in enumerate(given):
+        if not isinstance(item, kind):
+            expected = f"a {kind.__name__}: {kind.__name__}(name, residual, ...)"
+            raise InputError(f"{name}[{i}]", type(item).__name__, expected)
+    if not isinstance(items, Iterable):
+        raise InputError(name, type(items).__name__, f"a list of {kind.__name__}")
+    return given
 
 
 class MultibodyAction(ItemAction):
@@ -127,6 +140,10 @@ class MultibodyAction(ItemAction):
         constraints: Sequence[ConstraintItem] = (),
         integrator: Integrator | None = None,
     ) -> None:
+        for what, given, base in (("dynamics", dynamics, Dynamics), ("integrator", integrator, Integrator)):
+            if given is not None and not isinstance(given, base):
+                got = given.__name__ if isinstance(given, type) else type(given).__name__
+                raise InputError(what, got, f"an object of a class of {base.__name__}")
         self.dynamics = dynamics
         self.integrator = SemiImplicitEuler() if integrator is None else integrator
         parameters = (Parameter("duration", 1, "length of the interval, s", 0.01, "positive"), *dynamics.parameters)
@@ -192,7 +209,7 @@ class ImpulseAction(ItemAction):
             return ca.vertcat(momentum, flags * (contacts.velocity(robot, q, after) + before) + loose)
 
         z = unknowns.define_linear(solver, ca.vertcat(mass @ v, -flags * before), residual)
-        symbols = StageSymbols(robot, x, values, u=u, forces=contacts.by_frame(z[nv:]))
+        symbols = StageSymbols(robot, x, values, u=u, forces=contacts.by_frame(z[nv:], robot, q))
         path = constraint_of(self.constraints, symbols)
         return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path)
 

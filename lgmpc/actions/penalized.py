@@ -40,7 +40,7 @@ class PenalizedAction(ItemAction):
 
     def __init__(self, action: Action) -> None:
         self.base = action
-        self.ng = action.value_function.size1_out("constraint")
+        self.ng = action.path_rows
         self.name = f"{action.name}_penalized"
         self.state, self.nu = action.state, action.nu
         self.parameters = ParameterLayout(

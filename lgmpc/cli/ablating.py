@@ -1,4 +1,4 @@
-"""``lgmpc ablate``: what each part of a controller is worth."""
+"""``lgmpc ablate``: the effect of removing each part of a controller."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["ablate_shown"]
 _TABLE = "ablation.json"
 _CHANGES = 3
 _OF_LIMIT, _OF_ITSELF = 0.02, 0.2
-"""Least worsening that is shown, as a share of the gate's limit; of the complete value where there is no limit."""
+"""Smallest worsening displayed, as a share of the gate's limit; of the complete value where there is no limit."""
 
 
 def ablate_shown(
@@ -45,7 +45,7 @@ def ablate_shown(
     folder = folder or Path("sweeps") / sweep.settings.name
     finished = swept(err(), sweep, folder, workers=workers, resume=resume, quiet=quiet)
     if finished.signal is not None:
-        out().print(Text("INTERRUPTED  the same command with --resume goes on", "bold yellow"))
+        out().print(Text("INTERRUPTED  the same command with --resume continues", "bold yellow"))
         return Interrupted(finished.signal).exit_code
     found = worths(sweep, finished.rows, parts)
     summary = summarize(sweep, finished.rows)
@@ -66,13 +66,13 @@ def ablate_shown(
 
 def _show(console: Console, found: Sequence[Worth], complete: float) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in ("without", "what it is", "passed", "what gets worse (complete, without it, limit)"):
+    for heading in ("without", "description", "passed", "what gets worse (complete, without it, limit)"):
         table.add_column(heading, overflow="fold")
     table.add_row("nothing", "the complete controller", f"{100.0 * complete:.3g} %", "", style="bold")
     for each in found:
         passed = "-" if math.isnan(each.passed.value) else f"{100.0 * each.passed.value:.3g} %"
         worse = list(filter(_matters, each.changes))[:_CHANGES]
-        words = "; ".join(map(_words, worse)) or "nothing worth mentioning"
+        words = "; ".join(map(_words, worse)) or "nothing significant"
         style = "red" if each.lost > 0.0 else ""
         table.add_row(Text(each.part.name), each.part.words, Text(passed, style), Text(words))
     console.print(table)

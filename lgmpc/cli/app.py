@@ -94,7 +94,7 @@ def solve(
 ) -> None:
     """Optimise the trajectory of a config, save it and judge it.
 
-    Shows the iterations. Ctrl-C saves the trajectory as it is then and marks it as interrupted.
+    Shows the iterations. Ctrl-C saves the present trajectory and marks it as interrupted.
     """
     from lgmpc.config import load_solve_config
 
@@ -155,10 +155,10 @@ def explain(
     runs: RunsFolder = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """Explain why a run failed: what happened before, in order, in words and as a figure.
+    """Explain why a run failed: the events before the failure, in order, as text and as a figure.
 
-    Limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong estimates. Of a
-    run that passed: how near it came to each limit.
+    Events are limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong
+    estimates. For a run that passed: its smallest margin to each limit.
     """
     from lgmpc.cli.explaining import explain_shown
     from lgmpc.cli.runs import find_run
@@ -204,7 +204,7 @@ app.command(epilog=help.TUNE)(studies.tune)
 def demo(
     name: Annotated[
         str,
-        typer.Argument(metavar="[NAME]", help="Which; all are listed if not given.", autocompletion=complete_demo),
+        typer.Argument(metavar="[NAME]", help="Its name; all are listed if not given.", autocompletion=complete_demo),
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder for table, figure and scene.")] = Path("demos"),
     figure: Annotated[FigureKind, typer.Option("--format", help="Kind of file for the figure.")] = FigureKind.PNG,
@@ -213,8 +213,8 @@ def demo(
 ) -> None:
     """Compare predictions of geometric mechanics with simulations.
 
-    Prints a table and writes it, a figure and, where there is something to see, a scene. Exit code 0 if prediction and
-    measurement agree, 1 if they do not.
+    Prints and writes a table, and writes a figure and, for demonstrations with moving bodies, a scene. Exit code 0 if
+    prediction and measurement agree, 1 if they do not.
     """
     from lgmpc.cli.demonstrating import list_demos, show_demo
 
@@ -257,7 +257,7 @@ def configs(
             metavar="[DEST]", help="File or folder to write to; this folder if not given.", show_default=False
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """List the configs that come with lgmpc, or write one of them to a file to edit."""
     from lgmpc.cli.configs import copy_config, list_configs

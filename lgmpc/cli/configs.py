@@ -27,16 +27,16 @@ def list_configs() -> None:
 
 
 def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
-    """Write a shipped config where it can be edited.
+    """Write a copy of a shipped config to a file.
 
     Args:
         name: of the config.
         destination: file, or folder for a file of the config's name; the working directory unless given.
-        force: whether to replace a file that is there.
+        force: whether to replace an existing file.
 
     Raises:
         ConfigError: if no shipped config has this name.
-        InputError: if the file is there and ``force`` is false, or its folder is not there.
+        InputError: if the file exists and ``force`` is false, or its folder does not exist.
         RunFolderError: if the file cannot be written.
     """
     config = shipped_config(name)
@@ -46,7 +46,7 @@ def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
     if not file.parent.is_dir():
         raise InputError("DEST", file, "a file in a folder that exists")
     if file.exists() and not force:
-        raise InputError("DEST", file, "a file that is not there yet (--force replaces it)")
+        raise InputError("DEST", file, "a file that does not exist (--force replaces it)")
     with atomic_write(file) as stream:
         stream.write(config.copy_text().encode("utf-8"))
     out().print(Text(f"wrote {file}"))

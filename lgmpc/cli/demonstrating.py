@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import textwrap
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from lgmpc.demos.catalogue import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
 from lgmpc.runs import atomic_write
-from lgmpc.runs.atomic import reason_of
+from lgmpc.runs.atomic import json_values, reason_of
 
 __all__ = ["list_demos", "show_demo"]
 
@@ -108,8 +107,8 @@ def _json(demo: Demo, outcome: Outcome) -> str:
         {
             "quantity": row.quantity,
             "unit": row.unit,
-            "predicted": row.predicted if math.isfinite(row.predicted) else None,
-            "measured": row.measured if math.isfinite(row.measured) else None,
+            "predicted": row.predicted,
+            "measured": row.measured,
             "tolerance": row.tolerance,
             "agrees": row.agrees,
         }
@@ -123,4 +122,4 @@ def _json(demo: Demo, outcome: Outcome) -> str:
     }
     if outcome.details:
         content["details"] = outcome.details.splitlines()
-    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+    return json.dumps(json_values(content), indent=2, allow_nan=False) + "\n"

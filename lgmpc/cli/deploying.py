@@ -1,4 +1,4 @@
-"""What ``lgmpc deploy`` and ``lgmpc robot`` print."""
+"""Output of ``lgmpc deploy`` and ``lgmpc robot``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_j
 
 
 def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> None:
-    """Simulate the robot of ``config``, and print where it was led."""
+    """Simulate the robot of ``config``, and print figures of its motion and of the link."""
     console = err()
     with warnings_on(console):
         served = serve_config(

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from lgmpc.runs.figures import figure_number, figure_words
 
-__all__ = ["Counted", "Display", "Row", "Silent", "counting_display", "figure_table", "warnings_on"]
+__all__ = ["Counted", "Display", "Row", "Silent", "counting_display", "figure_table", "progress_bar", "warnings_on"]
 
 Step = TypeVar("Step", contravariant=True)
 
@@ -97,8 +97,8 @@ def counting_display(
     Args:
         console: to print to.
         total: number of steps.
-        steps: what they are called, in the plural.
-        state: words about a report, to follow its count.
+        steps: noun of the steps, in the plural.
+        state: text on the state of a report, printed after its count.
         every: steps between two lines.
         quiet: display nothing.
     """
@@ -107,14 +107,14 @@ def counting_display(
     elif not console.is_terminal:
         yield _Lines(console, steps, every, state)
     else:
-        columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TextColumn("{task.completed} / {task.total}{task.fields[state]}", markup=False),
-        )
-        with Bar(*columns, console=console, transient=True) as bar:
+        with progress_bar(console, "{task.completed} / {task.total}{task.fields[state]}") as bar:
             yield _Moving(bar, total, state)
+
+
+def progress_bar(console: Console, text: str) -> Bar:
+    """Return a line with spinner, the task's description, bar, and ``text``, a template of the task's fields."""
+    description, state = (TextColumn(template, markup=False) for template in ("{task.description}", text))
+    return Bar(SpinnerColumn(), description, BarColumn(), state, console=console, transient=True)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""``lgmpc explain``: the events before a failure, and how near each limit came."""
+"""``lgmpc explain``: the events before a failure, and the smallest margins."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def explain_shown(folder: Path, into: Path | None, *, as_json: bool) -> None:
     out().print(f"wrote {figure}", markup=False)
     if explanation.replay_from_s is not None:
         argument = shlex.quote(f"{folder}@{explanation.replay_from_s:g}")
-        words = f"next: lgmpc run --from {argument} --set KEY=VALUE    (the same up to the first event, then otherwise)"
+        words = f"next: lgmpc run --from {argument} --set KEY=VALUE    (changed from the first event on)"
         out().print(Text(words, "dim"))
 
 
@@ -46,7 +46,7 @@ def _show(console: Console, explanation: Explanation) -> None:
     if explanation.events:
         console.print(_chain(explanation.events, explanation.failed_s, explanation.failure))
     if explanation.earlier:
-        console.print(Text(f"before that: {_counts(explanation.earlier)}", "dim"))
+        console.print(Text(f"earlier: {_counts(explanation.earlier)}", "dim"))
     console.print(_margins(explanation.nearest[:_NEAREST]))
 
 

@@ -40,11 +40,11 @@ OVERVIEW = f"""{_WHAT}
   lgmpc configs                list the configs that come with lgmpc
   lgmpc run solo12_balance     push Solo12, see it recover
   lgmpc solve solo12_trot      optimise a trajectory
-  lgmpc sweep push_map         how hard a push from each side, and what the MPC is worth
+  lgmpc sweep push_map         largest push from each side, with and without MPC
   lgmpc play latest            replay the last of them in the browser
   lgmpc demo                   list the demonstrations
 
-[bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 mistake in lgmpc
+[bold]Exit codes[/bold]  0 passed its gate, 1 ran and failed it, 2 bad input, 130 stopped by Ctrl-C, 70 error in lgmpc
 """
 
 
@@ -74,14 +74,14 @@ SWEEP = _examples(
     "lgmpc sweep push_map",
     'lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2',
     "lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups",
-    "lgmpc sweep push_map --resume              go on after Ctrl-C, or beside another process",
+    "lgmpc sweep push_map --resume              continue after Ctrl-C, or beside another process",
     "lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler",
     "lgmpc sweep push_map --slurm jobs.yaml     in jobs of SLURM",
     "lgmpc sweep push_map --resume --parquet    results.parquet for pandas and others",
 )
 PLAY = _examples(
     "lgmpc play latest                          in the browser, with a time slider",
-    "lgmpc play latest --html balance.html      one page that needs nothing else",
+    "lgmpc play latest --html balance.html      one self-contained page",
     "lgmpc play latest --port 7000              on a fixed port, such as one that ssh forwards",
 )
 PLOT = _examples(
@@ -89,13 +89,13 @@ PLOT = _examples(
     "lgmpc plot runs/<time>-<name> --out /tmp/figures",
 )
 EXPLAIN = _examples(
-    "lgmpc explain latest                       why the last run failed, or how near it came to that",
+    "lgmpc explain latest                       why the last run failed, or its smallest margins",
     "lgmpc explain sweeps/random_1000/logs/fail-<key>",
     "lgmpc explain latest --json | jq -r '.events[] | [.start_s, .words] | @tsv'",
 )
 REPORT = _examples(
     "lgmpc report latest                        report.html in the run's own folder",
-    "lgmpc report latest --html fall.html       to send to someone who has nothing installed",
+    "lgmpc report latest --html fall.html       a page that requires no installation",
     "lgmpc report sweeps/push_map               tables, figure and points of a sweep",
 )
 COMPARE = _examples(
@@ -112,7 +112,7 @@ TUNE = _examples(
     "lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m",
     "lgmpc tune random_1000 --set samples.count=20 --keys mpc.weights.force --objective passed --trials 30",
     "lgmpc tune push_map --keys wbc.weights.com --objective boundary --resume",
-    "lgmpc run tuning/random_1000/best.yaml     what was found",
+    "lgmpc run tuning/random_1000/best.yaml     run the tuned config",
 )
 DEMO = _examples(
     "lgmpc demo                                 the list",
@@ -147,5 +147,5 @@ DEPLOY = _examples(
 ROBOT = _examples(
     "lgmpc robot solo12_balance_inekf",
     "lgmpc robot solo12_balance_inekf plant.friction=0.4 --port 47801",
-    "lgmpc robot solo12_balance_inekf --lock-step      as slow as its controller, and repeatable bit for bit",
+    "lgmpc robot solo12_balance_inekf --lock-step      at the pace of its controller, repeatable bit for bit",
 )

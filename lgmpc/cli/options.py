@@ -107,7 +107,7 @@ From = Annotated[
     typer.Option(
         "--from",
         metavar="RUN[@TIME]",
-        help="Repeat a recorded run bit for bit up to TIME (s), and go on from there with the changes of --set. "
+        help="Repeat a recorded run bit for bit up to TIME (s), and continue from there with the changes of --set. "
         "Without changes all of it is repeated and compared with its log.",
         show_default=False,
         autocompletion=complete_run,
@@ -126,25 +126,25 @@ Overrides = Annotated[
 MoreOverrides = Annotated[
     list[str], typer.Argument(metavar="KEY=VALUE", help="More changes.", hidden=True, show_default=False)
 ]
-OutFolder = Annotated[Path, typer.Option("--out", help="Folder that the run's folder is made in.")]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder in which the run folder is created.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, and no more than the verdict.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show only the verdict, and no progress.")]
 RunName = Annotated[
     str,
     typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False, autocompletion=complete_run),
 ]
-RunsFolder = Annotated[Path, typer.Option("--runs", help="Where `latest` looks.")]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder of run folders, for `latest` and names.")]
 Workers = Annotated[
     int | None, typer.Option(help="Worker processes; one for each processor if not given.", show_default=False)
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on in a folder that is there.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
 Changes = Annotated[
     list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="Change a value; may be repeated.", show_default=False),
 ]
 NewFolder = Annotated[
     Path | None,
-    typer.Option("--out", help="Folder of the results; one by the name, if not given.", show_default=False),
+    typer.Option("--out", help="Folder of the results; named after CONFIG if not given.", show_default=False),
 ]
 SweepFile = Annotated[
     Path,

@@ -20,7 +20,7 @@ def deploy(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
     overrides: Overrides = [],  # noqa: B006
-    address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Where the robot is.")] = (
+    address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Address of the robot.")] = (
         f"127.0.0.1:{PORT}"
     ),
     out: OutFolder = Path("runs"),
@@ -29,8 +29,8 @@ def deploy(
 ) -> None:
     """Run a config's controllers on a robot in real time, over UDP, save the run and judge it.
 
-    Needs an estimator in the config. The run is judged by the estimate. At the end, at Ctrl-C, and when measurements
-    stay away, the joints are damped.
+    Requires an estimator in the config. The run is judged by the estimate. At the end, after Ctrl-C, and while no
+    measurements arrive, the joints are damped.
     """
     from lgmpc.config import load_config
 
@@ -53,10 +53,10 @@ def robot(
         typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
     ] = False,
 ) -> None:
-    """Simulate a config's robot in real time, and let the controller at the other end of UDP move it.
+    """Simulate a config's robot in real time, moved by a controller at the other end of a UDP link.
 
-    Waits for `lgmpc deploy`, or for a program of one's own that uses its protocol. Pushes, sensors' noise, drives
-    and floor are those of the config.
+    Waits for `lgmpc deploy`, or for another program that uses its protocol. Pushes, sensor noise, drives and floor are
+    those of the config.
     """
     from lgmpc.config import load_config
 

@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.text import Text
 
-from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
+from lgmpc.cli.display import Display, Row, Silent, figure_table, progress_bar, warnings_on
 from lgmpc.cli.runs import find_run
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import load_config
@@ -31,7 +30,7 @@ def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, 
     """Run a config, or from a tick of a recorded run, with a progress display; return the exit code.
 
     Args:
-        first: the config; with an origin, which has one, the first change or nothing.
+        first: the config; with an origin, whose config is used, the first change or nothing.
         origin: ``RUN`` or ``RUN@TIME``; empty to run a config from its start.
         changes: ``key=value``.
         folder: of run folders.
@@ -82,11 +81,11 @@ def show_run(run: FinishedRun, *, quiet: bool) -> None:
                 peaks = "; ".join(map(str, run.session.certificate.peaks))
                 console.print(Text(f"without a limit: {peaks}", "dim"))
         failed = run.session.verdict.outcome is Outcome.FAIL
-        show_next(console, run.folder.path, *((("explain", "what led to the failure"),) if failed else ()))
+        show_next(console, run.folder.path, *((("explain", "the events that led to the failure"),) if failed else ()))
 
 
 def _certified(certificate: Certificate) -> Text:
-    """Return whether physics and hardware were respected, or what was not."""
+    """Return the checks of a certificate as text: all names, or those that failed."""
     names = ", ".join(check.name for check in certificate.checks)
     if certificate.certified:
         return Text(f"certified: {names}", "dim")
@@ -154,11 +153,5 @@ def run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]
     if not console.is_terminal:
         yield _Lines(console)
         return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[state]}", markup=False),
-    )
-    with Bar(*columns, console=console, transient=True) as bar:
+    with progress_bar(console, "{task.fields[state]}") as bar:
         yield _Moving(bar)

@@ -83,7 +83,7 @@ def show_crash(error: Exception, report: Path | None) -> None:
     summary = " ".join(str(error).split())
     console.print(Text.assemble(("internal error: ", "bold red"), f"{type(error).__name__}: {summary[:300]}"))
     if report is not None:
-        console.print(Text(f"This is a mistake in lgmpc, not yours. The details are in {report}"))
+        console.print(Text(f"This is an error in lgmpc, not in your input. The details are in {report}"))
         console.print(f"Please send that file to {ISSUES_URL}; `lgmpc doctor` checks the installation.")
 
 
@@ -101,7 +101,7 @@ def print_result(path: Path, result: RunResult | SolveResult) -> None:
 
 
 def show_next(console: Console, path: Path, *others: tuple[str, str]) -> None:
-    """Print a run's folder, and the commands that show it: these two, and others with what each is for."""
+    """Print a run's folder and the commands that display it: play, plot, and others with their purposes."""
     console.print(Text(f"saved in {path}"))
     argument = shlex.quote(str(path))
     commands = (("play", "replay in the browser"), ("plot", "figures"), *others)

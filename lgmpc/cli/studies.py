@@ -46,8 +46,8 @@ def sweep(
 ) -> None:
     """Run a config at many points: grids, random draws, paired variants, searches of a boundary.
 
-    Every finished point is saved at once: what is stopped goes on with --resume, also on several machines in one
-    folder. Exit code 0 if every point has a verdict and the sweep's `expect` is kept.
+    Every finished point is saved at once: --resume continues a stopped sweep, also on several machines in one folder.
+    Exit code 0 if every point has a verdict and the sweep's `expect` is satisfied.
     """
     from lgmpc.sweeps import load_sweep
 
@@ -76,17 +76,17 @@ def compare(
         str,
         typer.Argument(metavar="A", help="A run folder, `latest`, or a sweep's folder.", autocompletion=complete_run),
     ],
-    second: Annotated[str, typer.Argument(metavar="B", help="What is compared with it.", autocompletion=complete_run)],
-    margin: Annotated[float, typer.Option(help="Share by which B may be worse.")] = 0.05,
+    second: Annotated[str, typer.Argument(metavar="B", help="A run or sweep like A.", autocompletion=complete_run)],
+    margin: Annotated[float, typer.Option(help="Share by which B may be worse without failing.")] = 0.05,
     metric: Annotated[list[str], typer.Option(help="Judge this metric too; may be repeated.", show_default=False)] = [],  # noqa: B006
     runs: RunsFolder = Path("runs"),
     as_json: AsJson = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no more than the verdict.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show only the verdict.")] = False,
 ) -> None:
     """Compare two runs or two sweeps: configs, metrics, differences in pairs with 95 % intervals.
 
-    Exit code 1 if B is worse than A: it fails where A passes, or what the gate limits (of sweeps: the share that
-    passes, the boundary) is worse by more than the margin; for sweeps also beyond chance.
+    Exit code 1 if B is worse than A: it fails where A passes, or a metric that the gate limits (for sweeps: the share
+    that passes, the boundary) is worse by more than the margin; for sweeps also significantly so.
     """
     from lgmpc.cli.comparing import compare_shown
 
@@ -101,20 +101,20 @@ def ablate(
         list[str],
         typer.Argument(
             metavar="[KEY...]",
-            help="Parts to take away: a switch, a table with one, a number (0), or KEY=VALUE without effect. The usual "
+            help="Parts to remove: a switch, a table with one, a number (0), or KEY=VALUE without effect. The usual "
             "parts if none is given.",
             show_default=False,
         ),
     ] = [],  # noqa: B006
     overrides: Changes = [],  # noqa: B006
-    seeds: Annotated[int, typer.Option(help="Seeds to run each with.")] = 1,
+    seeds: Annotated[int, typer.Option(help="Number of seeds for each.")] = 1,
     out: NewFolder = None,
     workers: Workers = None,
     resume: Resume = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a config without each of its parts, in pairs with the complete one: what each part is worth.
+    """Run a config without each of its parts, in pairs with the complete one: the effect of each part.
 
     Parts that make the robot fail come first, then those that worsen a figure most, as a share of its limit.
     """
@@ -132,7 +132,7 @@ def tune(
         Path,
         typer.Argument(
             metavar="CONFIG|SWEEP",
-            help="What is tuned over: the seeds of a config, or the points of a sweep (`lgmpc configs` lists both).",
+            help="A config, tuned over seeds, or a sweep, tuned over its points.",
             show_default=False,
             autocompletion=complete_config,
         ),
@@ -142,7 +142,7 @@ def tune(
     objective: Annotated[
         str, typer.Option(help="A metric of the runs, `passed`, or for sweeps that bisect `boundary`.")
     ] = "max_tilt_deg",
-    trials: Annotated[int, typer.Option(help="How many values are tried, the present ones first.")] = 40,
+    trials: Annotated[int, typer.Option(help="Number of trials, the first with the present values.")] = 40,
     overrides: Changes = [],  # noqa: B006
     seeds: Annotated[int, typer.Option(help="Seeds of a config that are tuned over, and held out.")] = 4,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
@@ -152,10 +152,10 @@ def tune(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Search values of keys that make an objective better without failing more points (package optuna).
+    """Search values of keys that improve an objective without failing more points (package optuna).
 
-    The result is compared with the present values on points that the search does not see (other seeds and draws) and
-    written as a config, with where it is from. Exit code 0 if it is better on those, 1 if not.
+    The result is compared with the present values on held-out points (other seeds and draws) and written as a config
+    with its provenance. Exit code 0 if it is better on those, 1 if not.
     """
     from lgmpc.cli.tuning import tune_shown
 

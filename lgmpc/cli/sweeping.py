@@ -1,4 +1,4 @@
-"""``lgmpc sweep``: progress of many runs, and the tables of what they show."""
+"""``lgmpc sweep``: progress of many runs, and the tables of their summary."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_REASONS = 5
 
 
 def chosen_cluster(dask: str | None, slurm: Path | None, workers: int | None) -> Cluster | None:
-    """Return what ``--dask`` or ``--slurm`` names; ``None`` for processes of this machine.
+    """Return the cluster of ``--dask`` or ``--slurm``; ``None`` for processes of this machine.
 
     Raises:
         InputError: both are given, or ``workers`` with a cluster that has its own.
@@ -124,7 +124,7 @@ def _show(
             console.print(Text(f"{count} x {reason}", "yellow"))
     if finished.signal is not None:
         command = f"lgmpc sweep {shlex.quote(str(file))} --out {shlex.quote(str(finished.folder))} --resume"
-        console.print(Text.assemble(("INTERRUPTED", "bold yellow"), f"  {summary.name}: to go on, {command}"))
+        console.print(Text.assemble(("INTERRUPTED", "bold yellow"), f"  {summary.name}: continue with {command}"))
         return
     word, style = ("PASS", "bold green") if summary.passed else ("FAIL", "bold red")
     console.print(Text.assemble((word, style), f"  {summary.name}: {summary.finished} of {summary.total} points"))

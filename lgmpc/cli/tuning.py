@@ -1,11 +1,11 @@
-"""``lgmpc tune``: progress of the trials, and what tuning gained."""
+"""``lgmpc tune``: progress of the trials, and the gain of the result."""
 
 from __future__ import annotations
 
 import json
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from rich.text import Text
 from lgmpc.cli.display import counting_display
 from lgmpc.cli.screen import err, out
 from lgmpc.errors import Interrupted
+from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.study import Tuned, TuningProgress, tune
 from lgmpc.sweeps.tuning import Score, TuningProblem, tuning_problem
 
@@ -38,7 +39,7 @@ def tune_shown(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Tune, print what it gained, and return the exit code: 0 if the gain holds on points that it did not see."""
+    """Tune, print the gain, and return the exit code: 0 if there is one on the held-out points."""
     problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
     folder = folder or Path("tuning") / source.stem
     with counting_display(err(), trials, "trials", _state, quiet=quiet) as display:
@@ -56,12 +57,12 @@ def tune_shown(
     gained = _gained(problem, found)
     if as_json:
         content = asdict(found) | {"files": list(map(str, found.files)), "signal": None, "gained": gained}
-        print(json.dumps({"folder": str(folder), **_plain(content)}, indent=2))
+        print(json.dumps({"folder": str(folder), **json_values(content)}, indent=2))
     else:
         _show(out(), problem, found, gained=gained)
     if found.signal is not None:
         out().print(
-            Text(f"INTERRUPTED  after {found.trials} trials: the same command with --resume goes on", "bold yellow")
+            Text(f"INTERRUPTED  after {found.trials} trials: the same command with --resume continues", "bold yellow")
         )
         return Interrupted(found.signal).exit_code
     return 0 if gained else 1
@@ -88,10 +89,10 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
     if found.difference is not None:
         console.print(Text(f"mean difference in pairs on the held-out points: {found.difference}"))
     if found.initial == found.initial_held_out and found.best == found.best_held_out:
-        console.print(Text("the held-out points gave the same: nothing in them is random. Tune over a sweep", "yellow"))
+        console.print(Text("the held-out points gave the same: nothing is random. Tune over a sweep", "yellow"))
     if found.best_held_out is not None:
         word, style = ("GAINED", "bold green") if gained else ("NO GAIN", "bold red")
-        console.print(Text.assemble((word, style), "  on points that tuning did not see"))
+        console.print(Text.assemble((word, style), "  on held-out points"))
     for file in found.files:
         console.print(Text(f"saved in {file}"))
 
@@ -102,14 +103,6 @@ def _score(score: Score | None) -> str:
 
 def _value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, float) and value != value:
-        return None
-    return value
 
 
 def _state(now: TuningProgress) -> str:

@@ -23,7 +23,16 @@ import platformdirs
 
 from lgmpc.errors import CompileError, InputError
 
-__all__ = ["CacheReport", "cache_folder", "discard", "find_entry", "inspect_cache", "make_entry", "request_key"]
+__all__ = [
+    "CacheReport",
+    "cache_folder",
+    "discard",
+    "find_entry",
+    "inspect_cache",
+    "is_whole",
+    "make_entry",
+    "request_key",
+]
 
 _log = logging.getLogger("lgmpc.compile")
 _DIGEST = 16
@@ -103,7 +112,7 @@ def _refuse(folder: Path, what: str, expected: str) -> InputError:
 def find_entry(folder: Path, name: str, key: str) -> Path | None:
     """Return the library built for this request, or None; a damaged one is removed and reported to the log."""
     for path in sorted(folder.glob(f"{name}-{key}-*.so")):
-        if _is_whole(path):
+        if is_whole(path):
             return path
         _log.warning("cache entry %s is damaged: it is built again", path.name)
         discard(path)
@@ -193,14 +202,15 @@ def inspect_cache(folder: Path) -> CacheReport:
     """Count and verify the libraries of a cache, and add up their sizes."""
     libraries = sorted(folder.glob("*.so"))
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not _is_whole(path)))
+    return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not is_whole(path)))
 
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGEST]
 
 
-def _is_whole(path: Path) -> bool:
+def is_whole(path: Path) -> bool:
+    """Return whether a library exists and has the content that its name states."""
     try:
         return _digest(path) == path.stem[-_DIGEST:]
     except OSError:

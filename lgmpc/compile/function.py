@@ -106,6 +106,10 @@ class CompiledFunction:
         self._memory = tuple(memory for memory, _ in inputs + outputs)
         self._evaluate = bind(signature, self._memory)
 
+    def __reduce__(self) -> tuple[type[CompiledFunction], tuple[Signature, Bind, bool]]:
+        """Restore with buffers of zeros."""
+        return CompiledFunction, (self._signature, self._bind, self.compiled)
+
     def run(self) -> None:
         """Evaluate, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi
 import numpy as np
@@ -12,13 +12,16 @@ import numpy as np
 from lgmpc.compile.build import densify_function
 from lgmpc.compile.compiler import find_compiler, jit_enabled
 from lgmpc.compile.function import Argument, Signature, index_of
+from lgmpc.compile.index import recall
 from lgmpc.compile.lanes import has_lanes
 from lgmpc.compile.native import Progress, bind_library, load_library
-from lgmpc.compile.pipeline import Pipeline, bind_pipeline, load_pipeline
+from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load_pipeline
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
 __all__ = ["BatchKernel", "StageKernel"]
+
+K = TypeVar("K", bound="StageKernel")
 
 
 class StageKernel:
@@ -32,7 +35,7 @@ class StageKernel:
         progress: called with a description of what is being compiled.
 
     Attributes:
-        compiled: whether it is machine code; otherwise CasADi interprets it.
+        compiled: whether it is machine code; otherwise, and where it calls Python, CasADi interprets it.
 
     Raises:
         CompileError: the function has no C code, or the compiler failed on it.
@@ -40,11 +43,32 @@ class StageKernel:
     """
 
     def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
-        self._function = densify_function(function)
-        self._signature = Signature.of(self._function)
-        compiler = find_compiler() if jit_enabled() else None
-        self._library = None if compiler is None else load_library(self._function, compiler, progress)
-        self.compiled = self._library is not None
+        function = densify_function(function)
+        self._signature = Signature.of(function)
+        compiler = find_compiler() if jit_enabled() and not _calls_python(function) else None
+        self._code = function if compiler is None else load_library(function, compiler, progress)
+        self.compiled = compiler is not None
+
+    @classmethod
+    def of(
+        cls: type[K],
+        write: Callable[..., casadi.Function | Pipeline],
+        *arguments: Any,
+        progress: Progress | None = None,
+    ) -> K:
+        """Return the kernel of ``write(*arguments)``, recalled if it was written before; see :func:`recall`."""
+        kernel: K = recall(_write, cls, write, *arguments, progress=progress)
+        return kernel
+
+    @property
+    def input_sizes(self) -> dict[str, int]:
+        """Number of entries of every input."""
+        return {argument.name: argument.size for argument in self._signature.inputs}
+
+    @property
+    def output_sizes(self) -> dict[str, int]:
+        """Number of entries of every output."""
+        return {argument.name: argument.size for argument in self._signature.outputs}
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
         """Return the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
@@ -78,14 +102,14 @@ class StageKernel:
 
     def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
         """Return the call on arrays that fit; ``steps`` are their numbers from one stage to the next."""
-        if self._library is not None:
-            return bind_library(self._library, self._signature, arrays, stages, steps)
+        if isinstance(self._code, ctypes.CDLL):
+            return bind_library(self._code, self._signature, arrays, stages, steps)
         arguments = (*self._signature.inputs, *self._signature.outputs)
         rows_of = [
             [(a[k] if step else a)[: g.size] for k in range(stages)]
             for a, step, g in zip(arrays, steps, arguments, strict=True)
         ]
-        return _interpret(self._function, len(self._signature.inputs), stages, rows_of)
+        return _interpret(self._code, len(self._signature.inputs), stages, rows_of)
 
 
 class BatchKernel(StageKernel):
@@ -106,12 +130,12 @@ class BatchKernel(StageKernel):
         if pipeline is None or compiler is None:
             super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)
             return
-        self._pipeline = pipeline
+        self._layout = PipelineLayout.of(pipeline)
         self._signature = Signature(
             pipeline.name,
             1,
-            tuple(Argument(name, (size,), None) for name, size in pipeline.inputs.items()),
-            tuple(Argument(name, (len(pipeline.entries(name)),), None) for name in pipeline.outputs),
+            tuple(Argument(name, (size,), None) for name, (size, _) in self._layout.inputs.items()),
+            tuple(Argument(name, (len(entries),), None) for name, entries in self._layout.outputs.items()),
         )
         self._libraries = load_pipeline(pipeline, compiler, progress)
         self.compiled = True
@@ -131,7 +155,15 @@ class BatchKernel(StageKernel):
     def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
         if not self._libraries:
             return super()._bind(stages, arrays, steps)
-        return bind_pipeline(self._pipeline, self._libraries, stages, arrays, steps)
+        return bind_pipeline(self._layout, self._libraries, stages, arrays, steps)
+
+
+def _write(kind: type[K], write: Callable[..., Any], *arguments: Any, progress: Progress | None) -> K:
+    return kind(write(*arguments), progress)
+
+
+def _calls_python(function: casadi.Function) -> bool:
+    return any(each.class_name() == "CallbackInternal" for each in (function, *function.find_functions()))
 
 
 def _pipeline_of(function: casadi.Function) -> Pipeline | None:

@@ -22,7 +22,7 @@ from lgmpc.compile.native import LANES, Progress, aligned_zeros, load_library
 from lgmpc.compile.programme import compile_source
 from lgmpc.typing import Array
 
-__all__ = ["Entries", "Pipeline", "PipelineStep", "bind_pipeline", "load_pipeline"]
+__all__ = ["Entries", "Pipeline", "PipelineLayout", "PipelineStep", "bind_pipeline", "load_pipeline"]
 
 Entries = tuple[tuple[str, int], ...]
 """Column and index of each entry of a result."""
@@ -155,42 +155,80 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
     return [driver, *(known[id(step.function)] for step in pipeline.steps)]
 
 
+@dataclass(frozen=True)
+class PipelineLayout:
+    """All that a call of a pipeline's libraries depends on; its expressions are not needed any more.
+
+    Attributes:
+        name: in messages.
+        inputs: size and place of each column that is given.
+        outputs: places of each result's entries.
+        functions: name of each step's function.
+        plan: of the steps, as ``pipeline.c`` reads it.
+        arguments: most arguments and results of a step.
+        work: numbers of all columns.
+    """
+
+    name: str
+    inputs: Mapping[str, tuple[int, int]]
+    outputs: Mapping[str, tuple[int, ...]]
+    functions: tuple[str, ...]
+    plan: tuple[int, ...]
+    arguments: int
+    work: int
+
+    @classmethod
+    def of(cls, pipeline: Pipeline) -> PipelineLayout:
+        """Return the layout of a pipeline."""
+        sizes, places = pipeline.sizes, pipeline.places
+        plan: list[int] = []
+        for step in pipeline.steps:
+            f = step.function
+            plan += [f.n_in(), f.n_out(), step.repeats]
+            for name, advance in zip(step.arguments, pipeline.advances(step), strict=True):
+                plan += [places[name], advance]
+            for i, name in enumerate(step.results):
+                plan += [places[name], f.numel_out(i)]
+        return cls(
+            pipeline.name,
+            {name: (size, places[name]) for name, size in pipeline.inputs.items()},
+            {name: tuple(pipeline.entries(name)) for name in pipeline.outputs},
+            tuple(step.function.name() for step in pipeline.steps),
+            tuple(plan),
+            max((step.function.n_in() + step.function.n_out() for step in pipeline.steps), default=0),
+            sum(sizes.values()),
+        )
+
+
 def bind_pipeline(
-    pipeline: Pipeline, libraries: Sequence[ctypes.CDLL], stages: int, arrays: Sequence[Array], strides: Sequence[int]
+    layout: PipelineLayout,
+    libraries: Sequence[ctypes.CDLL],
+    stages: int,
+    arrays: Sequence[Array],
+    strides: Sequence[int],
 ) -> Callable[[], int]:
     """Return the call that evaluates all stages on this memory: arrays of inputs, then outputs, and their strides."""
     driver, *steps = libraries
     driver.lgmpc_pipeline_lanes.restype = ctypes.c_longlong
-    sizes = pipeline.sizes
-    places = pipeline.places
-    work, total = sum(sizes.values()), 0
-    plan = [stages, len(pipeline.inputs), len(pipeline.outputs), len(steps), work]
-    for name, stride in zip(pipeline.inputs, strides, strict=False):
-        plan += [sizes[name], stride, places[name]]
+    plan = [stages, len(layout.inputs), len(layout.outputs), len(steps), layout.work]
+    for (size, place), stride in zip(layout.inputs.values(), strides, strict=False):
+        plan += [size, stride, place]
     entries: list[int] = []
-    for name, stride in zip(pipeline.outputs, strides[len(pipeline.inputs) :], strict=True):
-        chosen = pipeline.entries(name)
+    for chosen, stride in zip(layout.outputs.values(), strides[len(layout.inputs) :], strict=True):
         plan += [len(chosen), stride, len(entries)]
         entries += chosen
-    functions, most = [], 0
-    for step, library in zip(pipeline.steps, steps, strict=True):
-        f = step.function
-        measure = library[f"{f.name()}_lanes_work"]
+    functions, scratch = [], 0
+    for name, library in zip(layout.functions, steps, strict=True):
+        measure = library[f"{name}_lanes_work"]
         measure.restype = ctypes.c_longlong
-        total = max(total, measure())
-        functions.append(ctypes.cast(library[f"{f.name()}_lanes"], ctypes.c_void_p).value)
-        most = max(most, f.n_in() + f.n_out())
-        plan += [f.n_in(), f.n_out(), step.repeats]
-        for name, advance in zip(step.arguments, pipeline.advances(step), strict=True):
-            plan += [places[name], advance]
-        for i, name in enumerate(step.results):
-            plan += [places[name], f.numel_out(i)]
+        scratch = max(scratch, measure())
+        functions.append(ctypes.cast(library[f"{name}_lanes"], ctypes.c_void_p).value)
     base = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
-    memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (work + total))
-    given = np.zeros(most, dtype=np.uintp)
+    memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (layout.work + scratch))
+    given = np.zeros(layout.arguments, dtype=np.uintp)
     parts = (
         base,
-        np.array(plan, dtype=np.int64),
+        np.array([*plan, *layout.plan], dtype=np.int64),
         np.array(functions, dtype=np.uintp),
         memory,
         given,

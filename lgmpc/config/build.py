@@ -1,4 +1,4 @@
-"""Construction of a closed loop from its config: the only module that imports every room."""
+"""Construction of a closed loop from its config: the only module that imports every package."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController
 
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
-"""Streams of random numbers besides that of the sensors, each with the config's seed."""
+"""Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
 
 __all__ = ["build_controller", "build_estimator", "build_recorder", "build_robot", "build_sensors", "prepare"]
 
@@ -160,7 +160,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
 
 
 def _build_sensing(config: Config, robot: Robot, estimator: LeggedEstimator | None) -> Sensing | TrueState | None:
-    """Return where the controller receives the state from; None: the plant's own, at once."""
+    """Return the source of the controller's state; None for the plant's true state without delay."""
     link = config.plant.link
     rng = np.random.default_rng((config.seed, _LINK))
     if estimator is not None:
@@ -172,7 +172,7 @@ def _build_sensing(config: Config, robot: Robot, estimator: LeggedEstimator | No
 def _build_hardware(
     config: Config, plant: Plant, controller: LeggedController, estimator: LeggedEstimator | None
 ) -> Hardware:
-    """Return what commands pass through, its random numbers seeded by ``seed``."""
+    """Return drives, delays and computing times, their random numbers seeded by ``seed``."""
     drives = Drives(config.plant.link, config.plant.actuators, plant.dt, np.random.default_rng((config.seed, _DRIVES)))
     computing = Computing(config.timing, np.random.default_rng((config.seed, _COMPUTING)))
 

@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lgmpc.config.limits import joint_limits
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
@@ -51,15 +52,15 @@ class ClosedLoopSession:
         controller: the controller.
         initial: (nq + nv,) initial state.
         pushes: the disturbances.
-        rates: of the plant's steps and the control ticks.
-        recorder: empty.
+        rates: rates of plant steps and control ticks.
+        recorder: an empty recorder.
         log_every: control ticks per logged tick in the saved log.
         gate: the criteria of success.
-        after_fall_s: time recorded after a fall, s; inf: to the run's end.
-        simulated: what the simulated robot differs in from the controller's model.
-        sensing: where the controller receives the state from; None if it is the plant's true state, at once.
-        hardware: what commands pass through, and what computing takes.
-        estimator: of the state from the sensors' measurements; None if the controller receives the true state.
+        after_fall_s: time recorded after a fall, s; inf: to the end of the run.
+        simulated: parameters in which the simulated robot differs from the controller's model.
+        sensing: source of the controller's state; None for the plant's true state without delay.
+        hardware: drives and delays that commands pass through, and computing times.
+        estimator: estimator of the state from the measurements; None if the controller receives the true state.
     """
 
     robot: Robot
@@ -79,7 +80,7 @@ class ClosedLoopSession:
     _loop: Loop = field(init=False, repr=False)
     _elapsed: float = field(init=False, default=0.0)
     _fell_s: float = field(init=False, default=math.inf)
-    _taken_over: int = field(init=False, default=0)  # recorded ticks that are another session's
+    _taken_over: int = field(init=False, default=0)  # number of recorded ticks taken over from another session
 
     def __post_init__(self) -> None:
         self.plant.reset(self.initial)
@@ -107,12 +108,12 @@ class ClosedLoopSession:
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
-        # Of its own ticks; the forces logged at the first one acted in the step before, maybe on another floor.
+        # Without the first tick of a continuation, whose logged forces acted in a step of the session before.
         certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> None:
-        """Simulate until before the tick of that number, or to the end.
+        """Simulate up to tick ``until``, exclusive, or to the end.
 
         Raises:
             SolverError: the plant's state diverged.
@@ -127,22 +128,23 @@ class ClosedLoopSession:
             self._fell_s = observer.fell_s
 
     def beginning(self) -> Beginning:
-        """Record what everything is before the first tick, for a session that takes over later."""
+        """Return a record of all state before the first tick, for a session that takes it over later."""
         return Beginning(self._loop)
 
     def take_over(self, old: ClosedLoopSession, beginning: Beginning, *, draws: bool) -> tuple[str, ...]:
-        """Go on where another session is, which is of no use afterwards.
+        """Take over the state of another session, which cannot be used afterwards.
 
         Args:
             old: the other session.
-            beginning: its own, from before its first tick.
-            draws: whether random numbers go on where its are; else they begin anew, with this session's seed.
+            beginning: its record from before its first tick, see :meth:`beginning`.
+            draws: whether to take over the state of random number generators; otherwise they start from this session's
+                seed.
 
         Returns:
-            What begins anew, because it has another structure here.
+            Paths of the objects that were reset because they have another structure here.
 
         Raises:
-            InputError: the structures differ where nothing can begin anew.
+            InputError: the structures differ in an object that cannot be reset.
         """
         anew = take_over(beginning, self._loop, draws=draws)
         self.recorder.take_over(old.recorder)
@@ -163,7 +165,7 @@ class ClosedLoopSession:
 
 
 class Observed(Protocol):
-    """What an observer reads of a session."""
+    """The part of a session that an observer reads."""
 
     robot: Robot
     controller: LeggedController
@@ -175,18 +177,15 @@ class Observed(Protocol):
 
 
 class RunObserver:
-    """Record every control tick, report the progress periodically, and end a run soon after the robot fell.
+    """Record every control tick, report the progress periodically, and end a run some time after a fall.
 
     Attributes:
-        fell_s: when the robot fell, s; inf while it has not.
+        fell_s: time of the fall, s; inf before one.
     """
 
     def __init__(self, session: Observed, progress: ProgressReport, fell_s: float = math.inf) -> None:
-        self._record = session.recorder.record
+        self._record = session.recorder.append
         self._record_plan = session.recorder.record_mpc
-        self._record_steps = session.recorder.record_steps
-        self._record_friction = session.recorder.record_friction
-        self._record_estimate = session.recorder.record_estimate
         self._estimator = session.estimator
         # Runs are judged by the true state, not by the estimate.
         self._truth = None if session.sensing is None else WholeBodyTerms(session.robot)
@@ -200,47 +199,47 @@ class RunObserver:
         self._started, self._from = perf_counter(), math.nan
 
     def __call__(self, tick: Tick) -> bool:
-        """Record a tick that was decided, and return whether to go on."""
+        """Record a tick after its command was computed, and return whether the run continues."""
         sample, controller = tick.sample, self._controller
         wbc, planner = controller.wbc, controller.planner
         terms = wbc.terms
         if self._truth is not None:
             terms = self._truth
             terms.update(sample.q, sample.v)
+        feet, command = controller.feet, controller.command
+        values: dict[str, ArrayLike] = {
+            "time": sample.time,
+            "q": sample.q,
+            "v": sample.v,
+            "tau": sample.tau,
+            "tau_command": tick.torque,
+            "contact_forces": sample.contact_forces,
+            "contact_forces_desired": wbc.forces,
+            "contact_points": terms.contact_points,
+            "com": terms.com,
+            "com_reference": controller.target,
+            "momentum": terms.momentum,
+            "base_reference": controller.base_target,
+            "push": tick.disturbance.wrench,
+            "push_point": tick.disturbance.point,
+            "wbc_status": 0 if wbc.status is TickStatus.SOLVED else 1,
+            "wbc_ms": controller.wbc_ms,
+            "command": (command.vx, command.vy, command.yaw_rate),
+            "mode": _MODE_CODES[controller.modes.mode],
+            "gait_period_s": feet.clock.gait.period_s,
+            "stance": feet.stance,
+            "contact_states": [_STATE_CODES[state] for state in feet.events.states],
+            "swing_targets": feet.position,
+            "footholds": feet.footholds,
+        }
         if self._estimator is not None:
             estimator = self._estimator
-            contacts = estimator.contacts.astype(np.int8) + estimator.rejected
-            self._record_estimate(tick.state.q, tick.state.v, contacts, 1e3 * estimator.spent)
+            values["estimate_q"], values["estimate_v"] = tick.state.q, tick.state.v
+            values["estimate_contacts"] = estimator.contacts.astype(np.int8) + estimator.rejected
+            values["estimate_ms"] = 1e3 * estimator.spent
         if controller.joint_friction is not None:
-            self._record_friction(wbc.joint_friction)
-        feet, command = controller.feet, controller.command
-        self._record_steps(
-            command=(command.vx, command.vy, command.yaw_rate),
-            mode=_MODE_CODES[controller.modes.mode],
-            gait_period_s=feet.clock.gait.period_s,
-            stance=feet.stance,
-            contact_states=[_STATE_CODES[state] for state in feet.events.states],
-            swing_targets=feet.position,
-            footholds=feet.footholds,
-        )
-        self._record(
-            time=sample.time,
-            q=sample.q,
-            v=sample.v,
-            tau=sample.tau,
-            tau_command=tick.torque,
-            contact_forces=sample.contact_forces,
-            contact_forces_desired=wbc.forces,
-            contact_points=terms.contact_points,
-            com=terms.com,
-            com_reference=controller.target,
-            momentum=terms.momentum,
-            base_reference=controller.base_target,
-            push=tick.disturbance.wrench,
-            push_point=tick.disturbance.point,
-            wbc_status=0 if wbc.status is TickStatus.SOLVED else 1,
-            wbc_ms=controller.wbc_ms,
-        )
+            values["joint_friction"] = wbc.joint_friction
+        self._record(values)
         if planner is not None and planner.planned and planner.plan is not None:
             plan = planner.plan
             failed = int(not plan.status.fresh)

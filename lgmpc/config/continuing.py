@@ -1,15 +1,15 @@
 """Replay of a recorded run bit for bit up to some time, and its continuation from there with other settings.
 
-A run is repeated, not restored: its config is simulated again, silently, and compared with the log, bit for bit, up to
-the time asked for. Snapshots would be faster (a replay takes about a fifth of the simulated time), but a snapshot must
-capture the state of three C++ libraries, which offer no way to, and proves nothing: this way needs no files, works for
-runs of any age, and says at which tick and in which channel another machine, another version or a measured computing
-time led to something else.
+A run is repeated, not restored: its config is simulated again and compared with the log, bit for bit, up to the
+requested time. Snapshots would be faster (a repetition takes about a fifth of the simulated time), but would have to
+contain the state of three C++ libraries that cannot export it, and would verify nothing. Repetition needs no files,
+works for all recorded runs, and reports the first tick and channel in which another machine, another version or a
+measured computing time changed the result.
 
-From that time on the run continues by itself or, if settings are changed, in a session that is built from the changed
+From that time on the run continues unchanged or, if settings are changed, in a session that is built from the changed
 config and takes over the state of the first (:mod:`lgmpc.config.takeover`). The saved log has both parts, so that
-figures, replay and explanation show what led there; metrics and verdict are of the whole, and the certificate is of the
-continuation, because floor and drives may have been changed.
+figures, replay and explanation include the history; metrics and verdict are those of the whole run, the certificate is
+that of the continuation, because floor and drives may have been changed.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ _FROM_THE_START = (
     "robot", "wbc.rate_hz", "plant.kind", "plant.rate_hz", "plant.initial_posture", "plant.initial_velocity_m_s",
     "plant.initial_rotation_rad_s", "estimator.kind", "sensors.gyro_bias_rad_s", "sensors.accelerometer_bias_m_s2",
 )  # fmt: skip
-"""Keys that cannot change while a run is under way, because they act at its start or are its time and robot."""
+"""Keys that cannot change during a run, because they act at its start or define its robot and time grid."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Part of a run that has one config.
+    """A part of a run with one config.
 
     Attributes:
-        until_s: its end, s; inf for the last part.
-        config: of the part.
+        until_s: end of the part, s; inf for the last one.
+        config: config of the part.
     """
 
     until_s: float
@@ -69,12 +69,12 @@ def run_from(
 ) -> FinishedRun:
     """Repeat a recorded run bit for bit up to a time, continue it from there, and save it as ``out/<time>-<name>/``.
 
-    Without changes the whole run is repeated and compared. With changes the new settings act from that time on; all
-    state is taken over: of plant, drives, sensors, estimator, gait, plans and solvers.
+    Without changes the whole run is repeated and compared. With changes the new settings act from that time on; the
+    state of plant, drives, sensors, estimator, gait, plans and solvers is taken over.
 
     Args:
         run: the value of :func:`run_config`, or a run folder.
-        time_s: when the changes act, s, rounded to a control tick; at the log's end unless given.
+        time_s: time from which the changes act, s, rounded to a control tick; the log's end unless given.
         changes: ``key=value``, as for :func:`lgmpc.config.load_config`.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
@@ -85,7 +85,7 @@ def run_from(
 
     Raises:
         ReplayError: the run was not repeated bit for bit; names tick and channel.
-        InputError: the time is outside the log, or a key cannot change while a run is under way.
+        InputError: the time is outside the log, or a key cannot change during a run.
         RunFolderError: the folder is not a complete run of a closed loop.
         LgmpcError: as from :func:`run_config`.
     """
@@ -135,7 +135,7 @@ def _advanced(
     *,
     verify: bool,
 ) -> tuple[ClosedLoopSession, tuple[str, ...]]:
-    """Return the session of the last part, where the parts before end, and what begins anew in it."""
+    """Return the session of the last part, advanced to its first tick, and paths of the objects reset in it."""
     session, anew = _session(parts[0].config, notify), tuple[str, ...]()
     beginning = session.beginning()
     notify(f"repeating {recorded.path}" + (f" up to {tick * period:g} s" if verify else ""))
@@ -165,7 +165,7 @@ def _session(config: Config, notify: Notify) -> ClosedLoopSession:
 
 
 def _verify(recorded: Run, session: ClosedLoopSession, until_s: float) -> None:
-    """Compare what was repeated with the log."""
+    """Compare the repeated part with the recorded log."""
     repeated = session.recorder.log().decimated(_log_every(_last(recorded)))
     difference = first_difference(recorded.log, repeated, until_s=until_s)
     if difference is not None:
@@ -173,12 +173,12 @@ def _verify(recorded: Run, session: ClosedLoopSession, until_s: float) -> None:
 
 
 def _log_every(config: Config) -> int:
-    """Return how many ticks make a logged one."""
+    """Return the number of control ticks per logged tick."""
     return round(config.wbc.rate_hz / config.log.rate_hz)
 
 
 def _reason(recorded: Run) -> str:
-    """Return what is not as it was when the run was recorded."""
+    """Return a sentence on the versions and the processor that differ from those of the recorded run."""
     now, then = versions(), recorded.result.versions
     others = [f"{name} {now.get(name)} instead of {then.get(name)}" for name in then if now.get(name) != then[name]]
     here, there = host_info().cpu, recorded.result.host.cpu
@@ -220,7 +220,7 @@ def _before(parts: Sequence[_Part]) -> str:
 def _tick(recorded: Run, period: float, time_s: float | None) -> int:
     """Return the tick nearest to a time."""
     if recorded.log.ticks == 0:
-        raise InputError("run", f"{recorded.path} without a tick", "a run with something to repeat")
+        raise InputError("run", f"{recorded.path} without a tick", "a run of at least one tick")
     config = _last(recorded)
     logged = round(float(recorded.log.time[-1]) / period) + _log_every(config)
     end = min(logged, round(config.duration_s / period))
@@ -234,12 +234,12 @@ def _tick(recorded: Run, period: float, time_s: float | None) -> int:
 def _require_repeatable(parts: Sequence[_Part]) -> None:
     if any(part.config.timing.computing == "measured" for part in parts):
         raise InputError(
-            "timing.computing", "measured", "ideal or modelled: what computing takes here is never the same twice"
+            "timing.computing", "measured", "ideal or modelled: measured computing times are not repeatable"
         )
 
 
 def _require_changeable(before: Config, changed: dict[str, tuple[Any, Any]], at: float, duration_s: float) -> None:
-    """Refuse changes of keys that act at the start of a run."""
+    """Raise for changes of keys that cannot change during a run."""
     for key, (_, value) in changed.items():
         if any(key == each or key.startswith(f"{each}.") for each in _FROM_THE_START):
             choices = [
@@ -247,7 +247,7 @@ def _require_changeable(before: Config, changed: dict[str, tuple[Any, Any]], at:
                 for name in _leaves(before.model_dump(mode="json"))
                 if not any(name == each or name.startswith(f"{each}.") for each in _FROM_THE_START)
             ]
-            raise InputError(key, value, "no change while a run is under way", choices, word=key)
+            raise InputError(key, value, "no change during a run", choices, word=key)
     if not changed:
         raise InputError("changes", "the values that the run has", "other ones, or no changes to repeat all of it")
     if duration_s <= at + 1e-9:

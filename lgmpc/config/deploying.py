@@ -1,4 +1,4 @@
-"""The two ends of a deployment, from one config: the controllers on a robot, and a simulated robot to try them on."""
+"""The two ends of a deployment, from one config: the controllers on a robot, and a simulated robot to test them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def deploy_config(
 
     Args:
         config: the closed loop; of its plant, only the rates are used.
-        driver: makes the driver of the robot for a number of joints, when everything else is ready: a
+        driver: constructs the driver of the robot from the number of joints, after everything else is ready: a
             :class:`lgmpc.hardware.UdpDriver`, or one's own.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
@@ -62,7 +62,7 @@ def deploy_config(
         The run, and the figures of link and loop.
 
     Raises:
-        ConfigError: if the config has no estimator: a robot measures no state.
+        ConfigError: if the config has no estimator: a robot does not measure its full state.
         LgmpcError: as :func:`lgmpc.config.execution.run_config`.
     """
     sessions: list[_DeploymentSession] = []
@@ -91,9 +91,9 @@ def serve_config(
 
     Args:
         config: the closed loop; of its controllers, only the rates are used.
-        link: makes the robot's end for a number of joints; it is closed at the end.
+        link: constructs the robot's end of the link from the number of joints; it is closed at the end.
         lock_step: whether the robot waits for the answer to each measurement, instead of moving in real time.
-        wait_s: how long to wait for a controller, s.
+        wait_s: longest time to wait for a controller, s.
         notify: called with a description of what is being done.
 
     Raises:
@@ -162,7 +162,7 @@ class _DeploymentSession:
     gate: Gate
     log_every: int
     deployment: Deployment | None = None
-    # What a run observer reads: the estimate takes the place of the true state, and a fall does not end the run.
+    # Read by the run observer: the estimate takes the place of the true state, and a fall does not end the run.
     after_fall_s: float = math.inf
     sensing: Sensing | TrueState | None = None
     estimator: LeggedEstimator | None = None

@@ -41,9 +41,9 @@ __all__ = [
 def new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:
     """Create ``out/<time>-<name>/`` with the config in it, for the duration of a block.
 
-    It is created before the run, so that an unwritable folder is found first. If an exception leaves the block (the run
-    cannot start, fails, or cannot be saved), it is removed, and so are ``out`` and its parents that did not exist
-    before. Signals are held back while it is created: between that and its name being known nothing could remove it.
+    It is created before the run, so that an unwritable folder is reported first. If an exception leaves the block (the
+    run cannot start, fails, or cannot be saved), it is removed, with ``out`` and its parents that did not exist before.
+    Signals are deferred while it is created, so that none leaves a folder behind.
 
     Raises:
         RunFolderError: if it cannot be created or written.
@@ -67,7 +67,7 @@ def new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals)
 
 @dataclass(frozen=True)
 class _Finished:
-    """What is common to finished runs and finished solves."""
+    """The common part of finished runs and finished solves."""
 
     folder: RunFolder
     result: RunResult | SolveResult
@@ -94,10 +94,10 @@ class FinishedRun(_Finished):
     """A finished and saved run.
 
     Attributes:
-        folder: where it was saved.
+        folder: the run folder.
         result: the content of ``run.json``.
-        config: what was run; of a continued run, its last part's.
-        session: its log, metrics and verdict.
+        config: the simulated config; of a continued run, that of its last part.
+        session: log, metrics and verdict.
         signal: the signal that ended it early, if any.
     """
 
@@ -184,9 +184,9 @@ class FinishedSolve(_Finished):
     """A finished and saved solve, converged or not.
 
     Attributes:
-        folder: where it was saved.
+        folder: the run folder.
         result: the content of ``run.json``.
-        outcome: its trajectory, figures and verdict.
+        outcome: trajectory, figures and verdict.
         signal: the signal that ended it early, if any.
     """
 
@@ -246,7 +246,7 @@ def solve_config(
 
 
 def simulated(now: Progress) -> tuple[float, str]:
-    """Return share and words of a simulation's progress, for a notebook's bar."""
+    """Return the fraction done and a text on the progress of a simulation, for a notebook's bar."""
     words = f"{now.time_s:.1f} of {now.duration_s:g} s simulated, {now.real_time_factor:.1f} x real time"
     return now.time_s / now.duration_s, words
 

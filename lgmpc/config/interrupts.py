@@ -64,7 +64,7 @@ class StopSignals:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Hold signals back while the block runs, and raise Interrupted at its end: for what must not be half done."""
+        """Defer signals during the block, and raise Interrupted at its end: for operations that must be completed."""
         self._deferred = True
         try:
             yield

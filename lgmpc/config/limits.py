@@ -10,11 +10,11 @@ __all__ = ["joint_limits"]
 
 
 def joint_limits(robot: Robot, drives: ActuatorSettings) -> JointLimits:
-    """Return the limits that a log does not hold.
+    """Return the limits of joints that a log does not contain.
 
     Args:
-        robot: with the limits of position and speed.
-        drives: with the torque-speed line, if there is one.
+        robot: the robot, with limits of position and speed.
+        drives: settings of its drives, with or without a torque-speed line.
     """
     stall, no_load = drives.stall_torque_nm, drives.no_load_speed_rad_s
     line = None if stall is None or no_load is None else DriveLine(stall, no_load)

@@ -17,7 +17,7 @@ def notes_on(config: Config) -> tuple[str, ...]:
         elif push.time_s + push.duration_s > config.duration_s:
             notes.append(f"pushes.{i} is cut short by the end of the run ({config.duration_s:g} s)")
     if config.gate.steady_from_s >= config.duration_s:
-        notes.append("gate.steady_from_s is after the end of the run: errors that count from then on are not measured")
+        notes.append("gate.steady_from_s is after the end of the run: steady errors are not measured")
     if isinstance(config.estimator, GroundTruth) and config.sensors != SensorNoise():
         notes.append("sensors: not used while estimator.kind is ground_truth")
     for section, friction in (("wbc", config.wbc.friction), ("mpc", config.mpc.friction)):

@@ -38,8 +38,8 @@ def build_robot(config: Config) -> Robot:
     """Load the robot of a closed loop and check that the rest of the config fits it.
 
     Raises:
-        ConfigError: if the robot does not exist, has no free base, stands on contact points on one line, lacks a body,
-            a joint or a gait that is named, or is commanded to move faster than it can; a
+        ConfigError: if the robot does not exist, has no free base, has contact points on one line only, lacks a named
+            body, joint or gait, or is commanded to move faster than its limits allow; a
             :class:`lgmpc.errors.ConfigErrors` if several of these hold.
         ModelError: with everything that the model lacks.
     """
@@ -51,7 +51,7 @@ def build_robot(config: Config) -> Robot:
 
 
 def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
-    """Yield the requirements of a config that this robot does not meet."""
+    """Yield the errors of a config whose requirements this robot does not meet."""
     if not robot.floating_base:
         yield config.error(
             "robot.floating_base", f"a robot whose base is fixed ({robot.name})", "a robot that stands on its feet"
@@ -75,7 +75,7 @@ def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
 
 
 def _unusable_motions(config: Config, robot: Robot) -> Iterator[InputError]:
-    """Yield what is wrong with gaits, commands and the initial posture."""
+    """Yield the errors in gaits, commands and the initial posture."""
     try:
         gaits = gaits_of(robot, config.locomotion)
         CommandTimeline(config.commands, gaits=gaits)

@@ -1,7 +1,7 @@
 """The two kinds of documents: the config of a closed loop, and that of a trajectory to optimise.
 
-A document composes the rooms' own settings and checks the conditions between them. It stores the sources of its values
-(file and line, or ``--set``) for messages. Units are in the keys' names.
+A document composes the packages' own settings and checks the conditions between them. It stores the sources of its
+values (file and line, or ``--set``) for messages. Units are in the keys' names.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 from pydantic import Field, PrivateAttr, model_validator
 from pydantic.json_schema import models_json_schema
 
+from lgmpc.control.modes import ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
-from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import ConfigError
 from lgmpc.estimation import DelaySettings, JointFrictionSettings, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeploymentSettings
@@ -126,10 +126,10 @@ class Config(Document):
     )
     duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
     after_fall_s: NonNegative | None = Field(
-        default=0.5, description="Simulated time after a fall at which the run ends, s; null: the run goes on."
+        default=0.5, description="Simulated time after a fall at which the run ends, s; null: the run continues."
     )
     plant: PlantSettings = Field(default=PlantSettings(), description="The plant: simulated robot and floor.")
-    timing: TimingSettings = Field(default=TimingSettings(), description="How long computing takes in simulated time.")
+    timing: TimingSettings = Field(default=TimingSettings(), description="Simulated duration of the computations.")
     sensors: SensorNoise = Field(default=SensorNoise(), description="Errors of the simulated robot's sensors.")
     estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007
         default=GroundTruth(), description="Source of the controllers' state."
@@ -144,19 +144,19 @@ class Config(Document):
     delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
     joint_friction: JointFrictionSettings | None = Field(
         default=None,
-        description="Estimation of the joints' friction while legs swing; null: what is known of the robot is used.",
+        description="Estimation of the joints' friction while legs swing; null: that of the model is used.",
     )
-    modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, giving up, and beginning again.")
+    modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, damping after a fall, recovery.")
     deployment: DeploymentSettings = Field(
         default=DeploymentSettings(), description="Limits of `lgmpc deploy`, which runs the controllers on a robot."
     )
     pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
-    gate: Gate = Field(default=Gate(), description="What counts as success.")
-    log: LogSettings = Field(default=LogSettings(), description="What is recorded.")
+    gate: Gate = Field(default=Gate(), description="Criteria of success.")
+    log: LogSettings = Field(default=LogSettings(), description="Settings of the saved log.")
 
     @model_validator(mode="after")
     def _rates_divide(self) -> Config:
-        """The loop counts plant steps: every rate must be a faster one divided by a whole number."""
+        """Check that every rate is a faster one divided by a whole number: the loop counts plant steps."""
         pairs = [
             ("wbc.rate_hz", self.wbc.rate_hz, "plant.rate_hz", self.plant.rate_hz),
             ("log.rate_hz", self.log.rate_hz, "wbc.rate_hz", self.wbc.rate_hz),
@@ -169,7 +169,7 @@ class Config(Document):
             if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
         if self.commands and not self.mpc.enabled:
-            words = "true where there are commands: without a plan the robot only stands"
+            words = "true if there are commands: without a plan the robot only stands"
             found.append(Problem("mpc.enabled", False, words))
         if found:
             raise problems(found)
@@ -177,7 +177,7 @@ class Config(Document):
 
     @model_validator(mode="after")
     def _has_ticks(self) -> Config:
-        """Every tick of the whole-body controller is recorded in memory, which bounds the duration."""
+        """Check the number of ticks, all of which are recorded in memory."""
         ticks, rate = self.duration_s * self.wbc.rate_hz, self.wbc.rate_hz
         if not 0.5 < ticks <= MOST_TICKS:
             expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
@@ -190,7 +190,7 @@ class SolveConfig(Document):
 
     problem: AnyProblemSettings = Field(description="The optimal control problem.")
     solver: AnySolverSettings = Field(default=FddpSettings(), description="The solver.")
-    gate: SolveGate = Field(default=SolveGate(), description="What counts as success.")
+    gate: SolveGate = Field(default=SolveGate(), description="Criteria of success.")
 
 
 def json_schema_text() -> str:

@@ -45,7 +45,7 @@ ProgressReport = Callable[[Progress], None]
 """Called by a session every few ticks. It may raise KeyboardInterrupt to stop the run there."""
 
 Notify = Callable[[str], None]
-"""Called with one line on what is being prepared, such as "compiling the MPC"."""
+"""Called with a description of the present preparation, such as "compiling the MPC"."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +116,10 @@ class SolveOutcome:
 
     Attributes:
         log: the last trajectory and the iterations that led to it.
-        figures: by name, which ends in the unit; NaN where one could not be measured.
+        figures: values by name, which ends in the unit; NaN where one could not be measured.
         verdict: pass, fail or interrupted, with reasons.
         status: the name of the solver's :class:`lgmpc.solvers.Status`, in lower case.
-        explanation: what prevented convergence, in a few lines, and the problem's remarks on the solution.
+        explanation: the cause of a failure to converge, in a few lines, and the problem's remarks on the solution.
     """
 
     log: TrajectoryLog = field(repr=False)

@@ -70,11 +70,11 @@ def show_solution(
     history: History | None = None,
     port: int = 0,
 ) -> Path | None:
-    """Replay a solution of a problem of one's own, which no config describes.
+    """Replay a solution of a user-defined problem, which no config describes.
 
     Args:
-        scenario: the problem, its robot, and what the replay marks: contacts, forces, targets. Or the robot alone:
-            times and contacts are then those of the problem's parameters.
+        scenario: the problem, its robot, and the contacts, forces and targets to display. Or the robot alone: times
+            and contacts are then those of the problem's parameters.
         solution: its solution, converged or not.
         html: see :func:`show`.
         history: the solver's reports.
@@ -92,7 +92,7 @@ def show_solution(
 
 
 def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: History | None = None) -> Plots:
-    """Draw the figures of a solution of a problem of one's own; see :func:`plot`.
+    """Draw the figures of a solution of a user-defined problem; see :func:`plot`.
 
     Args:
         scenario: see :func:`show_solution`.
@@ -135,7 +135,7 @@ def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
 
 
 def explain(run: str | Path | FinishedRun, out: str | Path | None = None) -> tuple[Explanation, Path]:
-    """Find what happened before a closed loop failed, and draw it.
+    """Find the events that led to the failure of a closed loop, and draw them.
 
     Args:
         run: the value of :func:`run_config`, or a run folder.
@@ -146,7 +146,7 @@ def explain(run: str | Path | FinishedRun, out: str | Path | None = None) -> tup
 
     Raises:
         RunFolderError: if the folder is not a complete closed loop, or the figure cannot be written.
-        InputError: if the run has nothing to explain.
+        InputError: if the run has fewer than two ticks with a finite state.
     """
     loaded = _load(run)
     if isinstance(loaded, SolvedRun):

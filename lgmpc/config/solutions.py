@@ -1,10 +1,12 @@
-"""Solutions of one's own problems as what a run folder contains, to be shown and drawn without one."""
+"""Solutions of user-defined problems in the form of a run folder's content, for replays and figures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from lgmpc.actions import Action, ImpulseAction, MultibodyAction
 from lgmpc.actions.contacts import ContactSet
@@ -23,11 +25,11 @@ __all__ = ["scenario_of", "solution_as_run"]
 def solution_as_run(
     subject: Scenario | Robot, solution: Solution, history: History | None = None
 ) -> tuple[Robot, SolvedRun]:
-    """Return the robot, and a solution as the content of a run folder, which does not exist.
+    """Return the robot, and a solution in the form of a run folder's content.
 
     Args:
-        subject: the scenario; of a robot alone, see :func:`scenario_of`.
-        solution: of a problem with this robot.
+        subject: the scenario, or the robot alone, see :func:`scenario_of`.
+        solution: solution of a problem with this robot.
         history: the solver's reports.
 
     Raises:
@@ -58,8 +60,8 @@ def scenario_of(robot: Robot, solution: Solution) -> Scenario:
     Times follow from ``duration``, contacts from ``contact_flags``; forces are those of the actions' dynamics.
 
     Args:
-        robot: whose configuration and velocity the states are.
-        solution: of a problem with this robot.
+        robot: robot whose configuration and velocity are the states.
+        solution: solution of a problem with this robot.
 
     Raises:
         InputError: states of another robot.
@@ -81,7 +83,7 @@ def scenario_of(robot: Robot, solution: Solution) -> Scenario:
 
 
 def _durations(problem: ShootingProblem) -> Array:
-    """Return (N,) the length of each interval, s; 0 where the action has none."""
+    """Return (N,) durations of the intervals, s; 0 where the action has none."""
     found = np.zeros(problem.nodes)
     for k, action in enumerate(problem.actions):
         if "duration" in tuple(action.parameters):
@@ -90,7 +92,7 @@ def _durations(problem: ShootingProblem) -> Array:
 
 
 def _flags(robot: Robot, problem: ShootingProblem) -> BoolArray:
-    """Return (N, nc) which of the robot's contact frames are contacts of the action whose flags are set."""
+    """Return (N, nc) flags of the robot's contact frames that are active contacts of the action."""
     found = np.zeros((problem.nodes, robot.nc), dtype=np.bool_)
     for k, action in enumerate(problem.actions):
         contacts = _contacts(action)
@@ -104,8 +106,8 @@ def _flags(robot: Robot, problem: ShootingProblem) -> BoolArray:
 
 
 def _forces(robot: Robot, problem: ShootingProblem, trajectory: Trajectory) -> Array:
-    """Return (N, nc, 3) the forces on the robot's contact frames; zero during impacts, whose unknowns are impulses."""
-    found = np.zeros((problem.nodes, robot.nc, 3))
+    """Return (N, nc, 3) forces on the robot's contact frames, N; zero during impacts, which have impulses."""
+    found, data = np.zeros((problem.nodes, robot.nc, 3)), robot.create_data()
     for k, action in enumerate(problem.actions):
         contacts = _contacts(action)
         if contacts is None or action.expansion is None or isinstance(action, ImpulseAction):
@@ -114,10 +116,15 @@ def _forces(robot: Robot, problem: ShootingProblem, trajectory: Trajectory) -> A
         p = problem.parameters[k, : dynamics.numel_in(2)]
         z = dynamics(trajectory.xs[k], trajectory.us[k, : action.nu], p)[1].full()[:, 0]
         flags = problem.parameters[k, action.parameters["contact_flags"]]
+        pin.framesForwardKinematics(robot.model, data, trajectory.xs[k, : robot.nq])
         start = robot.nv
         for contact, flag in zip(contacts.contacts, flags, strict=True):
             if contact.frame in robot.contact_frames:
-                found[k, robot.contact_frames.index(contact.frame)] = flag * z[start : start + 3]
+                own = z[start : start + contact.size]
+                if contact.size < 3:
+                    rotation = data.oMf[robot.model.getFrameId(contact.frame)].rotation
+                    own = contact.directions(ca.DM(rotation)).full() @ own
+                found[k, robot.contact_frames.index(contact.frame)] = flag * own[:3]
             start += contact.size
     return found
 

@@ -116,7 +116,7 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
 
     Args:
         config: the problem.
-        notify: called with what is being prepared.
+        notify: called with a description of what is being prepared.
 
     Raises:
         LgmpcError: what cannot be built, naming the key.

@@ -1,18 +1,18 @@
-"""State, taken over from one graph of objects by another that was built in the same way from other settings.
+"""Transfer of state between two graphs of objects that were built in the same way from different settings.
 
-A closed loop has state in some forty objects: the plant, queues of delays, generators of random numbers, filters, gait
-clock, contact events, warm starts of solvers. None of them lists it. State is what a run changes: :class:`Beginning`
-records a graph right after it was built, and :func:`take_over` compares the graph with that record, number by number,
-and writes what differs into the corresponding object of the other graph. What the run has not changed follows from the
-settings, and the other graph has its own. So new settings act from there on, an attribute that is added to a class
-tomorrow is taken over without being declared, and a test can check completeness: with equal settings the other graph
-continues bit for bit.
+A closed loop has state in about forty objects: the plant, queues of delays, generators of random numbers, filters, gait
+clock, contact events, warm starts of solvers. None of them declares it. State is defined as what a run changes:
+:class:`Beginning` records a graph right after it was built, and :func:`take_over` compares the graph with that record,
+number by number, and writes the differences into the corresponding object of the other graph. Values that the run has
+not changed follow from the settings, and the other graph has its own. New settings therefore act from then on, new
+attributes of a class are included without declaration, and a test checks completeness: with equal settings the other
+graph continues bit for bit.
 
-Three rules complete this. What a run has put in the place of something else (a plan, a lazily made sampler) is moved,
-and its references to objects of the first graph are replaced by their counterparts. Memory of C++ libraries cannot be
-compared, and bound machine code holds addresses: an object that owns such a thing has a method ``take_over(old)``,
-called last. Where the two graphs differ in structure (a longer horizon, another model), the innermost object around
-with a method ``reset`` keeps nothing: it begins anew, which is reported.
+Three rules complete this. Objects that a run has replaced (a plan, a lazily created sampler) are moved, and their
+references to objects of the first graph are replaced by the counterparts. Memory of C++ libraries cannot be compared,
+and bound machine code contains addresses: an object that owns either has a method ``take_over(old)``, called last.
+Where the two graphs differ in structure (a longer horizon, another model), the innermost enclosing object with a method
+``reset`` is reset, which is reported.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ _VALUES = (
     type(None), bool, int, float, complex, str, bytes, slice, range, type, Enum, PurePath, Settings, ModuleType,
     BuiltinFunctionType, np.generic, np.dtype,
 )  # fmt: skip
-"""What has no parts that a run could change."""
+"""Types of values without parts that a run could change."""
 _LIBRARIES = frozenset("casadi pinocchio mujoco proxsuite piqp osqp numpy scipy ctypes _ctypes typing builtins".split())
-"""Packages whose objects are not looked into."""
+"""Packages whose objects are not traversed."""
 _ABSENT = object()
 Path = tuple[Hashable, ...]
 """Attributes, keys and positions that lead from the root to an object."""
 
 
 class Beginning:
-    """What a graph of objects was when this was made.
+    """A record of a graph of objects.
 
     Args:
         root: the object from which all others are reached. It must not have been run before.
 
     Attributes:
-        root: as given.
+        root: the same object.
     """
 
     def __init__(self, root: object) -> None:
         self.root = root
-        self._objects: dict[int, object] = {}  # holds them, so that no identity is used twice
+        self._objects: dict[int, object] = {}  # references, so that no identity is reused
         self._parts: dict[int, Mapping[Hashable, object]] = {}
         self._arrays: dict[int, np.ndarray[Any, Any]] = {}
         found = [root]
@@ -73,11 +73,11 @@ class Beginning:
             found += parts.values()
 
     def parts(self, of: object) -> Mapping[Hashable, object]:
-        """Return the parts that an object had."""
+        """Return the recorded parts of an object."""
         return self._parts.get(id(of), {})
 
     def changed(self, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        """Return which elements of an array have other bits than they had."""
+        """Return flags of the elements of an array whose bits differ from the record."""
         before = self._arrays[id(array)]
         different: np.ndarray[Any, Any] = _bits(array) != _bits(before)
         return different
@@ -86,18 +86,18 @@ class Beginning:
 def take_over(old: Beginning, new: object, *, draws: bool = True) -> tuple[str, ...]:
     """Write the state of a graph that has run into one that has not.
 
-    The old graph is of no use afterwards: some of its objects are part of the new one.
+    The old graph cannot be used afterwards: some of its objects are part of the new one.
 
     Args:
-        old: recorded before the graph was run.
+        old: record of the graph from before it was run.
         new: root of the other graph.
-        draws: whether generators of random numbers go on where the old ones are.
+        draws: whether the state of random number generators is taken over.
 
     Returns:
-        Paths of the objects that begin anew, because their structure differs.
+        Paths of the objects that were reset, because their structure differs.
 
     Raises:
-        InputError: the structures differ where nothing can begin anew.
+        InputError: the structures differ in an object that cannot be reset.
     """
     pairs = _Pairs(old)
     pairs.match(old.root, new, ())
@@ -117,10 +117,10 @@ class _Pairs:
     """Objects of the old graph with their counterparts in the new one.
 
     Attributes:
-        old: the old graph as it was.
+        old: record of the old graph.
         found: path, old object, new object.
         new_of: counterpart by the old object's identity.
-        anew: paths of the objects that begin anew.
+        anew: paths of the objects to reset.
     """
 
     old: Beginning
@@ -129,7 +129,7 @@ class _Pairs:
     anew: set[Path] = field(default_factory=set)
 
     def match(self, was: Any, now: Any, path: Path, resets: Path | None = None) -> None:
-        """Pair two objects and their parts; ``resets`` is the path of the innermost one around that can begin anew."""
+        """Pair two objects and their parts; ``resets`` is the path of the innermost enclosing object with ``reset``."""
         if isinstance(was, _VALUES) or isinstance(now, _VALUES) or id(was) in self.new_of or was is now:
             return
         if type(was) is not type(now) or (isinstance(was, np.ndarray) and was.shape != now.shape):
@@ -145,11 +145,11 @@ class _Pairs:
                 self.match(part, fresh[key], (*path, key), resets)
 
     def is_anew(self, path: Path) -> bool:
-        """Whether an object, or one around it, begins anew."""
+        """Return whether an object, or one that contains it, is reset."""
         return any(path[: len(each)] == each for each in self.anew)
 
     def _differ(self, path: Path, resets: Path | None, was: object, now: object) -> None:
-        """Let the innermost object around begin anew, if the run has changed anything in what differs."""
+        """Mark the innermost enclosing object for a reset, if the run has changed anything in the differing parts."""
         if not _is_touched(self.old, was):
             return
         if resets is None:
@@ -159,7 +159,7 @@ class _Pairs:
 
 @dataclass
 class _Writer:
-    """Writes what a run changed in an old object into the new one."""
+    """Writes the changes of an old object into its counterpart."""
 
     old: Beginning
     pairs: _Pairs
@@ -185,7 +185,7 @@ class _Writer:
                     _write(now, key, value if value is _ABSENT else self.translated(value))
 
     def translated(self, value: Any) -> Any:
-        """Return the counterpart of an old value, or what the run made with its references translated."""
+        """Return the counterpart of an old value, or a new value of the run with its references translated."""
         if isinstance(value, _VALUES):
             return value
         if id(value) in self.pairs.new_of:
@@ -206,7 +206,7 @@ class _Writer:
 
 
 def _changes(old: Beginning, each: object) -> Iterator[tuple[Hashable, Any]]:
-    """Yield what the run put in the place of other parts, or took away (:data:`_ABSENT`)."""
+    """Yield the parts that the run replaced or removed (:data:`_ABSENT`)."""
     before, after = old.parts(each), _parts(each)
     for key in {**before, **after}:
         a, b = before.get(key, _ABSENT), after.get(key, _ABSENT)
@@ -216,7 +216,7 @@ def _changes(old: Beginning, each: object) -> Iterator[tuple[Hashable, Any]]:
 
 
 def _is_touched(old: Beginning, root: object) -> bool:
-    """Whether the run changed an object, or anything that it consisted of."""
+    """Return whether the run changed an object or any of its parts."""
     found, seen = [root], set()
     while found:
         each = found.pop()
@@ -230,7 +230,7 @@ def _is_touched(old: Beginning, root: object) -> bool:
 
 
 def _same(a: object, b: object) -> bool:
-    """Whether two parts are one object, or numbers or texts with the same bits; NaN equals itself."""
+    """Return whether two parts are the same object, or numbers or texts with equal bits; NaN equals itself."""
     if a is b:
         return True
     if isinstance(a, float) and isinstance(b, float):
@@ -270,7 +270,7 @@ def _filled(cell: CellType) -> bool:
 
 
 def _write(owner: Any, key: Any, value: Any) -> None:
-    """Put a part in its place, or take it away."""
+    """Set or remove a part of an object."""
     if isinstance(owner, (dict, list)):
         if value is not _ABSENT:
             owner[key] = value

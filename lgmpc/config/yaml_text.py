@@ -16,7 +16,7 @@ from lgmpc.errors import ConfigError
 __all__ = ["MOST_VALUES", "parse_scalar", "parse_yaml", "write_yaml"]
 
 MOST_VALUES = 100_000
-"""Most values and keys of a document, aliases expanded: the shipped configs have fewer than 200."""
+"""Largest number of values and keys of a document, aliases expanded: the shipped configs have fewer than 200."""
 
 _TYPES = (
     ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -148,7 +148,7 @@ def _expanded_size(node: yaml.Node, name: str, sizes: dict[int, int | None]) -> 
 
 
 def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str]) -> None:
-    """Fill ``places`` below ``node``; raise for what a config must not contain."""
+    """Fill ``places`` below ``node``; raise for nodes that a config must not contain."""
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
             key = f"{path}.{i}" if path else str(i)

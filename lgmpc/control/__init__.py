@@ -1,6 +1,6 @@
-"""Controllers composed of the other rooms' parts, and the interface by which a plant or a robot drives them.
+"""Controllers composed of the other packages' parts, and their interface to plants and robots.
 
-Only :mod:`lgmpc.control.interface` is imported with the room: plants and estimators need no controller.
+Only :mod:`lgmpc.control.interface` is imported with the package: plants and estimators require no controller.
 """
 
 from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState

@@ -9,7 +9,7 @@ import numpy as np
 
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
-from lgmpc.locomotion.contacts import ContactEvents, ContactState
+from lgmpc.locomotion.contacts import ContactEvents
 from lgmpc.locomotion.foothold_room import FootholdRoom
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
@@ -21,6 +21,7 @@ from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.mpc import Plan
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
+from lgmpc.wbc import Contacts, Task
 
 __all__ = ["Feet"]
 
@@ -37,6 +38,8 @@ class Feet:
         robot: the controller's model.
         settings: of locomotion.
         gaits: by name, as commands choose them.
+        contacts: of the whole-body QP, to write to.
+        contact_age: of measured contacts, at the time for which the feet are updated, s.
 
     Attributes:
         legs: geometry of the legs.
@@ -53,9 +56,16 @@ class Feet:
         ground: mean height of the feet that carry, m; of the lowest foot if none does.
     """
 
-    def __init__(self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        settings: LocomotionSettings,
+        gaits: Mapping[str, Gait],
+        contacts: Contacts,
+        contact_age: float = 0.0,
+    ) -> None:
         self.legs = LegGeometry.of(robot)
-        self._settings, self._gaits = settings, gaits
+        self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
@@ -64,15 +74,17 @@ class Feet:
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
         self._decided: list[Array | None] = [None] * robot.nc
-        self._stood = np.ones(robot.nc, dtype=np.bool_)
+        self._may_stretch = True  # whether long steps may take longer than scheduled
+        self._contacts, self._shares = contacts, [1.0] * robot.nc
+        self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
         """Begin to stand at ``points`` (nc, 3); feet without contact are put down first."""
         self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
-        self.events = ContactEvents(self.clock, self._weight, self._settings.contacts)
+        self.events = ContactEvents(self.clock, self._weight, self._settings.contacts, self._contact_age)
         self.stance = self.events.stance
-        self._stood[:] = self.stance
+        self._stood: list[bool] = self.stance.tolist()
         for foot in np.flatnonzero(~self.stance).tolist():
             swing = self.clock.swing(foot, time)
             assert swing is not None
@@ -82,6 +94,7 @@ class Feet:
         self.stepping = not self.standing
         self.footholds[:] = points
         self.position[:] = points
+        self.velocity[:] = self.acceleration[:] = 0.0
         self.ground = self._height_of_ground(self.stance.tolist())
         self._decided = [None] * len(points)
 
@@ -92,9 +105,11 @@ class Feet:
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand."""
-        # A robot without gaits stands, whatever gait the command names by default.
-        name = command.gait if command.moves or command.gait in self._gaits else "stand"
-        self.clock.follow(time, find_gait(self._gaits, name), command.moves)
+        self._may_stretch = True
+        if command.moves:
+            self.clock.follow(time, find_gait(self._gaits, command.gait), True)
+        else:
+            self.clock.stop(time)
 
     def step_schedules(self) -> tuple[StepSchedule, ...]:
         """Return the schedules to choose from where a push makes the robot step."""
@@ -102,7 +117,8 @@ class Feet:
         return step_schedules(find_gait(self._gaits, settings.gait), settings.cycle_shares)
 
     def start(self, time: float, schedule: StepSchedule) -> None:
-        """Start to step, until a command is followed."""
+        """Start to step, until a command is followed; no step takes longer than in the forecast that chose it."""
+        self._may_stretch = False
         self.clock.start(time, schedule.gait, first=schedule.first)
         self.standing, self.stepping = False, True
 
@@ -143,17 +159,21 @@ class Feet:
         """
         stance = self.events.update(time, contacts)
         stands = stance.tolist()
-        self.changed = stands != self._stood.tolist()
+        self.changed = stands != self._stood
         if all(stands):
-            self.footholds[:] = self.position[:] = points
-            self.velocity[:] = self.acceleration[:] = 0.0
+            self.footholds[...] = points
+            self.position[...] = points
+            if self.changed:
+                self.velocity[:] = self.acceleration[:] = 0.0
+            heights = points[:, 2].tolist()
+            self.ground = sum(heights) / len(heights)
         else:
             for foot, carries in enumerate(stands):
                 self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
-        self._stood[:] = stance
+            self.ground = self._height_of_ground(stands)
+        self._stood = stands
         self.standing = self.events.resting
         self.stepping = not (self.standing or self.clock.rests(time))
-        self.ground = self._height_of_ground(stands)
 
     def _height_of_ground(self, stands: list[bool]) -> float:
         """Return the mean height of the feet that carry; the lowest foot's if none does."""
@@ -175,17 +195,21 @@ class Feet:
 
     def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)
-        if swing is None or self.events.states[foot] is ContactState.LOST:
+        if swing is None or self.events.searching(foot):
             self._swings[foot].search(time, point)
             return
         self._aim(foot, time, swing.touchdown, motion)
-        self._swings[foot].lift_off(time, swing.touchdown, point, velocity, self.footholds[foot])
+        path = self._swings[foot]
+        latest = self.clock.latest_touchdown(foot, time) if self._may_stretch else None
+        path.lift_off(time, swing.touchdown, point, velocity, self.footholds[foot], latest)
+        self.clock.stretch(foot, time, path.touchdown)
 
     def _move(self, foot: int, time: float, motion: BaseMotion) -> None:
         path = self._swings[foot]
         if not self.events.searching(foot):
             self._aim(foot, time, path.touchdown, motion)
-            path.retarget(time, self.footholds[foot])
+            if path.retarget(time, self.footholds[foot]):
+                self.clock.stretch(foot, time, path.touchdown)
         path.sample(time, self.position[foot], self.velocity[foot], self.acceleration[foot])
         self.footholds[foot] = path.target
 
@@ -211,9 +235,18 @@ class Feet:
             if not column[0] and True in column:
                 self._decided[foot] = plan.footholds[column.index(True), foot]
 
-    def loading(self, time: float, shares: Array) -> None:
-        """Write (nc,) the share of its largest force that each foot may carry now."""
-        shares[:] = self.events.loading(time)
+    def write_contacts(self, time: float, swing: Task) -> None:
+        """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
+        contacts, shares = self._contacts, self.events.loading(time)
+        contacts.stance[...] = self.stance
+        if shares != self._shares:
+            self._shares = shares
+            np.multiply(shares, self._highest, out=contacts.highest_normal)
+            np.minimum(self._lowest, contacts.highest_normal, out=contacts.lowest_normal)
+        if not self.standing:
+            target = swing.target
+            target.position[...], target.velocity[...] = self.position, self.velocity
+            target.acceleration[...] = self.acceleration
 
     def write_horizon(
         self,

@@ -1,7 +1,7 @@
-"""What a controller exchanges with the world: state and measurement in, command out.
+"""The interface between a controller and a plant or robot: measurement, state, command.
 
-A simulated plant and a robot's drivers offer and take the same values, so a controller depends on neither. This module
-imports no other part of the room. The values are tuples with names: made at every tick, those cost a quarter of frozen
+Simulated plants and drivers of robots exchange the same values, so a controller depends on neither. This module imports
+no other module of the package. The values are tuples with names: made at every tick, those cost a quarter of frozen
 dataclasses.
 """
 
@@ -69,11 +69,12 @@ class Command(NamedTuple):
     kp: float = 0.0
     kd: float = 0.0
 
-    def torque(self, joints: Array, rates: Array) -> Array:
-        """Return the torque (nu,) of the drives at joint positions ``joints`` and velocities ``rates``."""
+    def torque(self, q: Array, v: Array) -> Array:
+        """Return the torque (nu,) of the drives at positions and velocities whose last nu elements are the joints'."""
         if self.kp == 0.0 and self.kd == 0.0:
             return self.tau
-        torque: Array = self.tau + self.kp * (self.q_des - joints) + self.kd * (self.v_des - rates)
+        nu = self.tau.size
+        torque: Array = self.tau + self.kp * (self.q_des - q[-nu:]) + self.kd * (self.v_des - v[-nu:])
         return torque
 
     @classmethod
@@ -83,14 +84,14 @@ class Command(NamedTuple):
 
 
 class Controller(Protocol):
-    """Computes a joint command from the state; it never raises for what the robot does."""
+    """Computes a joint command from the state; it raises for no state."""
 
     def update(self, state: RobotState) -> Command:
         """Return the command to apply until the next control tick."""
 
 
 class Estimator(Protocol):
-    """Computes the state from what the sensors measure; it never raises for what they return."""
+    """Computes the state from measurements; it raises for no measurement."""
 
     def update(self, measurement: Measurement) -> RobotState:
         """Return the state at the time of the measurement."""

@@ -10,25 +10,21 @@ from time import perf_counter
 
 import numpy as np
 
-from lgmpc.control.fall_monitor import FallMonitor, RestMonitor
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.lying import Folding, Lift
-from lgmpc.control.modes import Mode, ModeMachine, Situation, Transition
+from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Situation, Transition
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
-from lgmpc.control.reference import ComReference
-from lgmpc.control.settings import ModeSettings
+from lgmpc.control.reference import ComReference, DesiredMotion
 from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, StatePredictor
-from lgmpc.locomotion.command import CommandLimiter, CommandSource, CommandTimeline, MotionCommand
+from lgmpc.locomotion.command import CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
-from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodyTerms
-from lgmpc.wbc.tasks import Target
 
 __all__ = ["LeggedController"]
 
@@ -97,28 +93,20 @@ class LeggedController:
         self.wbc = wbc
         self.floor = floor
         self.planner = planner
-        self.feet = Feet(robot, settings, gaits_of(robot, settings) if gaits is None else gaits)
+        named = gaits_of(robot, settings) if gaits is None else gaits
+        self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s)
         self.command = MotionCommand()
         self.commands: CommandSource = CommandTimeline(()) if commands is None else commands
-        self._offset = offset
-        self._limiter = CommandLimiter(settings.limits)
-        self._reference = ReferenceBuilder(robot, self.feet.legs, settings.reference)
-        self._posture = robot.q_reference[robot.joint_q]
-        self._node_times = np.zeros(1)
-        if planner is not None:
-            s = planner.mpc.settings
-            self._node_times = s.node_s * np.arange(s.nodes + 1, dtype=np.float64)
+        self._desired = DesiredMotion(robot, self.feet.legs, settings, offset)
+        self.target, self.base_target = self._desired.target, self._desired.base_target
         delayed = delays is not None and delays.total_s > 0.0
         self._predictor = StatePredictor(robot, period, delays) if delays is not None and delayed else None
         self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
         self.joint_friction = joint_friction
         self._period = period
         self._time, self._elapsed = math.nan, period
-        self._shares = np.ones(robot.nc)
-        self._lowest, self._highest = wbc.contacts.lowest_normal.copy(), wbc.contacts.highest_normal.copy()
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
-        self._followed = self.command
-        self.push_steps = PushSteps(settings.reaction, self.feet, self._reference, robot.mass)
+        self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass)
         self._mode_settings = ModeSettings() if modes is None else modes
         self.modes = ModeMachine()
         self._situation = Situation()
@@ -127,14 +115,12 @@ class LeggedController:
         self._folding = Folding(robot, self._mode_settings.lying)
         self._lift = Lift(self._mode_settings.lying)
         self._displaced_since = math.inf
-        self._mass = robot.mass
         self._weight = -robot.mass * float(robot.gravity[2])
         self._grip = _GRIP_SHARE * self._weight / robot.mass
         self._begun = False
+        self._joints, self._rates = robot.joint_q, robot.joint_v
         self._at_rest = np.zeros(robot.nu)
         self._at_rest.flags.writeable = False
-        self.target = np.zeros(3)
-        self.base_target = robot.q_reference[:7].copy()
         self.wbc_ms = 0.0
 
     @property
@@ -156,12 +142,8 @@ class LeggedController:
     def update(self, state: RobotState) -> Command:
         """Return the joint torques for the measured state; never raises for what the robot does."""
         started = perf_counter()
-        measured = state
-        if self._predictor is not None:
-            self._measured.update(state.q, state.v)
-            state = self._predictor.predict(state)
-        terms = self.wbc.sense(state.q, state.v)
-        finite = math.isfinite(sum(state.q.tolist()) + sum(state.v.tolist()))
+        measured, state = state, self._at_effect(state)
+        finite = self.wbc.sense(state.q, state.v).finite
         request = self.commands.at(state.time)
         if not self._begun:
             if not finite:
@@ -175,43 +157,61 @@ class LeggedController:
         missed = self._advance_clock(state.time)
         if finite:
             self._step(state, request)
-            self._set_targets(state.time)
             if self.joint_friction is not None:
                 self.wbc.joint_friction[:] = self.joint_friction.update(measured, self.feet.stance, missed)
         planner = self.planner if mode.upright else None
         if planner is not None:
-            if missed:
-                planner.observer.miss(missed)
-            self.wbc.external_wrench[:] = planner.observe(self._measured.momentum)
-            # Feet that have just touched down would carry nothing until a plan includes them.
-            if planner.due(state.time) or self.feet.changed:
-                self._write_horizon(state.time, planner)
-                plan = planner.plan_from(state.time, terms)
-                self.feet.decide(plan, planner.contacts.flags)
-                self.push_steps.watch(state.time, plan, terms.contact_points)
-                self._return_feet(state.time)
-            else:
-                self._decide(state.time, planner)
-            planner.follow(state.time, self.wbc)
-        self.wbc.solve()
-        solved = self.wbc.status is TickStatus.SOLVED
-        if solved and self._predictor is not None:
-            self._predictor.expect(self.wbc.acceleration)
-        if planner is not None:
-            if solved:
-                planner.expect(terms, self.wbc.acceleration)
-            else:
-                planner.skip()
-        if self.joint_friction is not None:
-            self.joint_friction.expect(self.wbc.tau)
-        joints = state.q[self.robot.joint_q]
-        command = Command(self.wbc.tau.copy(), joints, self._at_rest, 0.0, self.wbc.damping)
+            self._plan(state.time, planner, missed)
+        status = self.wbc.solve()
+        self._expect(planner, status is TickStatus.SOLVED)
+        command = Command(self.wbc.tau.copy(), state.q[self._joints], self._at_rest, 0.0, self.wbc.damping)
         self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
         return command
 
+    def _at_effect(self, state: RobotState) -> RobotState:
+        """Return the state in which the command will act: the measured one, unless there are delays."""
+        if self._predictor is None:
+            return state
+        self._measured.update(state.q, state.v)
+        return self._predictor.predict(state)
+
+    def _plan(self, time: float, planner: Planner, missed: int) -> None:
+        """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
+        wbc, terms, steps = self.wbc, self.wbc.terms, self.push_steps
+        if missed:
+            planner.observer.miss(missed)
+        wbc.external_wrench[...] = planner.observe(self._measured.momentum)
+        # Feet that have just touched down would carry nothing until a plan includes them.
+        if planner.due(time) or self.feet.changed:
+            self._write_horizon(time, planner)
+            plan = planner.plan_from(time, terms)
+            self.feet.decide(plan, planner.contacts.flags)
+            steps.watch(time, plan, terms.contact_points)
+            self._return_feet(time)
+        elif steps.deciding and steps.decide(
+            time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2]
+        ):
+            self._situation.reacting = True
+            planner.expire()
+        planner.follow(time, wbc)
+
+    def _expect(self, planner: Planner | None, solved: bool) -> None:
+        """Give the estimators what the new command should lead to."""
+        wbc = self.wbc
+        if solved and self._predictor is not None:
+            self._predictor.expect(wbc.acceleration)
+        if planner is not None:
+            if solved:
+                planner.expect(wbc.terms, wbc.acceleration)
+            else:
+                planner.skip()
+        if self.joint_friction is not None:
+            self.joint_friction.expect(wbc.tau)
+
     def _advance_clock(self, time: float) -> int:
         """Measure the time since the last update, in whole periods; return how many ticks were missed."""
-        periods = 1 if math.isnan(self._time) else max(1, round((time - self._time) / self._period))
+        elapsed = (time - self._time) / self._period
+        periods = round(elapsed) if elapsed > 1.0 else 1  # also at the first update, where it is NaN
         self._time, self._elapsed = time, periods * self._period
         return periods - 1
 
@@ -219,19 +219,19 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, situation, time = self.modes, self._situation, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        upright = float(terms.rotation[2, 2])
-        situation.request, situation.moving, situation.stepping = request.mode, self.command.moves, feet.stepping
-        situation.reacting = situation.reacting and feet.stepping and not self.command.moves
+        upright, moving = terms.upright, self.command.moves
+        situation.request, situation.moving, situation.stepping = request.mode, moving, feet.stepping
+        situation.reacting = situation.reacting and feet.stepping and not moving
         situation.failure = ""
         if mode is Mode.DAMP:
             situation.rearmed = self._rest.update(time, upright, state.v, request.mode)
         elif mode is Mode.LIE:
             situation.failure, situation.folded = self._fall.tilted(upright), self._folding.done(time)
         else:
-            height, solved = float(terms.com[2]), self.wbc.status is TickStatus.SOLVED
+            height, solved = terms.z, self.wbc.status is TickStatus.SOLVED
             situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
             if mode.upright and not situation.failure:
-                touching = state.contacts is None or any(state.contacts.tolist())
+                touching = state.contacts is None or True in state.contacts.tolist()
                 situation.failure = self._fall.update_support(time, height - self.feet.ground, touching)
         transition = machine.update(situation)
         if transition is not None:
@@ -250,7 +250,7 @@ class LeggedController:
             self.wbc.reset()
             self._rest.begin(situation.request)
         elif mode is Mode.LIE:
-            self._folding.begin(state.time, state.q[self.robot.joint_q], self.wbc.tau)
+            self._folding.begin(state.time, state.q[self._joints], self.wbc.tau)
             self.wbc.reset()
         elif mode is Mode.RISE:
             self._begin_rising(state.time)
@@ -261,7 +261,8 @@ class LeggedController:
             self.planner.reset()
         elif transition.name == "halt":
             # It was to move, not to reach a place: it stands above its feet, wherever they came down.
-            self._reference.begin(self._above_feet(self._reference.yaw), self._reference.yaw)
+            heading = self._desired.builder.yaw
+            self._desired.builder.begin(self._above_feet(heading), heading)
         if not mode.upright:
             self.push_steps.stop()
             self.wbc.external_wrench[:] = 0.0
@@ -270,16 +271,15 @@ class LeggedController:
 
     def _begin_rising(self, time: float) -> None:
         """Stand where the feet are, and begin the way there from the belly."""
-        terms = self.wbc.terms
-        yaw = math.atan2(terms.rotation[1, 0], terms.rotation[0, 0])
+        terms, yaw = self.wbc.terms, self.wbc.terms.yaw
         self.wbc.stand()
         self.wbc.contacts.target_forces[:] = 0.0
         self.wbc.contacts.target_forces[:, 2] = self._weight / self.robot.nc
         self.floor.reset()
         self.feet.begin(time, terms.contact_points, None)
-        self._limiter.command = MotionCommand()
+        self._desired.rest()
         standing = self._above_feet(yaw)
-        self._reference.begin(standing, yaw)
+        self._desired.builder.begin(standing, yaw)
         self._lift.begin(time, terms.com - standing, np.zeros(3))
 
     def _above_feet(self, yaw: float) -> Array:
@@ -291,84 +291,34 @@ class LeggedController:
         return above
 
     def _step(self, state: RobotState, request: MotionCommand) -> None:
-        """Follow the command with reference and feet, and give the whole-body QP its contacts and swing targets."""
-        time, terms, contacts = state.time, self.wbc.terms, self.wbc.contacts
+        """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
+        time, wbc, terms, feet, steps = state.time, self.wbc, self.wbc.terms, self.feet, self.push_steps
         lifting = self.modes.mode in _LIFTING
         if lifting or request.mode != "stand":
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
-        followed = self.push_steps.way_back(request)
-        self._followed = command = self._limiter.step(followed, self._elapsed, self._grip * self.floor.coefficient)
-        going_back = self.push_steps.active
-        self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if going_back else command
-        yaw = math.atan2(terms.rotation[1, 0], terms.rotation[0, 0])
-        self._reference.advance(self._elapsed, command)
-        if self.feet.stepping:
-            self._reference.shorten(terms.com, yaw)
-        wanted = self._reference.velocity(command)
-        (x, y), (px, py), mass = terms.com[:2].tolist(), terms.momentum[:2].tolist(), self._mass
-        astray = (x - self._reference.x, y - self._reference.y)
-        ramp = self._limiter.ramp.turned(yaw)
-        self._motion = motion = BaseMotion(x, y, px / mass, py / mass, yaw, command.yaw_rate, *wanted, *astray, ramp)
-        feet = self.feet
-        self.push_steps.follow(time, command)
+        if steps.active or steps.deciding:
+            request = steps.way_back(request)
+        grip = self._grip * self.floor.coefficient
+        self._motion = motion = self._desired.follow(request, self._elapsed, grip, terms, feet.stepping)
+        command = self._desired.command
+        self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
+        if steps.active:
+            steps.follow(time, command)
+        else:
+            feet.follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
-        self.wbc.weigh(feet.stepping)
-        feet.loading(time, self._shares)
+        feet.write_contacts(time, wbc.tasks["swing"])
+        wbc.contacts.friction[...] = self.floor.update(terms.contact_velocities, feet.settled, wbc.forces)
+        wbc.weigh(feet.stepping)
+        self._desired.write_targets(wbc.tasks, time, feet.ground)
         if lifting:
             self._situation.lifted = self._lift.update(time)
-            self.wbc.external_wrench[2] = self._lift.support * self._weight
-        contacts.stance[:] = feet.stance
-        contacts.friction[:] = self.floor.update(terms.contact_velocities, feet.settled, self.wbc.forces)
-        np.multiply(self._shares, self._highest, out=contacts.highest_normal)
-        np.minimum(self._lowest, contacts.highest_normal, out=contacts.lowest_normal)
-        if not feet.standing:
-            swing = self.wbc.tasks["swing"].target
-            swing.position[:], swing.velocity[:] = feet.position, feet.velocity
-            swing.acceleration[:] = feet.acceleration
-
-    def _set_targets(self, time: float) -> None:
-        """Write the reference into the tasks: what the whole-body QP tracks where no plan says otherwise."""
-        pose, tasks = self._reference.pose(self._followed, self.feet.ground), self.wbc.tasks
-        com, base, origin = tasks["com"].target, tasks["base_orientation"].target, tasks["base_position"].target
-        self.target[:], self.base_target[:] = pose.com, pose.base_pose
-        com.velocity[:], com.acceleration[:] = pose.velocity, 0.0
-        if self._offset is not None:
-            offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
-            self.target += offset
-            self.base_target[:3] += offset
-            com.velocity[:] += velocity
-            com.acceleration[:] = acceleration
-        com.position[:] = self.target
-        origin.position[:], origin.velocity[:] = self.base_target[:3], com.velocity
-        base.rotation[:] = pose.rotation
-        np.multiply(pose.rotation[2], pose.yaw_rate, out=base.angular_velocity)  # the vertical, in the target's axes
-        turning, joints = tasks["angular_momentum"].target, tasks["posture"].target
-        turning.momentum[:] = turning.rate[:] = 0.0
-        joints.position[:], joints.velocity[:] = self._posture, 0.0
-        if self.modes.mode in _LIFTING:
-            self._set_lift(com, origin, joints)
-
-    def _set_lift(self, com: Target, origin: Target, joints: Target) -> None:
-        """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""
-        lift = self._lift
-        self.target += lift.offset
-        self.base_target[:2] += lift.offset[:2]
-        self.base_target[2] += self._folding.base_share * lift.offset[2]
-        com.position[:], com.velocity[:], com.acceleration[:] = self.target, lift.velocity, lift.acceleration
-        origin.position[:], origin.velocity[:] = self.base_target[:3], lift.velocity
-        joints.position[:] = self._posture + lift.lying * (self._folding.lying - self._posture)
-
-    def _decide(self, time: float, planner: Planner) -> None:
-        """Take part of the decision to step, if there is one to be made, and plan anew once it is."""
-        if self.push_steps.decide(
-            time, planner, self.wbc.terms, self._motion, self._friction(planner), self.wbc.forces[:, 2]
-        ):
-            self._situation.reacting = True
-            planner.expire()
+            wbc.external_wrench[2] = self._lift.support * self._weight
+            self._desired.write_lift(wbc.tasks, self._lift, self._folding)
 
     def _return_feet(self, time: float) -> None:
         """Step in place if a foot of a robot at rest is far from where it belongs."""
-        settings, motion, reference = self._mode_settings, self._motion, self._reference
+        settings, motion, reference = self._mode_settings, self._motion, self._desired.builder
         displaced = (
             self.feet.standing
             and not self.command.moves
@@ -383,11 +333,8 @@ class LeggedController:
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
         self.feet.write_horizon(time, settings.node_s, self._motion, self._friction(planner), planner.contacts)
-        self._reference.write(planner.motion, self._followed, settings.node_s, self.feet.ground, self._limiter.ramp)
-        if self._offset is not None:
-            offset, velocity, _ = self._offset.sample(time + self._node_times)
-            planner.motion.com += offset
-            planner.motion.com_velocity += velocity
+        self._desired.write_horizon(planner.motion, time, settings.node_s, self.feet.ground)
+        planner.motion.catching = self.push_steps.active
 
     def _friction(self, planner: Planner) -> float:
         """Friction coefficient to rely on over the horizon."""
@@ -398,14 +345,14 @@ class LeggedController:
         terms, legs = self.wbc.terms, self.feet.legs
         self._begun = True
         heights = terms.contact_points[:, 2]
-        low = float(terms.com[2] - heights.min()) < 0.5 * (self._folding.height + legs.height)
-        if self._fall.tilted(float(terms.rotation[2, 2])):
+        low = terms.z - float(heights.min()) < 0.5 * (self._folding.height + legs.height)
+        if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
             self._rest.begin(self.commands.at(state.time).mode)
             return
         if low:
             self.modes.begin(Mode.LIE)
-            self._folding.begin(state.time, state.q[self.robot.joint_q], self.wbc.tau)
+            self._folding.begin(state.time, state.q[self._joints], self.wbc.tau)
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
@@ -415,13 +362,13 @@ class LeggedController:
             contacts |= state.contacts
         self._situation.reacting = not bool(contacts.all())
         self.feet.begin(state.time, terms.contact_points, contacts)
-        self._reference.begin(terms.com, math.atan2(terms.rotation[1, 0], terms.rotation[0, 0]))
+        self._desired.builder.begin(terms.com, terms.yaw)
         if self.planner is not None:
             self.planner.reset()
 
     def _lie(self, state: RobotState) -> Command:
         """Return the command that folds the legs under the trunk and holds them."""
-        joints, rates = state.q[self.robot.joint_q], state.v[self.robot.joint_v]
+        joints, rates = state.q[self._joints], state.v[self._rates]
         self.target[:], self.base_target[:] = self.wbc.terms.com, state.q[:7]
         self.wbc.tau[:] = self._folding.torques(state.time, joints, rates)
         return Command(self.wbc.tau.copy(), joints, np.zeros(self.robot.nu))
@@ -433,4 +380,4 @@ class LeggedController:
 
     def _damp(self, state: RobotState) -> Command:
         nothing = np.zeros(self.robot.nu)
-        return Command.damping(nothing, state.q[self.robot.joint_q], self.wbc.settings.fallback_damping_nms)
+        return Command.damping(nothing, state.q[self._joints], self.wbc.settings.fallback_damping_nms)

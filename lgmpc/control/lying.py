@@ -1,4 +1,4 @@
-"""Lying, and the ways up from the belly and down onto it."""
+"""Lying on the belly, rising from it and lying down."""
 
 from __future__ import annotations
 
@@ -13,29 +13,30 @@ from lgmpc.typing import Array
 
 __all__ = ["Folding", "Lift", "LyingSettings"]
 
-_NEAR = 0.2  # rad from the lying posture, within which the legs go straight to it
+_NEAR = 0.2  # rad from the lying posture, within which the legs move to it directly
 _SHORTEST = 0.3  # s of a stroke of the legs
 
 
 class LyingSettings(Settings):
-    """How the legs are folded, and how fast the robot rises and lies down."""
+    """Folding of the legs, and durations of rising and lying down."""
 
     fold_rate_rad_s: Positive = Field(
-        default=1.5, description="Mean rate of the joint that goes the longest way while the legs are folded, rad/s."
+        default=1.5,
+        description="Mean rate of the joint with the largest displacement while the legs are folded, rad/s.",
     )
-    clearance_m: NonNegative = Field(default=0.02, description="How far the feet are lifted meanwhile, m.")
-    stiffness: Positive = Field(default=3.0, description="Of the folded legs, in torque limits a rad.")
-    damping_s: Positive = Field(default=0.03, description="Of the folded legs, in torque limits a rad/s.")
+    clearance_m: NonNegative = Field(default=0.02, description="Height by which the feet are lifted meanwhile, m.")
+    stiffness: Positive = Field(default=3.0, description="Stiffness of the folded legs, in torque limits per rad.")
+    damping_s: Positive = Field(default=0.03, description="Damping of the folded legs, in torque limits per rad/s.")
     effort_share: Fraction = Field(default=0.9, description="Largest torque of the folding legs, in torque limits.")
-    rise_s: Positive = Field(default=1.5, description="Time in which the robot rises or lowers itself, s.")
-    load_s: Positive = Field(default=0.4, description="Time in which the feet take over the weight, or release it, s.")
+    rise_s: Positive = Field(default=1.5, description="Duration of rising and of lying down, s.")
+    load_s: Positive = Field(default=0.4, description="Duration of loading and unloading of the feet, s.")
 
 
 class Folding:
     """Folds the legs of a robot that lies on its belly, in joint space, and holds them folded.
 
-    The feet are lifted on the way, so that they do not drag over the floor, and put down where they stand in the
-    reference posture: from there the robot rises without a step.
+    The feet are lifted on the way, so that they do not drag over the floor, and put down at their positions in the
+    reference posture, from which the robot rises without a step.
 
     Args:
         robot: the controller's model.
@@ -43,9 +44,9 @@ class Folding:
 
     Attributes:
         lying: (nu,) joints of the lying posture, rad.
-        height: of the centre of mass above the contact points in that posture, m.
-        crouch: the same of the lowest posture on the feet, from which the legs fold, m.
-        base_share: how far the base sinks from standing to lying, over how far the centre of mass does.
+        height: height of the centre of mass above the contact points in that posture, m.
+        crouch: the same in the lowest posture on the feet, from which the legs fold, m.
+        base_share: descent of the base from standing to lying over that of the centre of mass.
     """
 
     def __init__(self, robot: Robot, settings: LyingSettings) -> None:
@@ -75,7 +76,7 @@ class Folding:
         Args:
             t: time, s.
             joints: (nu,) present positions.
-            torque: (nu,) present torque, which fades over ``load_s``.
+            torque: (nu,) present torque, which decays to zero over ``load_s``.
         """
         self._torque[:] = torque
         near = bool(np.abs(joints - self.lying).max() < _NEAR)
@@ -109,8 +110,8 @@ class Folding:
 class Lift:
     """Moves the centre of mass up from the belly or down onto it, all feet on the ground: an offset from standing.
 
-    Before the way up the feet take over the weight from the floor under the trunk, whose share falls linearly. After
-    the way down they need not have returned it: a joint limit may be in the way, which a folding leg does not mind.
+    Before rising, the weight is transferred linearly from the floor under the trunk to the feet. After lying down the
+    feet may still carry a part of it: a joint limit may prevent the transfer, which the folding legs complete.
 
     Args:
         settings: see :class:`LyingSettings`.
@@ -120,7 +121,7 @@ class Lift:
         velocity: (3,) m/s.
         acceleration: (3,) m/s2.
         support: share of the weight that the floor carries under the trunk.
-        lying: share of the way from standing to lying that is not behind it.
+        lying: position between standing, 0, and lying, 1.
     """
 
     def __init__(self, settings: LyingSettings) -> None:
@@ -152,7 +153,7 @@ class Lift:
 
 
 def least_jerk(x: float) -> tuple[float, float, float]:
-    """Return the share of the way at the share ``x`` of the time, and its two derivatives (Flash and Hogan, 1985)."""
+    """Return the minimum-jerk position, 0 to 1, at the share ``x`` of the time, and its first two derivatives."""
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
         30.0 * x**2 * (1.0 - x) ** 2,

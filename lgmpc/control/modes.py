@@ -1,24 +1,84 @@
-"""The modes of a legged robot and the transitions between them: what it does now, and why it changes to something else.
+"""The modes of a legged robot and the transitions between them, as a state machine.
 
-Commands request one of three things (``stand``, ``lie``, ``damp``); which mode serves a request, and through which
-modes the robot gets there, is decided here, by named transitions alone::
+Commands request one of three modes (``stand``, ``lie``, ``damp``); the sequence of modes that leads there is determined
+here by named transitions::
 
     damp -- re-arm --> lie -- rise --> rise -- risen --> stand <--> locomote, recover
                         ^                                  |
                         +------ lain -- sit <-- sit down --+      any mode -- give up, emergency stop --> damp
+
+Their conditions are evaluated by :class:`FallMonitor` (tilt, height, contacts, tracking, solver failures) and
+:class:`RestMonitor` (when a damped robot may move again).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated, Literal
 
-__all__ = ["TRANSITIONS", "Mode", "ModeMachine", "Situation", "Transition"]
+from pydantic import Field
+
+from lgmpc.control.lying import LyingSettings
+from lgmpc.settings import Fraction, Positive, Settings
+from lgmpc.typing import Array
+
+__all__ = [
+    "TRANSITIONS",
+    "FallMonitor",
+    "FallSettings",
+    "Mode",
+    "ModeMachine",
+    "ModeSettings",
+    "RestMonitor",
+    "Situation",
+    "Transition",
+]
+
+
+class FallSettings(Settings):
+    """Limits beyond which a robot is damped: its joints have no torque but damping."""
+
+    tilt_deg: Annotated[Positive, Field(le=180.0)] = Field(
+        default=60.0, description="Tilt of the base at which the robot is damped at once, degrees."
+    )
+    height_share: Fraction = Field(
+        default=0.5,
+        description="Smallest height of the centre of mass above the feet, as a share of that of standing.",
+    )
+    low_s: Positive = Field(default=0.1, description="Longest time below that height, s.")
+    height_error_share: Positive = Field(
+        default=0.4, description="Largest error of the height, as a share of the height of standing."
+    )
+    tilt_error_deg: Positive = Field(default=40.0, description="Largest tilt error, degrees.")
+    tracking_s: Positive = Field(default=0.2, description="Longest time with larger errors of height or tilt, s.")
+    unsupported_s: Positive = Field(default=0.25, description="Longest time without measured contact of any foot, s.")
+    failing_s: Positive = Field(
+        default=0.1, description="Longest time without a solution of the whole-body controller, s."
+    )
+
+
+class ModeSettings(Settings):
+    """Lying, rising, fall detection and recovery of a robot."""
+
+    lying: LyingSettings = Field(default=LyingSettings(), description="Lying on the belly, rising and lying down.")
+    fall: FallSettings = Field(default=FallSettings(), description="Fall detection.")
+    rearm: Literal["on_command", "automatic"] = Field(
+        default="on_command",
+        description="Condition for a damped robot that lies still on its belly to move again: on_command (the commanded"
+        " mode has changed since it was damped), or automatic.",
+    )
+    rest_s: Positive = Field(default=0.3, description="Time for which it must lie still, s.")
+    displaced_m: Positive = Field(
+        default=0.05, description="Distance from its place beyond which a foot of a robot at rest steps back, m."
+    )
+    displaced_s: Positive = Field(default=0.3, description="Time for which it stands there before, s.")
 
 
 class Mode(Enum):
-    """What the robot does."""
+    """Mode of a legged robot."""
 
     LIE = "lies on its belly and folds its legs"
     RISE = "raises itself on its four feet"
@@ -41,11 +101,11 @@ _ARMED = frozenset(Mode) - {Mode.DAMP}
 
 @dataclass(slots=True)
 class Situation:
-    """What transitions depend on, at one tick.
+    """The conditions of transitions at one tick.
 
     Attributes:
         request: ``stand``, ``lie`` or ``damp``, as commanded.
-        failure: why balancing is given up, in words; empty while it is not.
+        failure: reason of a detected fall in words; empty if there is none.
         rearmed: a damped robot lies still on its belly, and a command or the settings allow it to move again.
         folded: the legs are folded under the trunk.
         lifted: the motion up or down of mode rise or sit is over.
@@ -66,10 +126,10 @@ class Situation:
 
 @dataclass(frozen=True)
 class Transition:
-    """One way from some modes to another.
+    """A transition from some modes to another.
 
     Attributes:
-        name: what happens.
+        name: name of the transition.
         sources: modes that it leaves.
         target: mode that it leads to.
         condition: whether it takes place.
@@ -103,7 +163,7 @@ TRANSITIONS: tuple[Transition, ...] = (
 
 
 class ModeMachine:
-    """The present mode; moves on by :data:`TRANSITIONS`, at most one a tick.
+    """The present mode, changed by :data:`TRANSITIONS`, at most one per tick.
 
     Attributes:
         mode: the present one.
@@ -111,20 +171,119 @@ class ModeMachine:
     """
 
     def __init__(self) -> None:
-        self.mode = Mode.DAMP
-        self.last: Transition | None = None
+        self.begin(Mode.DAMP)
 
     def begin(self, mode: Mode) -> None:
-        """Begin in ``mode``, whatever was before."""
-        self.mode, self.last = mode, None
+        """Start in ``mode``, and discard the history."""
+        self.mode = mode
+        self.last: Transition | None = None
+        self._ways = _WAYS[mode]
 
     def update(self, situation: Situation) -> Transition | None:
         """Return the transition that takes place; :attr:`mode` is its target then."""
-        for transition in _WAYS[self.mode]:
+        for transition in self._ways:
             if transition.condition(situation):
                 self.mode, self.last = transition.target, transition
+                self._ways = _WAYS[transition.target]
                 return transition
         return None
 
 
 _WAYS = {mode: tuple(each for each in TRANSITIONS if mode in each.sources) for mode in Mode}
+
+
+class FallMonitor:
+    """Compares measurements with the limits, each with its own time.
+
+    Args:
+        settings: see :class:`FallSettings`.
+        height: of the centre of mass above the feet of the standing robot, m.
+    """
+
+    def __init__(self, settings: FallSettings, height: float) -> None:
+        self._settings = s = settings
+        self._tilt, self._tilted = math.cos(math.radians(s.tilt_deg)), math.cos(math.radians(s.tilt_error_deg))
+        self._lowest, self._error = s.height_share * height, s.height_error_share * height
+        self._low = self._off = self._unsupported = self._failing = math.inf  # since when, s
+
+    def reset(self) -> None:
+        """Discard all history."""
+        self._low = self._off = self._unsupported = self._failing = math.inf
+
+    def tilted(self, upright: float) -> str:
+        """Return the reason why a robot with cosine ``upright`` of its tilt is damped; empty if it is not."""
+        return f"tilted by more than {self._settings.tilt_deg:g} degrees" if upright < self._tilt else ""
+
+    def update(self, t: float, upright: float, error: float, solved: bool) -> str:
+        """Return the reason why a robot that rises, stands or lies down is damped; empty if it is not.
+
+        Args:
+            t: time, s.
+            upright: cosine of the tilt.
+            error: of the height of the centre of mass, m.
+            solved: whether the whole-body controller had a solution at the last tick.
+        """
+        s = self._settings
+        off = abs(error) > self._error or upright < self._tilted
+        self._off = min(self._off, t) if off else math.inf
+        self._failing = math.inf if solved else min(self._failing, t)
+        if t - self._off >= s.tracking_s:
+            return "height or tilt could not be held"
+        if t - self._failing >= s.failing_s:
+            return "the whole-body controller has no solution"
+        return self.tilted(upright)
+
+    def update_support(self, t: float, height: float, touching: bool) -> str:
+        """Return the reason why a robot that stands or walks is damped; empty if it is not.
+
+        Args:
+            t: time, s.
+            height: of the centre of mass above the feet, m.
+            touching: whether any foot measures a contact, or none can.
+        """
+        s = self._settings
+        self._low = min(self._low, t) if height < self._lowest else math.inf
+        self._unsupported = math.inf if touching else min(self._unsupported, t)
+        if t - self._low >= s.low_s:
+            return f"lower than {100.0 * s.height_share:g} % of its height"
+        if t - self._unsupported >= s.unsupported_s:
+            return f"no foot on the ground for {s.unsupported_s:g} s"
+        return ""
+
+
+class RestMonitor:
+    """The condition under which a damped robot may move again: it lies still on its belly, and is re-armed.
+
+    Args:
+        rest_s: time for which it must lie still, s.
+        automatic: whether lying still suffices; otherwise the request has to change after the robot was damped.
+    """
+
+    _UPRIGHT = math.cos(math.radians(20.0))
+    _SPEED = 0.1  # m/s and rad/s of the base
+    _RATE = 1.0  # rad/s of all joints
+
+    def __init__(self, rest_s: float, automatic: bool) -> None:
+        self._rest, self._automatic = rest_s, automatic
+        self._request, self._changed = "", automatic
+        self._still = math.inf
+
+    def begin(self, request: str) -> None:
+        """Begin to watch a robot that was damped under ``request``."""
+        self._request, self._changed = request, self._automatic
+        self._still = math.inf
+
+    def update(self, t: float, upright: float, v: Array, request: str) -> bool:
+        """Return whether the robot may move again.
+
+        Args:
+            t: time, s.
+            upright: cosine of the tilt.
+            v: (nv,) velocity, the base's first.
+            request: the commanded mode.
+        """
+        self._changed = self._changed or request != self._request
+        base, joints = v[:6], v[6:]
+        still = upright > self._UPRIGHT and base @ base < self._SPEED**2 and joints @ joints < self._RATE**2
+        self._still = min(self._still, t) if still else math.inf
+        return self._changed and t - self._still >= self._rest

@@ -9,12 +9,12 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.estimation import WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import MeasuredState, Mpc, MpcStatus, Plan, PlanSampler
+from lgmpc.mpc import MeasuredState, MotionSample, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
-__all__ = ["Planner"]
+__all__ = ["PlanSampler", "Planner"]
 
 _CREDIBLE_PUSH = 3.0
 """Weights of the robot: a stronger push than this is a fault of the estimate."""
@@ -89,8 +89,8 @@ class Planner:
 
     def due(self, time: float) -> bool:
         """Return whether the MPC should plan at ``time``."""
-        plan_time = self._sampler.start
-        return self.plan is None or self._expired or time - plan_time > (self._every - 0.5) * self._period
+        sampler = self._sampler
+        return sampler.plan is None or self._expired or time - sampler.start > (self._every - 0.5) * self._period
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
@@ -113,17 +113,14 @@ class Planner:
 
     def follow(self, time: float, wbc: WholeBodyController) -> None:
         """Write the plan's targets, unless it is stale."""
-        if self.plan is None or self.status is MpcStatus.STALE:
+        sampler = self._sampler
+        if sampler.plan is None or sampler.plan.status is MpcStatus.STALE:
             return
-        row, motion, posture = self._sampler.row(time), self._sampler.motion, self._sampler.posture
+        row, motion, posture = sampler.row(time), sampler.motion, sampler.posture
         assert motion is not None
-        com, turning = wbc.tasks["com"].target, wbc.tasks["angular_momentum"].target
-        com.position[:] = motion.com[row]
-        com.velocity[:] = motion.com_velocity[row]
-        com.acceleration[:] = motion.com_acceleration[row]
-        turning.momentum[:] = motion.angular_momentum[row]
-        turning.rate[:] = motion.angular_momentum_rate[row]
-        wbc.contacts.target_forces[:] = motion.forces[row]
+        wbc.tasks["com"].targets_together[...] = sampler.com[row]
+        wbc.tasks["angular_momentum"].targets_together[...] = sampler.turning[row]
+        wbc.contacts.target_forces[...] = motion.forces[row]
         if posture is not None:
             base, joints = wbc.tasks["base_orientation"].target, wbc.tasks["posture"].target
             base.rotation[:] = posture.base_rotation[row]
@@ -144,3 +141,67 @@ class Planner:
     def skip(self) -> None:
         """Leave this tick's command out of the observation: its torques are a fall-back's."""
         self.observer.skip()
+
+
+class PlanSampler:
+    """The latest plan, sampled by time at the ticks of the controller below.
+
+    All ticks until the next plan are sampled at once; a time between ticks reads the nearest one.
+
+    Args:
+        period: of the ticks, s.
+        ticks: sampled in one call; the number of ticks between two plans.
+
+    Attributes:
+        plan: the latest plan, None before the first.
+        start: time of the first row, s.
+        motion: samples of its motion, a row a tick.
+        com: of these, centre of mass, its velocity and acceleration in one row.
+        turning: of these, angular momentum and its rate in one row.
+        posture: samples of its posture, None where the plan has none.
+    """
+
+    def __init__(self, period: float, ticks: int) -> None:
+        self._period = period
+        self._offsets: Array = period * np.arange(ticks, dtype=np.float64)
+        self.start = 0.0
+        self.plan: Plan | None = None
+        self.motion: MotionSample | None = None
+        self.posture: PostureSample | None = None
+        self._sampler: MotionSampler | None = None
+        self.com: Array = np.zeros((0, 9))
+        self.turning: Array = np.zeros((0, 6))
+
+    def clear(self) -> None:
+        """Forget the plan."""
+        self.plan = self.motion = self.posture = None
+
+    def take_over(self, old: PlanSampler) -> None:
+        """Take over another sampler's plan, at the ticks of this one."""
+        self._sampler = None
+        if self.plan is not None:
+            self.load(self.plan, self.start)
+
+    def load(self, plan: Plan, time: float) -> None:
+        """Sample ``plan`` from ``time`` (s) on."""
+        self.plan, self.start = plan, time
+        times = time + self._offsets
+        if self._sampler is None:
+            self._sampler = MotionSampler(len(times), plan.forces.shape[1])
+        self.motion = self._sampler.sample(plan, times)
+        self.com, self.turning = self._sampler.com, self._sampler.turning
+        self.posture = None if plan.posture is None else plan.posture.sample_at(times)
+
+    def row(self, time: float) -> int:
+        """Return the row of the samples that belongs to ``time`` (s); samples on where it lies outside of them.
+
+        Raises:
+            ValueError: there is no plan.
+        """
+        if self.plan is None:
+            raise ValueError("no plan was loaded")
+        row = round((time - self.start) / self._period)
+        if not 0 <= row < len(self._offsets):
+            self.load(self.plan, time)
+            return 0
+        return row

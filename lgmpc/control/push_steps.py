@@ -1,4 +1,4 @@
-"""Steps that no command asks for: against a push that the feet cannot hold, and back to where the robot stood."""
+"""Uncommanded steps: against a push beyond the limits of the feet in place, and back to the initial position."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class PushSteps:
-    """Watches the forecast of a standing robot; once its feet cannot hold a push, it steps and then goes back.
+    """Monitors the predicted motion of a standing robot, and starts steps against a push and back.
 
-    The MPC's plan is the forecast. If it leaves the support, every schedule of steps is planned with by the same MPC
-    from the measured state, one a tick so that no tick is late, and the one of least cost is followed. After its first
-    cycles the robot steps on until it is where it stood, and stands.
+    The MPC's plan is the prediction. If its capture point leaves the support, the same MPC plans from the measured
+    state with every schedule of steps, one per tick so that no tick is late, and the schedule of least cost is
+    executed. After its first cycles the robot steps back to its initial position, and stands.
 
     Args:
         settings: see :class:`~lgmpc.locomotion.reaction.StepReactionSettings`.
@@ -37,6 +37,7 @@ class PushSteps:
 
     Attributes:
         active: whether the robot steps against a push, or goes back after it.
+        deciding: whether schedules are being evaluated.
         costs: of the schedules evaluated so far; those of the last decision once it is made.
     """
 
@@ -48,13 +49,13 @@ class PushSteps:
         self._height = feet.legs.height
         self._reaction = StepReaction(settings, self._height)
         self._schedules = feet.step_schedules() if settings.enabled else ()
-        self._deciding = False
+        self.deciding = False
         self._home = (0.0, 0.0, 0.0)
         self._captured = math.inf
 
     def stop(self) -> None:
-        """Forget the steps: something else moves the feet."""
-        self.active = self._deciding = False
+        """Discard the steps: another mode moves the feet."""
+        self.active = self.deciding = False
 
     def way_back(self, request: MotionCommand) -> MotionCommand:
         """Return the request, or while the robot goes back after a push the motion towards the place where it stood."""
@@ -82,11 +83,11 @@ class PushSteps:
 
     def watch(self, time: float, plan: Plan | None, points: Array) -> None:
         """Begin to decide if a plan just made shows that the feet at ``points`` (nc, 3) cannot hold the robot."""
-        if not self._schedules or self._deciding or plan is None or not (self._feet.standing and plan.status.fresh):
+        if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
             return
         end = plan.xs[-1]
         if self._reaction.needed(end[:3], end[3:6] / self._mass, points):
-            self._deciding = True
+            self.deciding = True
             self.costs = []
 
     def decide(
@@ -103,16 +104,17 @@ class PushSteps:
             forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet
                 that carry least.
         """
-        if not self._deciding:
+        if not self.deciding:
             return False
         schedule = self._schedules[len(self.costs)]
         horizon = self._horizon(time, planner, schedule, motion, friction)
+        planner.motion.catching = True
         planner.forecast(time, terms, horizon)  # from the last schedule's solution to near this one's
         plan = planner.forecast(time, terms, horizon)
         self.costs.append(forecast_cost(plan.xs, planner.motion.com, self._mass) if plan.status.fresh else math.inf)
         if len(self.costs) < len(self._schedules):
             return False
-        self._deciding = False
+        self.deciding = False
         best = self._schedules[least(self.costs, [each.load(forces) for each in self._schedules])]
         _LOG.info("steps against a push at %.3f s: %s", time, best)
         if not self.active:

@@ -1,27 +1,37 @@
-"""Where the centre of mass should be, as a function of time: standing, and a circle while standing."""
+"""Where the robot should be: limited commands, integrated; a circle while it stands; the way up from the belly."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from pydantic import Field
 
+from lgmpc.control.lying import Folding, Lift
+from lgmpc.locomotion.command import CommandLimiter, MotionCommand
+from lgmpc.locomotion.footholds import BaseMotion
+from lgmpc.locomotion.horizon import MotionReference
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.reference import ReferenceBuilder
+from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
+from lgmpc.wbc import Task, WholeBodyTerms
 
-__all__ = ["CircleReference", "ComReference", "StandReference"]
+__all__ = ["CircleReference", "ComReference", "DesiredMotion", "StandReference"]
 
 
 class ComReference(Protocol):
-    """A trajectory of the centre of mass relative to where it stood at the start."""
+    """A trajectory of the centre of mass relative to its initial position."""
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return offset (n, 3) m, velocity (n, 3) m/s and acceleration (n, 3) m/s^2 at ``times`` (n,) s."""
 
 
 class StandReference(Settings):
-    """Stand still: the centre of mass stays where it was."""
+    """Stand still: the centre of mass is at its initial position."""
 
     kind: Literal["stand"] = Field(default="stand", description="Stand still.")
 
@@ -39,12 +49,12 @@ class CircleReference(Settings):
 
     kind: Literal["com_circle"] = Field(default="com_circle", description="Move the centre of mass along a circle.")
     radius_m: Annotated[Positive, Field(le=10.0)] = Field(
-        default=0.03, description="Radius of the circle, m, at most 10: the feet stay."
+        default=0.03, description="Radius of the circle, m, at most 10."
     )
     frequency_hz: Annotated[Positive, Field(le=100.0)] = Field(
         default=0.5, description="Turns per second, Hz, at most 100."
     )
-    start_s: NonNegative = Field(default=1.0, description="When the movement begins, s.")
+    start_s: NonNegative = Field(default=1.0, description="Start of the motion, s.")
     ramp_s: Annotated[Positive, Field(ge=1e-3)] = Field(
         default=1.0, description="Time over which the radius grows from 0, s, at least 0.001."
     )
@@ -64,3 +74,95 @@ class CircleReference(Settings):
         velocity = dr[:, None] * radial + (r * omega)[:, None] * tangential
         acceleration = (ddr - r * omega**2)[:, None] * radial + (2.0 * omega * dr)[:, None] * tangential
         return offset, velocity, acceleration
+
+
+class DesiredMotion:
+    """The motion that the robot should make, now for the whole-body QP's tasks and over the horizon for the MPC.
+
+    Args:
+        robot: the controller's model.
+        legs: its legs.
+        settings: limits of commands, and of the distance to the desired position.
+        offset: of the centre of mass from where the commands lead it; None for none.
+
+    Attributes:
+        builder: position and heading, as integrated from the commands.
+        command: limited command that is followed.
+        target: (3,) desired centre of mass now, world, m.
+        base_target: (7,) base pose that goes with it [position, quaternion x y z w].
+    """
+
+    def __init__(
+        self, robot: Robot, legs: LegGeometry, settings: LocomotionSettings, offset: ComReference | None
+    ) -> None:
+        self.builder = ReferenceBuilder(robot, legs, settings.reference)
+        self.command = MotionCommand()
+        self.target = np.zeros(3)
+        self.base_target = robot.q_reference[:7].copy()
+        self._limiter = CommandLimiter(settings.limits)
+        self._offset = offset
+        self._mass = robot.mass
+        self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
+
+    def rest(self) -> None:
+        """Forget the last command: the next one begins at rest."""
+        self._limiter.command = MotionCommand()
+
+    def follow(
+        self, request: MotionCommand, elapsed: float, acceleration: float, terms: WholeBodyTerms, stepping: bool
+    ) -> BaseMotion:
+        """Follow a command within the limits, and stay near the robot while it steps; return how the robot moves.
+
+        Args:
+            request: the command.
+            elapsed: time since the last call, s.
+            acceleration: that the floor allows, m/s2.
+            terms: sensed quantities.
+            stepping: whether the robot steps.
+        """
+        builder, limiter = self.builder, self._limiter
+        self.command = command = limiter.step(request, elapsed, acceleration)
+        builder.advance(elapsed, command)
+        if stepping:
+            builder.shorten(terms.com, terms.yaw)
+        x, y, mass, wanted = terms.x, terms.y, self._mass, builder.velocity(command)
+        return BaseMotion(
+            x, y, terms.px / mass, terms.py / mass, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
+            x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw),
+        )  # fmt: skip
+
+    def write_targets(self, tasks: Mapping[str, Task], time: float, ground: float) -> None:
+        """Write the desired motion into the tasks: what the whole-body QP tracks where no plan says otherwise."""
+        pose, com, origin = self.builder.pose(self.command, ground), tasks["com"], tasks["base_position"]
+        self.target[...], self.base_target[...] = pose.com, pose.base_pose
+        com.targets_together[...], origin.targets_together[...] = pose.centre, pose.origin
+        tasks["base_orientation"].targets_together[...] = pose.attitude
+        tasks["angular_momentum"].targets_together[...] = 0.0
+        tasks["posture"].targets_together[...] = self._standing_joints
+        if self._offset is not None:
+            offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
+            self.target += offset
+            self.base_target[:3] += offset
+            com.target.acceleration[:] = acceleration
+            for each in (com.target, origin.target):
+                each.position[:] += offset
+                each.velocity[:] += velocity
+
+    def write_lift(self, tasks: Mapping[str, Task], lift: Lift, folding: Folding) -> None:
+        """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""
+        com, origin, joints = (tasks[name].target for name in ("com", "base_position", "posture"))
+        self.target += lift.offset
+        self.base_target[:2] += lift.offset[:2]
+        self.base_target[2] += folding.base_share * lift.offset[2]
+        com.position[:], com.velocity[:], com.acceleration[:] = self.target, lift.velocity, lift.acceleration
+        origin.position[:], origin.velocity[:] = self.base_target[:3], lift.velocity
+        joints.position[:] += lift.lying * (folding.lying - joints.position)
+
+    def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: float) -> None:
+        """Write the desired motion at the nodes of a horizon that begins now."""
+        self.builder.write(motion, self.command, node_s, ground, self._limiter.ramp)
+        if self._offset is not None:
+            times = time + node_s * np.arange(len(motion.com), dtype=np.float64)
+            offset, velocity, _ = self._offset.sample(times)
+            motion.com += offset
+            motion.com_velocity += velocity

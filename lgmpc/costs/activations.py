@@ -242,7 +242,7 @@ class SmoothTwoNorm(OfNorm):
 
 @dataclass(frozen=True, eq=False)
 class FlatExponential(OfNorm):
-    """``1 - exp(-r^T r / width^2)``: flat far from zero, so that what is far off does not count more and more.
+    """``1 - exp(-r^T r / width^2)``: flat far from zero, so that the cost of outliers is bounded.
 
     Crocoddyl's ActivationModelQuadFlatExp, whose alpha is ``width^2``.
 

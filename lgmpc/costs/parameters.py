@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array
+from lgmpc.typing import Array, IntArray
 
 __all__ = ["Parameter", "ParameterLayout"]
 
@@ -23,8 +25,10 @@ class Parameter:
         name: a Python identifier.
         size: number of values.
         meaning: what it is, with its unit.
-        default: its entries of :attr:`ParameterLayout.default`: (size,) values, or a number for all of them.
+        default: its entries of :attr:`ParameterLayout.default`: (size,) values, or one part or a number for all.
         sign: which values it can have, besides its default: any, none below zero, or only those above zero.
+        part: number of values that belong together, such as the gains of one contact; so many, given alone, are
+            repeated.
     """
 
     name: str
@@ -32,18 +36,35 @@ class Parameter:
     meaning: str
     default: ArrayLike = 0.0
     sign: Literal["any", "not negative", "positive"] = "any"
+    part: int = 1
 
-    def check_sign(self, values: Array) -> None:
+    def check_sign(self, values: Array, where: str = "") -> None:
         """Check values of the parameter.
+
+        Args:
+            values: any number of them.
+            where: what follows the name in the message.
 
         Raises:
             InputError: one has a sign that the parameter cannot have.
         """
         least = float(values.min(initial=np.inf))
         if self.sign == "positive" and not least > 0.0:
-            raise InputError(self.name, least, f"numbers above zero ({self.meaning})")
+            raise InputError(f"{self.name}{where}", least, f"numbers above zero ({self.meaning})")
         if self.sign == "not negative" and not least >= 0.0:
-            raise InputError(self.name, least, f"no number below zero ({self.meaning})")
+            raise InputError(f"{self.name}{where}", least, f"no number below zero ({self.meaning})")
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Shapes that a value can have: a number, all values, or one part of them."""
+        return ((), (self.size,), (self.part,)) if self.part > 1 else ((), (self.size,))
+
+    def whole(self, values: Array) -> Array:
+        """Return the values (size,), or a number, of a value in one of :attr:`shapes`."""
+        if self.part == 1 or values.shape != (self.part,):
+            return values
+        repeated: Array = np.tile(values, self.size // self.part)
+        return repeated
 
 
 class ParameterLayout(Mapping[str, slice]):
@@ -74,10 +95,28 @@ class ParameterLayout(Mapping[str, slice]):
         self.default: Array = np.zeros(start)
         for parameter in parameters:
             values = np.asarray(parameter.default, dtype=np.float64)
-            if values.shape not in ((), (parameter.size,)):
+            if values.shape not in parameter.shapes:
                 raise InputError(parameter.name, f"a default of shape {values.shape}", f"shape {(parameter.size,)}")
-            self.default[self._slices[parameter.name]] = values
+            self.default[self._slices[parameter.name]] = parameter.whole(values)
         self.default.flags.writeable = False
+
+    @cached_property
+    def positive(self) -> IntArray:
+        """Places of the values that must be above zero."""
+        return self._places("positive")
+
+    @cached_property
+    def not_negative(self) -> IntArray:
+        """Places of the values that must not be below zero."""
+        return self._places("not negative")
+
+    def _places(self, sign: str) -> IntArray:
+        slices = [self._slices[each.name] for each in self.parameters if each.sign == sign]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(s.start, s.stop) for s in slices)])
+
+    def reduce_to_structure(self) -> tuple[Any, ...]:
+        """Reduce to what expressions depend on (see :mod:`lgmpc.compile.index`): names and places, no values."""
+        return copyreg.__newobj__, (type(self),), {"_slices": self._slices, "size": self.size}  # type: ignore[attr-defined]
 
     def __getitem__(self, name: str) -> slice:
         """Return the slice of the vector where ``name`` is stored.

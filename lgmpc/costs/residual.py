@@ -21,9 +21,10 @@ called ``hand_height``, ``hand_weight``, ``hand_lower`` and ``hand_upper``, one 
 
 from __future__ import annotations
 
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -34,7 +35,7 @@ from lgmpc.costs.activations import Activation, Quadratic
 from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
 from lgmpc.costs.terms import Bounded, Cost, CostTerm
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, LgmpcError
 
 __all__ = ["ConstraintItem", "CostItem", "Residual", "constraint_of", "cost_of"]
 
@@ -65,8 +66,19 @@ class _Item:
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.name.isascii()):
             raise InputError("name", repr(self.name), "letters, digits and underscores, no digit first")
+        if not isinstance(self.residual, Residual):
+            is_class = isinstance(self.residual, type)
+            got = self.residual.__name__ if is_class else type(self.residual).__name__
+            expected = f"a residual, as {got}(...)" if is_class else "a Residual, see lgmpc.costs.library"
+            raise InputError(f"residual of '{self.name}'", got, expected)
         for field, _ in self.own:
-            shape = np.shape(getattr(self, field))
+            try:
+                values = np.asarray(getattr(self, field), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InputError(f"{field} of '{self.name}'", reprlib.repr(getattr(self, field)), "numbers") from None
+            if np.isnan(values).any():
+                raise InputError(f"{field} of '{self.name}'", "NaN", "numbers")
+            shape = values.shape
             if shape not in ((), (self._rows,)):
                 expected = "a number" if self._rows == 1 else f"a number or shape {(self._rows,)}"
                 raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
@@ -80,7 +92,7 @@ class _Item:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""
-        inner = (Parameter(f"{self.name}_{p.name}", p.size, p.meaning, p.default) for p in self.residual.parameters)
+        inner = (replace(p, name=f"{self.name}_{p.name}") for p in self.residual.parameters)
         fields = (
             Parameter(f"{self.name}_{key}", self._rows, text, getattr(self, key), self.sign) for key, text in self.own
         )
@@ -88,10 +100,18 @@ class _Item:
 
     def _column(self, s: StageSymbols) -> tuple[StageSymbols, Any]:
         scoped = s.within(self.name)
-        column = self.residual.expression(scoped)
-        if column.shape != (self.residual.nr, 1):
-            kind = type(self.residual).__name__
-            raise InputError(f"{kind}.expression", f"shape {column.shape}", f"({self.residual.nr}, 1) for its nr")
+        what = f"{type(self.residual).__name__}.expression of '{self.name}'"
+        expected = f"a CasADi column of shape ({self.residual.nr}, 1) for its nr"
+        try:
+            column = self.residual.expression(scoped)
+        except LgmpcError:
+            raise
+        except Exception as error:  # of any kind: CasADi's, or of the user's own code
+            reason = str(error).splitlines()[-1] if str(error) else ""
+            raise InputError(what, f"{type(error).__name__}: {reason}", expected) from error
+        if not hasattr(column, "shape") or column.shape != (self.residual.nr, 1):
+            got = f"shape {column.shape}" if hasattr(column, "shape") else type(column).__name__
+            raise InputError(what, got, expected)
         return scoped, column
 
 

@@ -133,7 +133,7 @@ def _off(motion: Motion, cosines: Array) -> float:
 
 
 def _disturbance(spin: float, tilt: float = 1e-3) -> tuple[Array, Array]:
-    """Return a nearly upright top whose axis moves like that of a sleeping one."""
+    """Return rotation and velocity of a nearly upright top, precessing at the rate of an upright one."""
     return _TOP.start(tilt, spin, _TOP.axial * spin / (2.0 * _TOP.transverse))
 
 

@@ -17,7 +17,7 @@ def three(name: str, value: object) -> Array:
     """Return one 3-vector of finite numbers.
 
     Raises:
-        InputError: it is none.
+        InputError: wrong shape, not finite, or not positive.
     """
     vector = _THREE(name, value)
     if vector.ndim != 1:
@@ -29,7 +29,7 @@ def duration_of(name: str, value: float) -> float:
     """Return a positive number of seconds.
 
     Raises:
-        InputError: it is none.
+        InputError: wrong shape, not finite, or not positive.
     """
     if not 0.0 < value < math.inf:
         raise InputError(name, value, "a positive number of seconds")

@@ -89,13 +89,14 @@ class FrictionMonitor:
         velocities, share = self._velocities, self._smoothing
         if not (velocities and math.isfinite(sum(self._speeds_squared))):
             velocities = [(0.0, 0.0)] * len(measured)
-        self._velocities = velocities = [
-            (x + share * (vx - x), y + share * (vy - y))
-            for (x, y), (vx, vy, _) in zip(velocities, measured, strict=True)
-        ]
-        speeds = [x * x + y * y for x, y in velocities]
-        before, self._speeds_squared = self._speeds_squared or speeds, speeds
-        sliding = [foot for foot, stands in enumerate(stance) if stands and speeds[foot] > self._sliding_speed_squared]
+        smoothed, speeds = [], []
+        for (x, y), (vx, vy, _) in zip(velocities, measured, strict=True):
+            x, y = x + share * (vx - x), y + share * (vy - y)
+            smoothed.append((x, y))
+            speeds.append(x * x + y * y)
+        before, least = self._speeds_squared or speeds, self._sliding_speed_squared
+        self._velocities, self._speeds_squared = smoothed, speeds
+        sliding = [foot for foot, speed in enumerate(speeds) if speed > least and stance[foot]]
         faster = [foot for foot in sliding if speeds[foot] >= before[foot]]
         if faster:
             slopes = [math.hypot(x, y) / z if z > 0.0 else math.inf for x, y, z in forces[faster].tolist()]

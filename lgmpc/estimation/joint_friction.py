@@ -24,21 +24,21 @@ _CLEAR_S = 0.01  # s from the last contact of a foot, or command to carry, until
 
 
 class JointFrictionSettings(Settings):
-    """How the friction of the joints is estimated."""
+    """Estimation of the friction of the joints."""
 
     memory_s: Positive = Field(
         default=1.0, description="Time over which a joint's torques are compared, s of its motion in the air."
     )
     excitation_s: Annotated[Positive, Field(le=10.0)] = Field(
         default=0.1,
-        description="Fast motion of a joint in the air that an estimate requires, in each direction, s; what moves"
-        " one way only cannot tell friction from an error of the model.",
+        description="Fast motion of a joint in the air that an estimate requires, in each direction, s; motion in one"
+        " direction cannot distinguish friction from an error of the model.",
     )
     rise_s: Positive = Field(
         default=0.05, description="Time constant with which the compensated friction follows the estimate, s."
     )
     largest_share: Fraction = Field(
-        default=0.1, description="Largest friction of a joint that is believed, as a share of its torque limit."
+        default=0.1, description="Upper bound of the estimated friction of a joint, as a share of its torque limit."
     )
 
 
@@ -84,11 +84,11 @@ class JointFrictionEstimator:
         self.friction = np.minimum(robot.joint_friction, self._highest)
         self.estimate = self.friction.copy()
         self.excited = np.zeros(robot.nu, dtype=np.bool_)
-        function = _free_torques(robot)
-        memory = {name: np.zeros(function.numel_in(name)) for name in function.name_in()}
+        kernel = StageKernel.of(_free_torques, robot)
+        memory = {name: np.zeros(size) for name, size in kernel.input_sizes.items()}
         self._q, self._v, self._acceleration = memory["q"], memory["v"], memory["acceleration"]
         self._free = np.zeros(robot.nu)
-        self._run = StageKernel(function).bind(1, **memory, torques=self._free)
+        self._run = kernel.bind(1, **memory, torques=self._free)
         self._commands = np.full((round(delay / period) + 1, robot.nu), np.nan)  # the newest first
         self._clear = np.zeros(robot.nc)  # s that each leg has been in the air
         self._sums = np.zeros((4, robot.nu))  # of ones, signs, residuals, signs times residuals

@@ -63,11 +63,11 @@ class LeggedEstimatorSettings(ImuNoise):
     )
     outlier_probability: Annotated[float, Field(strict=True, ge=0.0, le=0.5)] = Field(
         default=1e-3,
-        description="Feet that rest seem to move, in velocity or position, no more than is as probable as this by the"
-        " assumed errors. What moves more slides, and does not correct the estimate. 0: all feet in contact do.",
+        description="Probability, under the assumed errors, that a resting foot fails the tests of velocity and"
+        " innovation. Feet that fail do not correct the estimate. 0: all feet in contact correct it.",
     )
     rest_s: NonNegative = Field(
-        default=0.02, description="How long a foot has to seem at rest after it slid until it corrects again, s."
+        default=0.02, description="Time for which a foot must pass the tests after it slid until it corrects again, s."
     )
     contact_force_n: RangeFromZero | None = Field(
         default=None,
@@ -88,9 +88,9 @@ class LeggedEstimator:
 
     Contacts are detected from the feet's forces, and these are estimated from joint torques, so that no foot sensors
     are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
-    joint speeds and the estimate, slides or has just touched down, which would be mistaken for motion of the base.
-    What slides too slowly for that is found by its innovation, and begins a new contact where it comes to rest. The
-    first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
+    joint speeds and the estimate, slides or has just touched down, which would appear as motion of the base. Feet that
+    slide too slowly for this test are detected by their innovation, and begin a new contact where they come to rest.
+    The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
     A reading that is not finite is skipped: the estimate is unchanged, and the failure is counted and logged.

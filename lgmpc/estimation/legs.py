@@ -70,16 +70,16 @@ class LegSensing:
         if not (math.isfinite(foot_noise) and foot_noise > 0.0):
             raise InputError("foot_noise", foot_noise, "a positive length")
         self._rate = 1.0 / duration_of("period", period)
-        function = _leg_function(robot)
-        memory = {name: np.zeros(function.numel_in(name)) for name in function.name_in()}
+        kernel = StageKernel.of(_leg_function, robot, progress=progress)
+        memory = {name: np.zeros(size) for name, size in kernel.input_sizes.items()}
         self._joints, self._speeds, self._torques = (memory[name] for name in ("joints", "speeds", "torques"))
         self._gyro, self._accelerometer = memory["gyro"], memory["accelerometer"]
         self._faster, self._turning = memory["joint_acceleration"], memory["angular_acceleration"]
         self._rotation, self._velocity = memory["rotation"].reshape(3, 3).T, memory["velocity"]
         memory["joint_friction"][:] = robot.joint_friction
         memory["variances"][:] = encoder_noise**2, foot_noise**2
-        outputs = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
-        self._run = StageKernel(function, progress).bind(1, **memory, **outputs)
+        outputs = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
+        self._run = kernel.bind(1, **memory, **outputs)
         nc = robot.nc
         self.positions, self.rates, self.velocities, self.forces = (
             outputs[name].reshape(nc, 3) for name in ("positions", "rates", "velocities", "forces")

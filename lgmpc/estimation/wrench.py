@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
+from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
@@ -37,7 +40,6 @@ class WrenchObserver:
         noise_force: largest standard deviation of the estimated force in each axis, N, as far as noise causes it.
 
     Attributes:
-        time_constant: the present one, s.
         wrench: (6,) current estimate [force; moment], N and N.m.
 
     Raises:
@@ -60,46 +62,40 @@ class WrenchObserver:
                 raise InputError(name, value, "a positive number")
         if not 0.0 <= delay < math.inf:
             raise InputError("delay", delay, "a number of seconds that is not negative")
-        self._rate = 1.0 / period
-        self._period, self._least_time, self._noise_force = period, time_constant, noise_force
-        self._memory = -math.expm1(-period / _NOISE_MEMORY)
-        self._covariance = 0.0  # of successive errors, mean of the three axes, N2
-        self.time_constant = time_constant
-        self._force_limit = force_limit
-        self._momentum = np.full(6, math.nan)
         # An interval between two measurements overlaps those of at most two commands.
         whole, part = divmod(round(delay / period, 6), 1.0)
-        shares = [1.0 - part, part] if part else [1.0]
-        self._shares = np.array(shares)
-        self._rates = np.full((int(whole) + len(shares), 6), math.nan)  # r of the commands, the newest first
-        self._error, self._error_before = np.zeros((2, 6))
-        self.wrench = np.zeros(6)
-        self._force, self._force_error, self._force_error_before = (
-            each[:3] for each in (self.wrench, self._error, self._error_before)
+        self._rates = np.full((int(whole) + (2 if part else 1), 6), math.nan)  # r of the commands, the newest first
+        self._least_time = time_constant
+        memory = -math.expm1(-period / _NOISE_MEMORY)
+        self._given, self._state, self._next = np.zeros(6), np.zeros(17), np.zeros(17)
+        self.wrench = self._state[6:12]
+        self._run = StageKernel.of(_observation).bind(
+            1,
+            momentum=self._given,
+            state=self._state,
+            older=self._rates[-1],
+            newer=self._rates[-2 if part else -1],
+            settings=np.array([period, 1.0 / period, time_constant, force_limit, noise_force, memory, part]),
+            state_next=self._next,
         )
+        self.reset()
 
     def reset(self) -> None:
         """Clear the history: the estimate is zero until a first expectation has been compared."""
-        self._momentum[:] = math.nan
-        self._rates[:] = math.nan
-        self.wrench[:] = self._error_before[:] = 0.0
-        self._covariance, self.time_constant = 0.0, self._least_time
+        self._rates[:] = self._state[:6] = math.nan
+        self._state[6:] = 0.0
+        self._state[16] = self._least_time
+
+    @property
+    def time_constant(self) -> float:
+        """The present filter time constant, s."""
+        return float(self._state[16])
 
     def update(self, momentum: Array) -> Array:
         """Take the measured centroidal momentum (6,) of this tick and return the new estimate (6,), a live buffer."""
-        error = np.subtract(momentum, self._momentum, out=self._error)
-        error *= self._rate
-        error -= self._forces()
-        error -= self.wrench
-        if math.isfinite(error.dot(error)):
-            self._adapt(error)
-            error *= -math.expm1(-self._period / self.time_constant)
-            self.wrench += error
-            force = self._force
-            size = math.sqrt(force.dot(force))
-            if size > self._force_limit:
-                self.wrench *= self._force_limit / size
-        self._momentum[:] = momentum
+        self._given[...] = momentum
+        self._run()
+        self._state[...] = self._next
         return self.wrench
 
     def expect(self, momentum_rate: Array) -> None:
@@ -117,18 +113,32 @@ class WrenchObserver:
         """Account for ``ticks`` without update before the next one: the last command went on, nothing was measured."""
         for _ in range(min(ticks, len(self._rates))):
             self._rates[1:] = self._rates[:-1]
-        self._momentum[:] = math.nan
+        self._state[:6] = math.nan
 
-    def _adapt(self, error: Array) -> None:
-        """Choose the time constant by the noise of the errors (6,)."""
-        covariance = float(self._force_error.dot(self._force_error_before)) / 3.0
-        self._covariance += self._memory * (covariance - self._covariance)
-        self._error_before[:] = error
-        noise = self._period * math.sqrt(max(0.0, -self._covariance))
-        self.time_constant = max(self._least_time, noise / self._noise_force)
 
-    def _forces(self) -> Array:
-        """Return (6,) the r of the commands that acted between the last two measurements."""
-        shares, rates = self._shares, self._rates
-        acted: Array = rates[-1] if len(shares) == 1 else shares @ rates[-2:]
-        return acted
+def _observation() -> ca.Function:
+    """One update. State: momentum of the last one (6), wrench (6), force errors (3), their covariance, time constant.
+
+    The covariance is that of successive errors, the mean of the three axes, N2. An update whose numbers are not all
+    finite keeps everything but the momentum.
+    """
+    sizes = {"momentum": 6, "state": 17, "older": 6, "newer": 6, "settings": 7}
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    momentum, state = given["momentum"], given["state"]
+    before, wrench, error_before, covariance, time_constant = ca.vertsplit(state, [0, 6, 12, 15, 16, 17])
+    period, rate, least_time, force_limit, noise_force, memory, part = ca.vertsplit(given["settings"])
+    acted = (1.0 - part) * given["newer"] + part * given["older"]
+    error = (momentum - before) * rate - acted - wrench
+    product = error[:3] * error_before
+    adapted = covariance + memory * ((product[0] + product[1] + product[2]) / 3.0 - covariance)
+    noise = period * ca.sqrt(ca.fmax(0.0, -adapted))
+    slower = ca.fmax(least_time, noise / noise_force)
+    corrected = wrench - ca.expm1(-period / slower) * error
+    x, y, z = ca.vertsplit(corrected[:3])
+    size = ca.sqrt(x * x + y * y + z * z)
+    bounded = ca.if_else(size > force_limit, corrected * (force_limit / size), corrected)
+    finite = ca.fabs(ca.sum1(error)) < math.inf
+    kept: Any = ca.vertcat(wrench, error_before, covariance, time_constant)
+    changed = ca.vertcat(bounded, error[:3], adapted, slower)
+    state_next = ca.vertcat(momentum, ca.if_else(finite, changed, kept))
+    return ca.Function("wrench_observation", list(given.values()), [state_next], list(given), ["state_next"])

@@ -1,6 +1,6 @@
-"""Robots outside this process: a driver's contract, the loop that runs a controller on it in real time, a link by UDP.
+"""Robots outside this process: the driver interface, the real-time loop of a controller, a link over UDP.
 
-A driver of real hardware implements :class:`Driver` and needs :mod:`lgmpc.control.interface` only.
+A driver of real hardware implements :class:`Driver` and requires :mod:`lgmpc.control.interface` only.
 """
 
 from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettings, Driver, Ending, deploy

@@ -1,7 +1,7 @@
 """The loop that runs a controller on a robot in real time, through a driver.
 
-The robot's clock sets the pace: each measurement that arrives is a tick. Whatever fails, the last thing that is written
-is a command that damps the joints.
+The loop is clocked by the robot: each measurement that arrives is a tick. After any failure the last command written
+is one that damps the joints.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Driver(Protocol):
-    """What a robot's drives and sensors offer to the loop."""
+    """The interface of a robot's drives and sensors to the loop."""
 
     def read(self, timeout_s: float) -> Sequence[Measurement]:
         """Return the measurements that have arrived since the last call, oldest first.
@@ -37,10 +37,10 @@ class Driver(Protocol):
         """
 
     def write(self, command: Command) -> None:
-        """Send a command, which answers the newest measurement; the drives follow it until the next."""
+        """Send the command computed from the newest measurement; the drives apply it until the next one."""
 
     def close(self) -> None:
-        """Release the link. The robot's own watchdog is what guards it from here on."""
+        """Close the link. From here on the robot is protected by its own watchdog only."""
 
 
 class DeploymentSettings(Settings):
@@ -51,12 +51,12 @@ class DeploymentSettings(Settings):
     )
     lost_s: Positive = Field(default=1.0, description="Time without a measurement after which the run ends, s.")
     damping_nms: Positive = Field(
-        default=0.1, description="Damping of each joint, N.m.s, when the controller cannot decide, and after the run."
+        default=0.1, description="Damping of each joint, N.m.s, while there is no valid command, and after the run."
     )
 
 
 class Ending(enum.Enum):
-    """What ended a run."""
+    """Cause of the end of a run."""
 
     DURATION = "its duration is over"
     LOST = "no measurements arrive"
@@ -69,9 +69,9 @@ class DeployedTick:
 
     Attributes:
         index: number of the tick.
-        measurement: the newest one.
-        state: its estimate, on which the controller decided.
-        command: as written.
+        measurement: the newest measurement.
+        state: the estimate that the controller received.
+        command: the command written.
         spent: time from the measurement's arrival until the command was written, s.
     """
 
@@ -87,14 +87,14 @@ class Deployment:
     """Figures of a run on a robot.
 
     Attributes:
-        ending: what ended it.
-        ticks: measurements that were answered.
-        overtaken: measurements that had been followed by a newer one when they were read; the estimator processed them,
-            but no command answers them.
-        missing: measurements that never arrived, by the robot's clock.
-        late: commands written later than one period after their measurement's arrival.
-        silences: times that the joints were damped because no measurement arrived.
-        not_finite: commands that were not finite, in whose place the joints were damped.
+        ending: cause of the end.
+        ticks: number of measurements followed by a command.
+        overtaken: number of measurements read together with a newer one, processed by the estimator but without a
+            command of their own.
+        missing: number of measurements that never arrived, by the robot's clock.
+        late: number of commands written later than one period after their measurement's arrival.
+        silences: number of times that the joints were damped because no measurement arrived.
+        not_finite: number of commands that were not finite, replaced by damping of the joints.
         spent: (ticks,) time from each measurement's arrival until its command was written, s.
     """
 
@@ -120,18 +120,17 @@ def deploy(
 ) -> Deployment:
     """Run ``controller`` on a robot until ``duration_s`` of the robot's clock has passed.
 
-    The joints are damped at the end, also after Ctrl-C or an exception: a robot that shall not sink down lies down
-    first, by its commands. No garbage is collected meanwhile.
+    The joints are damped at the end, also after Ctrl-C or an exception; to end without a fall, command the robot to lie
+    down first. Garbage collection is disabled during the run.
 
     Args:
-        driver: of the robot; closed at the end.
-        controller: decides at every measurement.
-        estimator: of the state.
-        period_s: of the measurements, s.
-        duration_s: of the run, s.
+        driver: driver of the robot; closed at the end.
+        controller: computes a command for every measurement.
+        estimator: estimator of the state.
+        period_s: period of the measurements, s.
+        duration_s: duration of the run, s.
         settings: see :class:`DeploymentSettings`.
-        on_tick: called after a command has been written, in the rest of its period; it may raise KeyboardInterrupt to
-            end the run.
+        on_tick: called after each command has been written; it may raise KeyboardInterrupt to end the run.
     """
     settings = DeploymentSettings() if settings is None else settings
     loop = _Loop(driver, controller, estimator, period_s, settings, on_tick)
@@ -225,7 +224,7 @@ def _finite(command: Command) -> bool:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Collect what there is, then keep the collector from pausing a tick."""
+    """Collect garbage once, then disable the collector, whose pauses would delay ticks."""
     enabled = gc.isenabled()
     gc.collect()
     gc.disable()

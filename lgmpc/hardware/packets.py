@@ -3,10 +3,10 @@
 =========== ========================================================================================================
 bytes       content
 =========== ========================================================================================================
-0-3         ``LGMm`` (measurement), ``LGMc`` (command) or ``LGMh`` (hello: a controller that begins)
+0-3         ``LGMm`` (measurement), ``LGMc`` (command) or ``LGMh`` (hello, sent by a controller to connect)
 4-5         version of this layout, 1
 6-7         nu, number of joints
-8-15        number of the measurement; a command has that of the measurement that it answers
+8-15        number of the measurement; in a command, of the measurement from which it was computed
 16-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu)
 16-         command: kp, kd, tau (nu), q_des (nu), v_des (nu)
 =========== ========================================================================================================
@@ -28,13 +28,13 @@ _HEAD = struct.Struct("<4sHHQ")
 _VERSION = 1
 _MEASUREMENT, _COMMAND = b"LGMm", b"LGMc"
 HELLO = b"LGMh"
-"""First bytes of the packet by which a controller begins."""
+"""First bytes of the packet by which a controller connects."""
 
 
 class Layout:
     """Packets of a robot with ``nu`` joints.
 
-    Packets of another layout, of another number of joints, or with numbers that are not finite are no packets.
+    Packets of another layout, of another number of joints, or with numbers that are not finite are rejected.
 
     Args:
         nu: number of joints.
@@ -45,11 +45,11 @@ class Layout:
         self.longest = _HEAD.size + 8 * (7 + 3 * nu)
 
     def hello(self) -> bytes:
-        """Return the packet by which a controller begins."""
+        """Return the packet by which a controller connects."""
         return _HEAD.pack(HELLO, _VERSION, self._nu, 0)
 
     def is_hello(self, packet: bytes) -> bool:
-        """Return whether a controller of this robot begins."""
+        """Return whether a packet is the hello of a controller of this robot."""
         return packet == self.hello()
 
     def measurement(self, number: int, m: Measurement) -> bytes:
@@ -58,7 +58,7 @@ class Layout:
         return self._pack(_MEASUREMENT, number, values)
 
     def read_measurement(self, packet: bytes) -> tuple[int, Measurement] | None:
-        """Return the number and the measurement of a packet; None if it is none."""
+        """Return the number and the measurement of a packet; None if it is not a valid measurement."""
         found = self._unpack(_MEASUREMENT, packet, 7 + 3 * self._nu)
         if found is None:
             return None
@@ -67,11 +67,11 @@ class Layout:
         return number, Measurement(float(values[0]), values[1:4], values[4:7], joints, speeds, torques)
 
     def command(self, number: int, c: Command) -> bytes:
-        """Return the packet of the command that answers measurement ``number``."""
+        """Return the packet of the command for measurement ``number``."""
         return self._pack(_COMMAND, number, np.concatenate(([c.kp, c.kd], c.tau, c.q_des, c.v_des)))
 
     def read_command(self, packet: bytes) -> tuple[int, Command] | None:
-        """Return the number of the measurement and the command that answers it; None if it is none."""
+        """Return the number of the measurement and the command for it; None if it is not a valid command."""
         found = self._unpack(_COMMAND, packet, 2 + 3 * self._nu)
         if found is None:
             return None

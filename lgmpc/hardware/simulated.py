@@ -1,4 +1,4 @@
-"""A simulated robot at the end of a link: its controller is in another process, as that of a real robot would be."""
+"""A simulated robot at the end of a link, with its controller in another process, as for a real robot."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ __all__ = ["LockStep", "NoControllerError", "Pace", "RealTime", "Served", "serve
 _LOG = logging.getLogger(__name__)
 
 _FIRST_S = 60.0
-"""Longest time until the first command: a controller may compile before."""
+"""Longest time until the first command, s: a controller may compile before it."""
 
 _GONE_S = 2.0
-"""Time without a command after which a controller is taken for ended."""
+"""Time without a command after which a controller is assumed to have ended, s."""
 
 _WATCHDOG_S = 0.05
-"""Age of the last command beyond which the drives damp the joints on their own, as those of real robots do."""
+"""Age of the last command beyond which the drives damp the joints by themselves, s, as those of real robots do."""
 
 _WATCHDOG_DAMPING = 0.1  # N.m.s
 
 
 class NoControllerError(LgmpcError):
-    """No controller is at the other end of the link."""
+    """No controller is connected to the other end of the link."""
 
     exit_code = 1
 
 
 class Pace(Protocol):
-    """When measurements are sent, and which command acts on the state at which one was taken.
+    """Timing of the exchange: when measurements are sent, and from when on commands act.
 
     Attributes:
         behind: ticks that began more than a period late.
@@ -58,15 +58,15 @@ class Pace(Protocol):
         """Send a measurement and return the command that acts from its time on.
 
         Raises:
-            NoControllerError: if no command arrives any more.
+            NoControllerError: if commands have stopped arriving.
         """
 
 
 class LockStep:
-    """The robot waits for the answer to each measurement: simulated time has no relation to the clock's.
+    """The robot waits for the command to each measurement: simulated time is independent of the clock.
 
     Args:
-        link: the robot's end.
+        link: the robot's end of the link.
         timeout_s: longest time to wait, s.
     """
 
@@ -75,7 +75,7 @@ class LockStep:
         self.behind = self.unanswered = 0
 
     def answer(self, measurement: Measurement) -> Command:
-        """Return the command that answers the measurement."""
+        """Send the measurement and wait for its command."""
         self._link.send(measurement)
         command = self._link.receive_answer(self._timeout)
         if command is None:
@@ -84,11 +84,11 @@ class LockStep:
 
 
 class RealTime:
-    """Simulated time is the clock's, from the first command on; a command acts from the tick after its arrival on.
+    """Simulated time follows the clock from the first command on; a command acts from the tick after its arrival.
 
     Args:
-        link: the robot's end.
-        period_s: of the ticks, s.
+        link: the robot's end of the link.
+        period_s: period of the ticks, s.
 
     Attributes:
         behind: ticks that began more than a period late, because the simulation or the machine was too slow; the
@@ -134,7 +134,7 @@ class RealTime:
 
 
 class _Sent:
-    """Stands where the loop of a simulation has its estimator: keeps the measurement for its controller."""
+    """Takes the place of the estimator in the loop of a simulation: stores the measurement for :class:`_Answered`."""
 
     def __init__(self) -> None:
         self.measurement: Measurement | None = None
@@ -146,7 +146,7 @@ class _Sent:
 
 
 class _Answered:
-    """Stands where the loop of a simulation has its controller."""
+    """Takes the place of the controller in the loop of a simulation: exchanges measurement and command by the link."""
 
     def __init__(self, sent: _Sent, pace: Pace) -> None:
         self._sent, self._pace = sent, pace
@@ -161,10 +161,10 @@ class Served:
     """The true motion of a robot at the end of a link.
 
     Attributes:
-        time: (n,) of the ticks, s.
+        time: (n,) times of the ticks, s.
         q: (n, nq) configuration.
         v: (n, nv) velocity.
-        ending: why it ended.
+        ending: cause of the end, in words.
         behind: see :class:`RealTime`.
         unanswered: see :class:`RealTime`.
     """
@@ -184,7 +184,7 @@ class Served:
 
     @property
     def final_displacement_m(self) -> float:
-        """Horizontal distance of the base from where it began, m."""
+        """Horizontal distance of the base from its initial position, m."""
         return float(np.linalg.norm(self.q[-1, :2] - self.q[0, :2]))
 
 
@@ -197,15 +197,15 @@ def serve(
     hardware: Hardware | None = None,
     on_tick: Callable[[float], None] = lambda time: None,
 ) -> Served:
-    """Simulate a robot until its duration is over, or its controller gone.
+    """Simulate a robot until its duration is over or its controller has ended.
 
     Args:
-        plant: reset before, at the state where the robot begins.
-        sensors: of the robot.
+        plant: plant, reset to the initial state.
+        sensors: sensors of the robot.
         pushes: disturbances.
-        rates: of plant and link.
-        pace: how simulated time relates to the clock's.
-        hardware: what commands pass through besides the link; the joints follow at once unless given.
+        rates: rates of plant and link.
+        pace: timing of the exchange with the controller.
+        hardware: drives and delays that commands pass through besides the link; none unless given.
         on_tick: called at every tick with the simulated time.
     """
     sent = _Sent()

@@ -20,7 +20,7 @@ def parse_address(text: str) -> tuple[str, int]:
     """Return host and port of ``host:port``.
 
     Raises:
-        InputError: if it is no address.
+        InputError: if the text is not an address.
     """
     host, colon, port = text.rpartition(":")
     if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
@@ -31,15 +31,16 @@ def parse_address(text: str) -> tuple[str, int]:
 class UdpDriver:
     """A :class:`lgmpc.hardware.Driver` of a robot at the other end of a link.
 
-    It says hello until the first measurement arrives. Packets of another sender are ignored by the operating system,
-    those that are no measurement of this robot here, and measurements that a newer one has overtaken on their way, too.
+    It sends hello packets until the first measurement arrives. Packets of other senders are ignored by the operating
+    system; packets that are not a measurement of this robot, and measurements older than one received before, are
+    ignored here.
 
     Args:
         address: host and port of the robot.
         nu: number of joints.
 
     Attributes:
-        ignored: packets that were no measurement.
+        ignored: number of packets that were not a measurement.
 
     Raises:
         InputError: if the address cannot be used.
@@ -67,7 +68,7 @@ class UdpDriver:
         return readings
 
     def write(self, command: Command) -> None:
-        """Send the answer to the newest measurement."""
+        """Send the command for the newest measurement."""
         _send(self._socket, self._layout.command(max(self._number, 0), command))
 
     def close(self) -> None:
@@ -87,12 +88,12 @@ class UdpDriver:
 
 
 class UdpRobot:
-    """The robot's end: it sends measurements to the controller that said hello, and receives its commands.
+    """The robot's end: it sends measurements to the controller that has connected, and receives its commands.
 
     Args:
         nu: number of joints.
         host: address to listen at.
-        port: 0 takes any free one.
+        port: port to listen at; 0 takes any free one.
 
     Raises:
         InputError: if the port cannot be used.
@@ -110,12 +111,12 @@ class UdpRobot:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port that it listens at."""
+        """Host and port of the socket."""
         host, port = self._socket.getsockname()
         return str(host), int(port)
 
     def wait_for_controller(self, timeout_s: float) -> bool:
-        """Wait until a controller says hello, and return whether one did; from then on no other one is heard."""
+        """Wait for the hello of a controller, return whether one came, and ignore all others from then on."""
         end = perf_counter() + timeout_s
         while (left := end - perf_counter()) > 0.0:
             select.select([self._socket], [], [], min(left, 1.0))
@@ -139,7 +140,7 @@ class UdpRobot:
         return max(commands, key=lambda found: found[0])[1] if commands else None
 
     def receive_answer(self, timeout_s: float) -> Command | None:
-        """Wait for the command that answers the last measurement; None if it does not come."""
+        """Wait for the command to the last measurement; None if it does not arrive."""
         end = perf_counter() + timeout_s
         while (left := end - perf_counter()) > 0.0:
             for number, command in self._commands():
@@ -160,13 +161,13 @@ class UdpRobot:
 
 
 def _packets(link: socket.socket, longest: int) -> Iterator[bytes]:
-    """Yield what has arrived, without waiting."""
+    """Yield the packets that have arrived, without waiting."""
     while True:
         try:
             yield link.recv(longest + 1)
         except BlockingIOError:
             return
-        except ConnectionError:  # no process listens at the other end: UDP reports it for a packet sent before
+        except ConnectionError:  # reported by UDP for an earlier packet if no process listens at the other end
             continue
 
 
@@ -174,4 +175,4 @@ def _send(link: socket.socket, packet: bytes) -> None:
     try:
         link.send(packet)
     except (BlockingIOError, ConnectionError):
-        pass  # a packet that is lost, as any may be
+        pass  # counts as a lost packet

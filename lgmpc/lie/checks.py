@@ -43,7 +43,7 @@ TOLERANCE = 1e-6
 """Tolerance on the orthonormality of rotations, the norm of quaternions and the constants of bottom rows."""
 
 LARGEST = 1e100
-"""Entries of this size or larger are refused like non-finite ones: their squares would overflow."""
+"""Entries of this size or larger are rejected like non-finite ones: their squares would overflow."""
 
 
 class Checked(Protocol[P, R_co]):

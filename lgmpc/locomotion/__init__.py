@@ -1,4 +1,4 @@
-"""Gaits, footholds, swings and commands: what a legged robot does with its feet, and when."""
+"""Locomotion of legged robots: motion commands, gaits and their clock, contact events, footholds, swings."""
 
 from lgmpc.locomotion.clock import GaitClock, GaitClockSettings, SwingInterval
 from lgmpc.locomotion.command import (

@@ -39,12 +39,17 @@ class SwingInterval:
     liftoff: float
     touchdown: float
 
+    def progress(self, t: float) -> float:
+        """Return the share of the swing that is over at time ``t``; outside of the swing below 0 or above 1."""
+        return (t - self.liftoff) / (self.touchdown - self.liftoff)
+
 
 class GaitClock:
     """The swings of every foot: the last one, the present one, and as many of the future as a query needs.
 
-    The schedule changes only by :meth:`start` and :meth:`stop` (the gait), and by :meth:`touch_down` and
-    :meth:`extend` (contacts that come early or late). What it predicts is what it does, unless one of them is called.
+    The schedule changes only by :meth:`start` and :meth:`stop` (the gait), by :meth:`touch_down` and :meth:`extend`
+    (contacts that come early or late), and by :meth:`stretch` (long steps). What it predicts is what it does, unless
+    one of them is called.
 
     Transitions: swings that are under way end as scheduled, then the new gait begins; so at no time are fewer feet on
     the ground than in either gait.
@@ -73,6 +78,7 @@ class GaitClock:
         self._swings: list[list[SwingInterval]] = [[] for _ in gait.offsets]
         self._next = [math.inf] * gait.nc  # first lift-off that is not in _swings
         self._end = math.inf  # no lift-off at or after it
+        self._rests_from = math.inf  # as far as it is known; it lasts until the schedule changes
         if contacts is not None:
             length = max(gait.swing_s, 2.0 * self.settings.min_stance_s)
             for foot in np.flatnonzero(~np.asarray(contacts)):
@@ -98,11 +104,14 @@ class GaitClock:
 
     def rests(self, t: float) -> bool:
         """Return whether no foot swings at time ``t``, and none is to lift off, unless the gait changes."""
+        if t >= self._rests_from:
+            return True
         for foot, swings in enumerate(self._swings):
             if self._next[foot] < math.inf:
                 self._fill(foot, t)
             if swings and swings[-1].touchdown > t:
                 return False
+        self._rests_from = t
         return True
 
     # Gait changes
@@ -145,7 +154,7 @@ class GaitClock:
             swings[:] = [swing for swing in swings if swing.liftoff <= t]
         landed = [swings[-1].touchdown if swings else -math.inf for swings in self._swings]
         self.gait = gait
-        self._end = math.inf
+        self._end = self._rests_from = math.inf
         if gait.stands:
             self._next = [math.inf] * self.nc
             return
@@ -188,6 +197,20 @@ class GaitClock:
         if swing is not None:
             swing.touchdown = t
 
+    def latest_touchdown(self, foot: int, t: float) -> float:
+        """Return how long the present swing of a foot may last for it to stand before it lifts off again, s."""
+        return self._peek(foot, t) - self._min_stance
+
+    def stretch(self, foot: int, t: float, until: float) -> None:
+        """Let the present swing of a foot last until ``until``, if that is later than scheduled: its step is long.
+
+        Lift-offs stay as they are: the foot stands for less long, and in a gait that has no time to spare the robot
+        is in the air meanwhile.
+        """
+        swing = self.swing(foot, t)
+        if swing is not None and until > swing.touchdown:
+            swing.touchdown = until
+
     def extend(self, foot: int, t: float, until: float) -> None:
         """Extend the present swing of a foot until ``until``: it found no ground yet.
 
@@ -203,6 +226,7 @@ class GaitClock:
         if last is None or last.touchdown >= until:
             return
         last.touchdown = until
+        self._rests_from = math.inf
         delay = max(0.0, until + self._min_stance - self._peek(foot, last.liftoff))
         for other in range(self.nc):
             for swing in self.swings(other, self.time, until):
@@ -234,6 +258,8 @@ class GaitClock:
     def advance(self, t: float) -> None:
         """Move on to the time ``t`` of a tick: swings before the last one are forgotten."""
         self.time = t
+        if t > self._rests_from:
+            return  # nothing has begun since
         for foot, swings in enumerate(self._swings):
             self._fill(foot, t)
             while len(swings) > 1 and swings[1].liftoff <= t:
@@ -269,14 +295,6 @@ class GaitClock:
             for swing in self.swings(foot, t, t + dt * len(flags)):
                 begin = math.ceil((swing.liftoff - t) / dt - _SLACK)
                 flags[max(begin, 0) : max(math.ceil((swing.touchdown - t) / dt - _SLACK), 0), foot] = False
-
-    def progress(self, foot: int, t: float) -> float:
-        """Return the share of its present swing or stance that a foot has behind it; 0 in a stance without end."""
-        swing = self.swing(foot, t)
-        if swing is not None:
-            return (t - swing.liftoff) / (swing.touchdown - swing.liftoff)
-        landed, liftoff = self.last_touchdown(foot, t), self.next_liftoff(foot, t)
-        return (t - landed) / (liftoff - landed) if math.isfinite(liftoff - landed) else 0.0
 
     def last_touchdown(self, foot: int, t: float) -> float:
         """Return when the present stance of a foot began, s; -inf if it always stood."""

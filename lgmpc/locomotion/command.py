@@ -1,4 +1,4 @@
-"""Motion commands: how fast, how high, with which gait; from a timeline, a function, or any other source."""
+"""Motion commands: velocity, height, attitude, gait and mode; from a timeline, a function, or any other source."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ __all__ = [
 ]
 
 ModeRequest = Literal["stand", "lie", "damp"]
-"""What a command requests of a robot as a whole."""
+"""Modes that a command can request."""
 
 _REST = 1e-6  # m/s and rad/s
 
 
 @dataclass(frozen=True, slots=True)
 class MotionCommand:
-    """What the robot should do now; velocities in the horizontal frame that turns with the base.
+    """A command of motion; velocities in the horizontal frame that turns with the base.
 
     Attributes:
         vx: velocity ahead, m/s.
@@ -42,9 +42,9 @@ class MotionCommand:
         height: of the base above the feet relative to the reference posture, m.
         pitch: of the base, rad.
         roll: of the base, rad.
-        gait: name of the gait to move with.
-        mode: what to be ready for: ``stand`` (on the feet, moving as commanded), ``lie`` (on the belly), or ``damp``
-            (no torque: the emergency stop).
+        gait: name of the gait.
+        mode: requested mode: ``stand`` (on the feet, moving as commanded), ``lie`` (on the belly), or ``damp`` (no
+            torque: the emergency stop).
     """
 
     vx: float = 0.0
@@ -59,11 +59,11 @@ class MotionCommand:
     @property
     def moves(self) -> bool:
         """Whether any velocity is commanded."""
-        return abs(self.vx) > _REST or abs(self.vy) > _REST or abs(self.yaw_rate) > _REST
+        return not (-_REST <= self.vx <= _REST and -_REST <= self.vy <= _REST and -_REST <= self.yaw_rate <= _REST)
 
 
 class CommandSource(Protocol):
-    """Where commands come from."""
+    """A source of commands."""
 
     def at(self, t: float) -> MotionCommand:
         """Return the command at time ``t``, s."""
@@ -80,10 +80,10 @@ class CommandFunction:
     function: Callable[[float], MotionCommand]
 
     def at(self, t: float) -> MotionCommand:
-        """Return what the function returns.
+        """Return the command at time ``t``, s.
 
         Raises:
-            InputError: it returns anything but a command of finite numbers.
+            InputError: the function does not return a command of finite numbers.
         """
         command = self.function(t)
         if not isinstance(command, MotionCommand):
@@ -97,9 +97,9 @@ class CommandFunction:
 
 
 class CommandEntry(Settings):
-    """A change of the command at a time; what it does not name stays."""
+    """A change of the command at a time; omitted quantities are unchanged."""
 
-    at_s: NonNegative = Field(description="When the change takes place, s.")
+    at_s: NonNegative = Field(description="Time of the change, s.")
     velocity_m_s: Vector3 | None = Field(default=None, description="[ahead, left, 0] in the frame of the base, m/s.")
     yaw_rate_rad_s: Finite | None = Field(default=None, description="To the left, rad/s.")
     height_m: Finite | None = Field(
@@ -198,7 +198,7 @@ class CommandTimeline:
 
 
 class CommandLimits(Settings):
-    """How fast a command may be, and how fast it may change."""
+    """Limits of commands and of their rates."""
 
     speed_m_s: Positive = Field(default=3.0, description="Largest velocity in the plane, m/s.")
     yaw_rate_rad_s: Positive = Field(default=4.0, description="Largest yaw rate, rad/s.")
@@ -210,7 +210,7 @@ class CommandLimits(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """The change of a limited velocity that is still to come: uniform until it is over.
+    """The remaining change of a limited velocity, at constant acceleration.
 
     Attributes:
         ax: acceleration ahead, m/s2.
@@ -234,35 +234,38 @@ _NO_RAMP = Ramp()
 
 
 class CommandLimiter:
-    """Follows commands no faster than its limits allow, and arrives exactly.
+    """Limits commands and their rates; constant commands are reached exactly.
 
     Args:
         limits: see :class:`CommandLimits`.
-        command: where to begin.
+        command: initial command.
 
     Attributes:
         command: the limited command of the last step.
-        ramp: how its velocity goes on, if the command stays as it is.
+        ramp: remaining change of its velocity for a constant command.
     """
 
     def __init__(self, limits: CommandLimits | None = None, command: MotionCommand | None = None) -> None:
         self.limits = CommandLimits() if limits is None else limits
         self.command = MotionCommand() if command is None else command
         self.ramp = _NO_RAMP
+        self._arrived: MotionCommand | None = None  # the last one that was within the limits
 
     def step(self, command: MotionCommand, dt: float, acceleration: float = math.inf) -> MotionCommand:
         """Return the limited command after ``dt``, s; gait and mode are those of ``command``.
 
         Args:
-            command: where to arrive.
-            dt: s.
-            acceleration: that the floor allows in the plane, m/s2, if it is less than the settings'.
+            command: command to approach.
+            dt: duration of the step, s.
+            acceleration: largest horizontal acceleration that the floor allows, m/s2, if below that of the settings.
         """
         now, most = self.command, self.limits
         self.ramp = _NO_RAMP
+        if command is self._arrived and command is now:
+            return command
         arrived = now is command or now == command
         if arrived and math.hypot(now.vx, now.vy) <= most.speed_m_s and abs(now.yaw_rate) <= most.yaw_rate_rad_s:
-            self.command = command  # itself: the next comparison is one of identity
+            self.command = self._arrived = command
             return command
         vx, vy = command.vx, command.vy
         speed = math.hypot(vx, vy)

@@ -1,8 +1,12 @@
-"""Contact events: which feet carry, from the schedule and from what is measured.
+"""Contact events: fusion of scheduled and measured contacts.
 
-A schedule alone stamps early feet into the ground and leaves late ones hovering; a measurement alone flickers. Here
-the schedule leads, and a measurement that persists corrects it (after Bledt et al., "Contact model fusion for
-event-based locomotion in unstructured terrains", ICRA 2018, with thresholds in place of probabilities).
+With a schedule alone, early feet are pressed into the ground and late ones end in the air; measurements alone are
+noisy. Here the schedule is followed, and corrected by persistent measurements (after Bledt et al., "Contact model
+fusion for event-based locomotion in unstructured terrains", ICRA 2018, with thresholds in place of probabilities).
+
+Measurements are older than the decisions they enter: by the age of the state and the time until the command acts. So a
+measurement is compared with the schedule of its own time. A foot whose touchdown is due carries as scheduled until the
+measurement of that time arrives; waiting for it would delay every touchdown by its age.
 """
 
 from __future__ import annotations
@@ -19,27 +23,37 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["ContactEvents", "ContactEventSettings", "ContactState"]
 
+_SAME_TIME = 1e-9  # s
+
 
 class ContactEventSettings(Settings):
-    """When a measurement overrides the schedule."""
+    """Conditions under which a measurement overrides the schedule."""
 
     early_share: Fraction = Field(
-        default=0.5, description="Share of a swing before which a measured contact is no touchdown: the foot leaves."
+        default=0.5, description="Share of a swing before which a measured contact is not a touchdown but the lift-off."
     )
-    touch_time_s: NonNegative = Field(default=0.003, description="How long a contact is measured until it counts, s.")
+    touch_time_s: NonNegative = Field(
+        default=0.003, description="Time for which a contact must be measured to be accepted, s."
+    )
     lost_time_s: NonNegative = Field(
-        default=0.03, description="How long a stance foot measures no contact until it counts as lost, s."
+        default=0.03, description="Time without measured contact after which a stance foot counts as lost, s."
+    )
+    patience_s: NonNegative = Field(
+        default=0.005,
+        description="Where measurements are older than decisions: how long after a scheduled touchdown no contact is"
+        " measured until the foot, which carries meanwhile, counts as late, s.",
     )
     lookahead_s: Positive = Field(
-        default=0.004, description="How much later than now a foot that is late is expected to touch down, s."
+        default=0.004, description="Time from now at which a late foot is expected to touch down, s."
     )
     max_late_s: NonNegative = Field(
-        default=0.01, description="How long the schedule waits for a late foot; then it goes on without it, s."
+        default=0.01,
+        description="Longest delay of the schedule for a late foot; then it continues without that foot, s.",
     )
     force_share: Fraction = Field(
         default=0.004,
-        description="Normal force that counts as contact, as a share of the robot's weight; more than the noise of what"
-        " measures it, less than the smallest force of a stance foot.",
+        description="Normal force that counts as contact, as a share of the robot's weight; above the noise of the"
+        " measurement, below the smallest force of a stance foot.",
     )
     ramp_s: NonNegative = Field(
         default=0.025, description="Time in which the force bound of a foot opens after touchdown, s."
@@ -50,7 +64,7 @@ class ContactEventSettings(Settings):
 
 
 class ContactState(Enum):
-    """What a foot does, compared with the schedule."""
+    """State of a foot relative to the schedule."""
 
     STANCE = "on the ground, as scheduled"
     SWING = "in the air, as scheduled"
@@ -68,12 +82,13 @@ class ContactState(Enum):
 
 
 class ContactEvents:
-    """Follows the schedule of a clock, corrects it where measured contacts differ, and advances it.
+    """Advances the schedule of a clock, and corrects it where measured contacts differ.
 
     Args:
         clock: the schedule; :meth:`update` corrects it for early and late feet.
-        weight: of the robot, N: the unit of the force threshold.
+        weight: weight of the robot, N: the unit of the force threshold.
         settings: see :class:`ContactEventSettings`.
+        age: of the contacts measured at each update, s.
 
     Attributes:
         states: (nc,) of the last update.
@@ -82,18 +97,24 @@ class ContactEvents:
         resting: whether all feet stand and none is to lift off, at the last update.
     """
 
-    def __init__(self, clock: GaitClock, weight: float, settings: ContactEventSettings | None = None) -> None:
+    def __init__(
+        self, clock: GaitClock, weight: float, settings: ContactEventSettings | None = None, age: float = 0.0
+    ) -> None:
         self.clock = clock
-        self.settings = ContactEventSettings() if settings is None else settings
-        self._threshold = self.settings.force_share * weight
+        self.settings = s = ContactEventSettings() if settings is None else settings
+        self._age = age
+        self._patience = s.patience_s if age > 0.0 else 0.0  # what is measured at once needs none
+        self._threshold = s.force_share * weight
         nc = clock.nc
         flags = clock.flags(clock.time)
         self.states = [ContactState.STANCE if stands else ContactState.SWING for stands in flags]
         self.stance: BoolArray = flags
         self.since = [-np.inf if stands else clock.time for stands in flags]
         self.resting = False
+        self._full = [1.0] * nc
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
+        self._due = [math.inf] * nc  # a touchdown that was scheduled and is not measured yet, s
 
     def measure(self, forces: Array) -> BoolArray:
         """Return (nc,) which feet are in contact by their normal forces (nc,), N; released at half the threshold."""
@@ -102,11 +123,11 @@ class ContactEvents:
         return contacts
 
     def update(self, t: float, contacts: BoolArray | None = None) -> BoolArray:
-        """Compare schedule and measurement at time ``t``, and move the clock on to it.
+        """Compare schedule and measurement at time ``t``, and advance the clock.
 
         Args:
             t: time, s, not before that of the last update.
-            contacts: (nc,) measured; None where nothing is: then the schedule is followed.
+            contacts: (nc,) measured at ``t - age``; None where nothing is: then the schedule is followed.
 
         Returns:
             :attr:`stance`.
@@ -117,42 +138,54 @@ class ContactEvents:
                 if touching != self._touching[foot]:
                     self._touching[foot], self._changed[foot] = touching, t
         carries = self.stance.tolist()
-        self.resting = False not in carries and self.clock.rests(t)
+        self.resting = self._rests(t, carries)
         if self.resting and measured is not None:
             self.clock.advance(t)  # all stand, whatever they measure
             return self.stance
         # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
         feet = range(self.clock.nc)
-        for foot in [*(f for f in feet if not carries[f]), *(f for f in feet if carries[f])]:
+        landed = [carried and due == math.inf for carried, due in zip(carries, self._due, strict=True)]
+        for foot in [*(f for f in feet if not landed[f]), *(f for f in feet if landed[f])]:
             state = self._next_state(foot, t, None if measured is None else measured[foot])
             if state is not self.states[foot]:
                 self.states[foot], self.since[foot] = state, t
                 carries[foot] = state.carries
         self.stance[:] = carries
         self.clock.advance(t)
-        self.resting = False not in carries and self.clock.rests(t)
+        self.resting = self._rests(t, carries)
         return self.stance
+
+    def _rests(self, t: float, carries: list[bool]) -> bool:
+        return False not in carries and min(self._due) == math.inf and self.clock.rests(t)
 
     def _next_state(self, foot: int, t: float, touching: bool | None) -> ContactState:
         s, clock, before = self.settings, self.clock, self.states[foot]
-        swinging = clock.swing(foot, t) is not None
+        swing = clock.swing(foot, t)
         if touching is None:
-            return ContactState.SWING if swinging else ContactState.STANCE
+            return ContactState.STANCE if swing is None else ContactState.SWING
+        measured_at = t - self._age
         persists = t - self._changed[foot]
         touched = touching and persists >= s.touch_time_s
-        if swinging:
+        if swing is not None:
+            self._due[foot] = math.inf
             if before is ContactState.LATE:
                 # It is due: the first touch counts.
                 if touching:
                     clock.touch_down(foot, t)
                     return ContactState.STANCE
                 return self._wait(foot, t)
-            if touched and clock.progress(foot, t) >= s.early_share:
+            if touched and swing.progress(measured_at) >= s.early_share:
                 clock.touch_down(foot, t)
                 return ContactState.EARLY
             return ContactState.SWING
-        if before is ContactState.SWING or before is ContactState.LATE:
-            # The scheduled touchdown is now.
+        if before is ContactState.SWING:
+            self._due[foot] = t
+        if self._due[foot] < math.inf:
+            if measured_at < self._due[foot] + (0.0 if touching else self._patience) - _SAME_TIME:
+                return ContactState.STANCE
+            self._due[foot] = math.inf
+            return ContactState.STANCE if touching else self._wait(foot, t)
+        if before is ContactState.LATE:
             return ContactState.STANCE if touching else self._wait(foot, t)
         if before is ContactState.MISSING or before is ContactState.LOST:
             return ContactState.STANCE if touched else before
@@ -163,7 +196,7 @@ class ContactEvents:
 
     def _wait(self, foot: int, t: float) -> ContactState:
         """Make the schedule wait for a foot whose touchdown is due, up to the longest wait."""
-        begin = t if self.states[foot] is ContactState.SWING else self.since[foot]
+        begin = self.since[foot] if self.states[foot] is ContactState.LATE else t
         if t - begin >= self.settings.max_late_s:
             self.clock.touch_down(foot, t)
             return ContactState.MISSING
@@ -175,12 +208,21 @@ class ContactEvents:
         return self.states[foot] in (ContactState.LATE, ContactState.MISSING, ContactState.LOST)
 
     def steady(self, since: float) -> list[bool]:
-        """Return (nc,) which feet have carried since before ``since``, s, and touch the ground now."""
-        feet = zip(self.stance.tolist(), self.since, self._touching, strict=True)
-        return [carries and begin < since and touching for carries, begin, touching in feet]
+        """Return (nc,) which feet have carried since before ``since``, s, and touch the ground now.
+
+        While the robot steps, a contact just measured does not count yet: a foot that hops lands with the velocity
+        that it had in the air.
+        """
+        if self.resting and max(self.since) < since:
+            return self._touching
+        counts = self.clock.time - self.settings.touch_time_s
+        feet = zip(self.stance.tolist(), self._touching, self.since, self._changed, strict=True)
+        return [
+            carries and touching and begin < since and changed < counts for carries, touching, begin, changed in feet
+        ]
 
     def correct(self, flags: BoolArray, dt: float) -> None:
-        """Overwrite the beginning of a horizon's flags (N, nc), intervals of ``dt``, s, with what the feet really do.
+        """Overwrite the beginning of a horizon's flags (N, nc), intervals of ``dt``, s, with the actual contacts.
 
         The first interval takes :attr:`stance`; a foot that searches for the ground is expected to find it after
         the lookahead.
@@ -194,6 +236,8 @@ class ContactEvents:
     def loading(self, t: float) -> list[float]:
         """Return (nc,) the shares of their largest forces that feet may carry: ramps at touchdown, before lift-off."""
         s = self.settings
+        if self.resting and t - max(self.since) >= s.ramp_s:
+            return self._full
         shares = [1.0 if carries else 0.0 for carries in self.stance.tolist()]
         if s.ramp_s > 0.0:
             shares = [min(share, (t - since) / s.ramp_s) for share, since in zip(shares, self.since, strict=True)]

@@ -1,4 +1,4 @@
-"""Which commands of a timeline no posture of the legs can follow."""
+"""Feasibility of the commands of a timeline: limits, and the reach of the legs."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["infeasible_commands", "top_speed"]
 
 
 def top_speed(legs: LegGeometry, gait: Gait, height: float = 0.0) -> float:
-    """Return the speed at which the legs' feet are within reach from touchdown to lift-off, m/s; 0 of standing.
+    """Return the largest speed at which the feet are within reach from touchdown to lift-off, m/s; 0 for standing.
 
-    While a foot stands, its hip travels over it by speed times stance: at best from as far ahead of the hip as the leg
-    reaches to as far behind.
+    During a stance the hip travels by speed times stance duration over the foot: at most from the leg's reach behind
+    the foot to its reach ahead.
 
     Args:
         legs: the legs.
-        gait: how long their feet stand.
-        height: of the base relative to the reference posture, m.
+        gait: gait, with the duration of its stances.
+        height: height of the base relative to the reference posture, m.
     """
     drop = legs.hips[:, 2] - legs.feet[:, 2] + height
     reach = np.sqrt(np.maximum(legs.length**2 - drop**2, 0.0))
@@ -37,10 +37,10 @@ def infeasible_commands(
     """Yield an error for each entry of a timeline that commands more than its limits or the legs allow.
 
     Args:
-        entries: the timeline, of gaits that exist.
-        gaits: by name.
+        entries: the timeline, whose gaits exist.
+        gaits: gaits by name.
         limits: section ``locomotion.limits``.
-        legs: of the robot.
+        legs: legs of the robot.
     """
     command = MotionCommand()
     stretch = float((legs.length - (legs.hips[:, 2] - legs.feet[:, 2])).min())
@@ -62,5 +62,5 @@ def infeasible_commands(
             expected = f"at most {limits.speed_m_s:g} m/s (locomotion.limits.speed_m_s)"
             yield InputError(key, f"{speed:g} m/s", expected)
         elif speed > most and not gait.stands:
-            expected = f"at most {most:.3g} m/s: with gait {gait.name} a foot stands for {gait.stance_s:.3g} s"
+            expected = f"at most {most:.3g} m/s: in gait {gait.name} the stance lasts {gait.stance_s:.3g} s"
             yield InputError(key, f"{speed:g} m/s", f"{expected}, and the legs reach no further")

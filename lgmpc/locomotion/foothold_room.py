@@ -1,12 +1,12 @@
-"""How far a foothold may be from its nominal point: within reach, on its own side, clear of the other feet.
+"""Bounds on the shift of a foothold from its nominal point: reach, own side of the base, clearance from other feet.
 
 The admissible footholds of a foot are a convex polygon about the nominal one p, with sides towards m evenly spaced
-directions n_j: ``n_j . d <= room_j`` for the shift d. The disc of radius R that the leg reaches about its hip h holds
-the polygon with ``room_j = n_j . (h - p) + R cos(pi / m)``. A half-plane ``w . d <= a`` holds it if the two sides next
-to w, of which ``w = a_j n_j + a_k n_k`` with weights that are not negative, have at most the room ``a / (a_j + a_k)``.
-So what is admissible is never left, whatever direction the bounds have, and a little is lost between the sides.
-Rooms are not negative: a nominal foothold on the edge of the disc is admissible too, and moves the sides next to it
-outward as far as itself, so that a corner is at most ``R / cos(pi / m)`` from the hip.
+directions n_j: ``n_j . d <= room_j`` for the shift d. The disc of radius R that the leg reaches about its hip h
+contains the polygon with ``room_j = n_j . (h - p) + R cos(pi / m)``. A half-plane ``w . d <= a`` contains it if the two
+sides next to w, with ``w = a_j n_j + a_k n_k`` and non-negative coefficients, have at most the room
+``a / (a_j + a_k)``. The polygon is therefore an inner approximation for bounds of any direction. Rooms are not
+negative: a nominal foothold on the edge of the disc is admissible too, and moves the sides next to it outward as far as
+itself, so that a corner is at most ``R / cos(pi / m)`` from the hip.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ __all__ = ["FootholdRoom", "tighten"]
 
 
 class FootholdRoom:
-    """Writes the room of every foothold of a horizon.
+    """Computes the room of every foothold of a horizon.
 
     Args:
-        planner: of the nominal footholds; its bounds are kept.
+        planner: planner of the nominal footholds, with the bounds to satisfy.
     """
 
     def __init__(self, planner: FootholdPlanner) -> None:
@@ -37,13 +37,13 @@ class FootholdRoom:
     def write(self, horizon: ContactHorizon, motion: BaseMotion, dt: float, fixed: BoolArray) -> None:
         """Write ``horizon.room`` from its flags and points: zero for feet that stand.
 
-        A nominal foothold that is out of bounds itself has no room towards them.
+        A nominal foothold that violates a bound has zero room towards it.
 
         Args:
-            horizon: of intervals of ``dt``.
-            motion: at its beginning.
-            dt: s.
-            fixed: (nc,) feet whose present swing is too far on for another foothold.
+            horizon: contacts over intervals of ``dt``.
+            motion: motion at the beginning of the horizon.
+            dt: duration of the intervals, s.
+            fixed: (nc,) feet whose present swing has passed the time at which its target is frozen.
         """
         room, flags = horizon.room, horizon.flags
         room[...] = 0.0

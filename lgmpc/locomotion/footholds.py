@@ -1,4 +1,4 @@
-r"""Where to put the feet down: under the hips, shifted so that the coming stance makes the velocity what it should be.
+r"""Heuristic footholds: under the hips, shifted so that the velocity is the commanded one after the coming stance.
 
 The linear inverted pendulum of height h has the rate :math:`w = \sqrt{g / h}`. Supported for a time T at a point that
 the centre of mass passes in the middle, its velocity v is the same afterwards if the point is ahead of it at touchdown
@@ -6,13 +6,13 @@ by the neutral distance :math:`v \tanh(w T / 2) / w` (about v T / 2, Raibert, "L
 further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance
 (dead beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
 Humanoids 2006). While the command changes, the velocity expected at touchdown is compared with the command at the end
-of the stance: the robot leans into its acceleration. A round foot of radius r rolls ahead under the leg, by r / h of
-the way, and is put down that much less ahead. In a turn the support moves outward by :math:`h / g \; v \times \omega`,
-which carries the centripetal acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse
-control and model predictive control", 2019, has the term with another factor).
+of the stance, which supports the acceleration. A spherical foot of radius r rolls by r / h of the distance travelled,
+and is placed that much less far ahead. In a turn the support moves outward by :math:`h / g \; v \times \omega`, which
+provides the centripetal acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse control
+and model predictive control", 2019, has the term with another factor).
 
-The mean velocity of a robot on two feet follows from its footholds alone: a force ahead only turns it about the line
-between the feet. So the way by which it lags behind its command shifts footholds too.
+The mean velocity of a robot on two feet is determined by its footholds alone: a horizontal force only tilts it about
+the line between the feet. Therefore the position error of the centre of mass shifts footholds too.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ Point = tuple[float, float]
 
 
 class FootholdSettings(Settings):
-    """How footholds follow the velocity, and how far they may be from the hips."""
+    """Feedback gains of footholds, and their bounds relative to the hips."""
 
     feedback: NonNegative = Field(
         default=1.0, description="Feedback of the velocity error, in units of the pendulum's dead-beat gain."
     )
     position_feedback: NonNegative = Field(
-        default=0.7, description="Shift of footholds with the centre of mass's distance from where it should be."
+        default=0.7, description="Shift of footholds per position error of the centre of mass."
     )
     centrifugal: NonNegative = Field(
-        default=1.0, description="Outward shift in a turn, in units of that which carries the centripetal acceleration."
+        default=1.0, description="Outward shift in a turn, in units of that of the centripetal acceleration."
     )
     reach_share: Fraction = Field(
         default=0.92, description="Longest distance from hip to foothold, as a share of the stretched leg's length."
@@ -58,8 +58,8 @@ class FootholdSettings(Settings):
         strict=True,
         ge=-1.0,
         le=1.0,
-        description="How far a foot stays on its own side of the base, as a share of its distance in the reference;"
-        " below 0, how far it may cross to the other side.",
+        description="Least distance of a foot from the base's middle plane on its own side, as a share of that in the"
+        " reference posture; negative: largest distance on the other side.",
     )
     spacing_share: Fraction = Field(
         default=0.3, description="Shortest distance between two feet, as a share of the stretched leg's length."
@@ -82,9 +82,9 @@ class BaseMotion:
         yaw_rate: commanded, rad/s.
         wanted_vx: commanded velocity, world axes, m/s.
         wanted_vy: m/s.
-        astray_x: from where the centre of mass should be to where it is, world axes, m.
+        astray_x: position error of the centre of mass, measured minus desired, world axes, m.
         astray_y: m.
-        ramp: how the commanded velocity changes from now on, world axes.
+        ramp: coming change of the commanded velocity, world axes.
     """
 
     x: float
@@ -101,10 +101,10 @@ class BaseMotion:
 
 
 class FootholdPlanner:
-    """Heuristic footholds of every foot, for the swing under way and those after it.
+    """Heuristic footholds of every foot, for the present swing and those after it.
 
     Args:
-        legs: of the robot.
+        legs: legs of the robot.
         settings: see :class:`FootholdSettings`.
         terrain: the ground; flat at height 0 if omitted.
 
@@ -115,9 +115,9 @@ class FootholdPlanner:
         height: of the centre of mass above the feet, m.
         feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
         hips: (nc,) of (x, y), the same.
-        sides: (nc,) the least distance of a foot to its own side, axes of the base, with the sign of that side, m.
-        reach: (nc,) of each foothold from its hip, in the plane, m.
-        spacing: the least distance between two feet, m.
+        sides: (nc,) smallest lateral distance of a foot on its own side, base axes, with the sign of the side, m.
+        reach: (nc,) largest horizontal distance of a foothold from its hip, m.
+        spacing: smallest distance between two feet, m.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class FootholdPlanner:
         self._rolling = legs.radius / legs.height
         self.feet = [(float(x), float(y)) for x, y, _ in legs.feet]
         x, y, _ = legs.feet.mean(axis=0).tolist()
-        # A robot that stands need not be above the middle of its feet; one on two feet at a time is driven off it.
+        # Standing, the centre of mass may be off the middle of the feet; on two feet that offset accelerates it.
         self._walking = [(ahead - x, left - y) for ahead, left in self.feet]
         self.hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self.sides = [s.side_share * y for _, y in self.feet]
@@ -154,19 +154,19 @@ class FootholdPlanner:
         """Return the foothold (x, y) of a foot.
 
         Args:
-            foot: which.
+            foot: index of the foot.
             motion: present motion.
             remaining: time until the touchdown, s.
             stance: duration of the stance after it, s; inf to stand from then on.
-            others: where other feet are or will be.
-            width: of the gait; a foot that stands from then on is put down where the reference posture has it, others
+            others: present or coming positions of other feet.
+            width: width of the gait; a foot that stands from then on is placed as in the reference posture, others
                 around the centre of mass.
         """
         com = self.expected(motion, remaining, present=True)
         return self._place(foot, motion, com, (motion.vx, motion.vy), remaining, stance, others, width)
 
     def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float, width: float = 1.0) -> Point:
-        """Return the foothold of a later swing: as :meth:`place`, once the velocity error has decayed."""
+        """Return the foothold of a later swing: as :meth:`place`, after the velocity error has decayed."""
         left = self._left(remaining)
         ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
         com = self.expected(motion, remaining, present=False)
@@ -174,7 +174,7 @@ class FootholdPlanner:
         return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, (), width)
 
     def expected(self, motion: BaseMotion, remaining: float, present: bool) -> Point:
-        """Return where the centre of mass will be: at its velocity in a present swing, else as its error decays."""
+        """Return the predicted centre of mass: at constant velocity in a present swing, else with decaying error."""
         if present:
             return motion.x + motion.vx * remaining, motion.y + motion.vy * remaining
         ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
@@ -203,12 +203,12 @@ class FootholdPlanner:
         turned = omega * remaining
         half = 0.5 * stance if stance < math.inf else 0.0
         vx, vy = velocity
-        # What the command changes until the touchdown, and until the end of the stance:
+        # Change of the command until the touchdown, and until the end of the stance.
         ramp = motion.ramp
         before, after = min(remaining, ramp.duration), min(remaining + stance, ramp.duration)
         vx, vy = vx + before * ramp.ax, vy + before * ramp.ay
         wx, wy = _turn(motion.wanted_vx + after * ramp.ax, motion.wanted_vy + after * ramp.ay, turned)
-        # To the middle of the stance: the way of the centre of mass turns by half as much as the base.
+        # To the middle of the stance: the path of the centre of mass turns by half of the base's rotation.
         nx, ny = _turn(vx, vy, 0.5 * omega * half)
         neutral = math.tanh(0.5 * rate * stance) / rate
         rolled = self._rolling * neutral
@@ -250,7 +250,7 @@ class FootholdPlanner:
     def horizon(
         self, clock: GaitClock, motion: BaseMotion, t: float, dt: float, contacts: Array, points: Array
     ) -> None:
-        """Write where each foot stands, or will touch down next, in each interval of a horizon.
+        """Write the contact point or next foothold of each foot in each interval of a horizon.
 
         Args:
             clock: the schedule.

@@ -1,7 +1,7 @@
-"""Periodic gaits: how long each foot stands and swings in a cycle, and how the feet are offset from each other.
+"""Periodic gaits: durations of stance and swing in a cycle, and phase offsets of the feet.
 
-A gait is a period, a duty factor (the share of the cycle that a foot stands) and for each foot the share of the cycle
-at which it lifts off (Hildebrand, "Symmetrical gaits of horses", Science 150, 1965). Standing is the gait of duty 1:
+A gait is a period, a duty factor (share of the cycle in stance) and for each foot the share of the cycle at which it
+lifts off (Hildebrand, "Symmetrical gaits of horses", Science 150, 1965). Standing is the gait of duty 1:
 its feet never lift off.
 """
 
@@ -33,15 +33,15 @@ class Gait(Settings):
     name: Annotated[str, Field(min_length=1)] = Field(description="Name by which commands choose the gait.")
     period_s: Annotated[float, Field(strict=True, ge=0.05, le=10.0)] = Field(description="Duration of a cycle, s.")
     duty: Annotated[float, Field(strict=True, gt=0.0, le=1.0)] = Field(
-        description="Share of the cycle that a foot is on the ground; 1 stands."
+        description="Share of the cycle in which a foot is on the ground; 1: standing."
     )
     offsets: tuple[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)], ...] = Field(
         description="For each foot, the share of the cycle at which it lifts off."
     )
     width: Annotated[float, Field(strict=True, gt=0.0, le=2.0)] = Field(
         default=1.0,
-        description="How far to the side the feet are put down, as a share of where they are in the reference posture;"
-        " gaits that stand on one side at a time need narrow steps.",
+        description="Lateral distance of the footholds, as a share of that in the reference posture; gaits that stand"
+        " on one side at a time require narrow steps.",
     )
 
     @field_validator("offsets")
@@ -63,28 +63,28 @@ class Gait(Settings):
 
     @cached_property
     def stance_s(self) -> float:
-        """How long a foot stands in each cycle, s; inf for standing."""
+        """Duration of the stance in each cycle, s; inf for standing."""
         return math.inf if self.stands else self.duty * self.period_s
 
     @cached_property
     def swing_s(self) -> float:
-        """How long a foot swings in each cycle, s."""
+        """Duration of the swing in each cycle, s."""
         return (1.0 - self.duty) * self.period_s
 
     @cached_property
     def min_support(self) -> int:
-        """The fewest feet that are on the ground at any time of the cycle."""
+        """Smallest number of feet on the ground in the cycle."""
         if self.stands:
             return self.nc
         swing = 1.0 - self.duty - _SLACK
-        # The fewest stand just after one of the lift-offs.
+        # The minimum is reached just after a lift-off.
         return min(sum((now - other + _SLACK) % 1.0 >= swing for other in self.offsets) for now in self.offsets)
 
     def reordered(self, order: Iterable[int]) -> Gait:
         """Return the gait of the same feet in another order: foot i of the new one is foot ``order[i]`` of this one.
 
         Raises:
-            InputError: ``order`` is no permutation of the feet.
+            InputError: ``order`` is not a permutation of the feet.
         """
         order = tuple(order)
         if sorted(order) != list(range(self.nc)):
@@ -93,7 +93,7 @@ class Gait(Settings):
 
 
 # name: (period in sqrt(height / gravity), duty, offsets of front left, front right, hind left, hind right, width).
-# On the feet of one side or one end a robot topples: the shorter it stands on them alone, the less it rolls or pitches.
+# On the feet of one side or one end a robot topples: shorter stances on them cause less roll or pitch.
 _QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], float]] = {
     "stand": (2.2, 1.0, (0.0, 0.0, 0.0, 0.0), 1.0),
     "walk": (3.8, 0.77, (0.25, 0.75, 0.0, 0.5), 1.0),
@@ -105,15 +105,15 @@ _QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], 
 
 
 def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
-    """Return the usual gaits of four feet by name; feet in the order front left, front right, hind left, hind right.
+    """Return the predefined gaits of four feet by name; order: front left, front right, hind left, hind right.
 
     The dynamics of a pendulum of height h are the same in units of ``sqrt(h / g)`` (equal Froude numbers), so the
-    periods grow with that time. The trot of a robot as low as Solo12 takes 0.24 s: longer ones are common (0.32 s in
-    Leziart et al., "Implementation of a reactive walking controller for the new open-hardware quadruped Solo-12", ICRA
-    2021) and cost less, but between two steps a pushed robot falls further than its legs reach.
+    periods are proportional to that time. The trot of a robot of Solo12's height has a period of 0.24 s: longer ones
+    are common (0.32 s in Leziart et al., "Implementation of a reactive walking controller for the new open-hardware
+    quadruped Solo-12", ICRA 2021) and cost less, but between two steps a pushed robot moves beyond its legs' reach.
 
     Args:
-        height_m: of the centre of mass above the feet, m.
+        height_m: height of the centre of mass above the feet, m.
 
     Raises:
         InputError: a height that is not positive.

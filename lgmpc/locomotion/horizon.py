@@ -55,12 +55,14 @@ class MotionReference:
         com_velocity: (N+1, 3) m/s.
         q: (N+1, nq) configurations: the attitude of the base and the joint positions to stay near.
         angular_velocity: (N+1, 3) of the base, world axes, rad/s.
+        catching: whether steps are to catch a push, and height counts more than otherwise.
     """
 
     com: Array
     com_velocity: Array
     q: Array
     angular_velocity: Array
+    catching: bool = False
 
     @classmethod
     def standing(cls, robot: Robot, intervals: int, com: Array) -> MotionReference:

@@ -1,4 +1,4 @@
-"""Where legs are attached and how far they reach, from the robot's model."""
+"""Geometry of the legs from the robot's model: hips, feet, lengths."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class LegGeometry:
 
     Attributes:
         feet: (nc, 3) contact points, m.
-        hips: (nc, 3) hips: where each leg's second joint is (the first one turns it sideways), m.
+        hips: (nc, 3) hips: positions of each leg's second joint (the first one is the abduction), m.
         length: (nc,) from hip to contact frame along the links: no posture reaches further, m.
         base: (3,) origin of the base, m.
-        radius: of the round feet, m.
+        radius: radius of the spherical feet, m.
     """
 
     feet: Array
@@ -35,15 +35,15 @@ class LegGeometry:
 
     @cached_property
     def height(self) -> float:
-        """Of the centre of mass above the mean contact point, m."""
+        """Height of the centre of mass above the mean contact point, m."""
         return -float(self.feet[:, 2].mean())
 
     @classmethod
     def of(cls, robot: Robot) -> LegGeometry:
-        """Measure the legs of a robot.
+        """Return the geometry of a robot's legs.
 
         Raises:
-            InputError: the base does not float, there is no contact frame, or one that no joint moves.
+            InputError: the base is fixed, there is no contact frame, or one that no joint moves.
         """
         if not (robot.floating_base and robot.nc):
             raise InputError("robot", robot.name, "a floating base and contact frames")

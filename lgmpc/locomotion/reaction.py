@@ -34,9 +34,9 @@ class StepReactionSettings(Settings):
 
     enabled: bool = Field(default=False, strict=True, description="Whether a standing robot steps against pushes.")
     margin_m: Finite = Field(
-        default=-0.06,
+        default=0.0,
         description="Step when the forecast capture point is closer than this to the edge of the support, m; negative:"
-        " further outside. The forecast expects a push to last on (mpc.wrench_decay_s), most end sooner.",
+        " further outside, which steps less often but later, when the robot is faster.",
     )
     gait: Annotated[str, Field(min_length=1)] = Field(default="trot", description="Name of the gait to step with.")
     cycle_shares: Annotated[

@@ -27,7 +27,7 @@ _CONSTANT = Ramp()
 
 
 class ReferenceSettings(Settings):
-    """How far the desired motion may be from the measured one."""
+    """Largest distances between desired and measured motion."""
 
     leash_m: Positive | None = Field(
         default=None,
@@ -39,32 +39,41 @@ class ReferenceSettings(Settings):
 
 @dataclass
 class DesiredPose:
-    """Where the robot should be at one time, world axes.
+    """The desired pose and motion at one time, world axes.
 
     Attributes:
-        com: (3,) centre of mass, m.
-        velocity: (3,) of the centre of mass, m/s.
-        base_pose: (7,) of the base, the next two in one.
-        base: (3,) origin of the base, m.
-        quaternion: (4,) orientation of the base, x y z w.
-        rotation: (3, 3) the same, body to world.
-        yaw_rate: about the vertical, rad/s.
+        centre: (9,) position, velocity and acceleration of the centre of mass, m.
+        origin: (9,) the same of the base's origin, which turns with the command no faster than is negligible.
+        attitude: (12,) orientation of the base, body to world and row by row, and its angular velocity, base axes.
+        base_pose: (7,) position and quaternion x y z w of the base.
+        com: (3,) of :attr:`centre`, m.
+        velocity: (3,) of :attr:`centre`, m/s.
+        base: (3,) of :attr:`base_pose`, m.
+        quaternion: (4,) of :attr:`base_pose`.
+        rotation: (3, 3) of :attr:`attitude`.
     """
 
-    com: Array
-    velocity: Array
+    centre: Array
+    origin: Array
+    attitude: Array
     base_pose: Array
-    base: Array
-    quaternion: Array
-    rotation: Array
-    yaw_rate: float
+
+    @classmethod
+    def zero(cls) -> DesiredPose:
+        """Return buffers to write to."""
+        return cls(np.zeros(9), np.zeros(9), np.zeros(12), np.zeros(7))
+
+    def __post_init__(self) -> None:
+        self.com, self.velocity = self.centre[:3], self.centre[3:6]
+        self.base, self.quaternion = self.base_pose[:3], self.base_pose[3:]
+        self.rotation = self.attitude[:9].reshape(3, 3)
 
 
 class ReferenceBuilder:
     """Integrates commands to a desired position and heading, and writes the motion from there on.
 
-    A push moves the robot away from what it was to do; beyond the leash the desired position follows, so nothing winds
-    up, and no way back is commanded that the robot was never to go.
+    A push moves the robot away from its desired position; beyond the largest distance the desired position follows, so
+    that position errors do not wind up.
 
     Args:
         robot: the controller's model.
@@ -86,26 +95,27 @@ class ReferenceBuilder:
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._bound: MotionReference | None = None  # what _run writes to
         self._now = np.zeros(17)
-        place = np.zeros(7)
-        self._pose = DesiredPose(np.zeros(3), np.zeros(3), place, place[:3], place[3:], np.eye(3), 0.0)
-        self._attitude = (math.nan, 0.0, 0.0)
+        self._pose = DesiredPose.zero()
+        self._attitude = (math.nan, 0.0, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
     def take_over(self, old: ReferenceBuilder) -> None:
-        """Go on where another builder is, writing to memory of one's own."""
+        """Take over the state of another builder, in this builder's own memory."""
         self._bound = None
 
     def begin(self, com: Array, yaw: float) -> None:
-        """Begin where the robot is: centre of mass (3,) and heading."""
+        """Start at the measured centre of mass (3,) and heading."""
         self.x, self.y, self.yaw = float(com[0]), float(com[1]), yaw
 
     def advance(self, dt: float, command: MotionCommand) -> None:
-        """Move on by ``dt``, s, with the limited command."""
-        middle = self.yaw + 0.5 * dt * command.yaw_rate
-        c, n = math.cos(middle), math.sin(middle)
-        self.x += dt * (c * command.vx - n * command.vy)
-        self.y += dt * (n * command.vx + c * command.vy)
-        self.yaw += dt * command.yaw_rate
+        """Integrate the limited command over ``dt``, s."""
+        vx, vy, rate = command.vx, command.vy, command.yaw_rate
+        if vx or vy or rate:
+            middle = self.yaw + 0.5 * dt * rate
+            c, n = math.cos(middle), math.sin(middle)
+            self.x += dt * (c * vx - n * vy)
+            self.y += dt * (n * vx + c * vy)
+            self.yaw += dt * rate
 
     def shorten(self, com: Array, yaw: float) -> None:
         """Move the desired position and heading to within the leash of the measured centre of mass (3,) and yaw."""
@@ -121,25 +131,32 @@ class ReferenceBuilder:
 
     def velocity(self, command: MotionCommand) -> tuple[float, float]:
         """Return the commanded velocity in world axes, m/s."""
+        vx, vy = command.vx, command.vy
+        if not (vx or vy):
+            return 0.0, 0.0
         c, n = math.cos(self.yaw), math.sin(self.yaw)
-        return c * command.vx - n * command.vy, n * command.vx + c * command.vy
+        return c * vx - n * vy, n * vx + c * vy
 
     def pose(self, command: MotionCommand, ground: float) -> DesiredPose:
         """Return where the robot should be now; arguments as of :meth:`write`. The result is overwritten next time."""
-        pose = self._pose
-        if (self.yaw, command.pitch, command.roll) != self._attitude:
-            self._attitude = (self.yaw, command.pitch, command.roll)
-            tilt, c, s = _pitch_roll(command.pitch, command.roll), math.cos(self.yaw), math.sin(self.yaw)
-            pose.quaternion[:] = _about_vertical(tilt, math.cos(0.5 * self.yaw), math.sin(0.5 * self.yaw))
-            pose.rotation[:] = _rotation(*pose.quaternion.tolist())
+        pose, yaw = self._pose, self.yaw
+        attitude = yaw, command.pitch, command.roll, command.yaw_rate
+        if attitude != self._attitude:
+            self._attitude = attitude
+            tilt, c, s = _pitch_roll(command.pitch, command.roll), math.cos(yaw), math.sin(yaw)
+            quaternion = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
+            rotation = _rotation(*quaternion)
+            turning = [command.yaw_rate * each for each in rotation[2]]  # the vertical, in the base's axes
+            pose.quaternion[:] = quaternion
+            pose.attitude[:] = [*rotation[0], *rotation[1], *rotation[2], *turning]
             bx, by, bz = _rotate(tilt, self._legs.base)
             self._base = (c * bx - s * by, s * bx + c * by, bz)
         x, y, z = self.x, self.y, ground + self._legs.height + command.height
-        bx, by, bz = self._base
-        pose.com[:] = x, y, z
-        pose.base[:] = x + bx, y + by, z + bz
-        pose.velocity[:2] = self.velocity(command)
-        pose.yaw_rate = command.yaw_rate
+        (bx, by, bz), (vx, vy) = self._base, self.velocity(command)
+        centre, origin, base = pose.centre, pose.origin, pose.base_pose
+        centre[0], centre[1], centre[2], centre[3], centre[4] = x, y, z, vx, vy
+        base[0], base[1], base[2] = x + bx, y + by, z + bz
+        origin[0], origin[1], origin[2], origin[3], origin[4] = x + bx, y + by, z + bz, vx, vy
         return pose
 
     def write(
@@ -172,14 +189,18 @@ class ReferenceBuilder:
         nodes = len(reference.com)
         self._bound, self._intervals = reference, np.arange(nodes, dtype=np.float64)
         self._times = np.zeros((nodes, 1))
-        self._run = _motion_ahead(len(self._joints)).bind(
+        self._run = _motion_kernel(len(self._joints)).bind(
             nodes, time=self._times, now=self._now, joints=self._joints, com=reference.com,
             com_velocity=reference.com_velocity, q=reference.q, angular_velocity=reference.angular_velocity,
         )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=8)
-def _motion_ahead(joints: int) -> StageKernel:
+def _motion_kernel(joints: int) -> StageKernel:
+    return StageKernel.of(_motion_ahead, joints)
+
+
+def _motion_ahead(joints: int) -> ca.Function:
     """The desired motion at one node, from where the robot should be now and its limited command."""
     time, now, posture = ca.SX.sym("time"), ca.SX.sym("now", 17), ca.SX.sym("joints", joints)
     x, y, z, heading, vx, vy, rate, ax, ay, duration = ca.vertsplit(now[:10])
@@ -205,7 +226,7 @@ def _motion_ahead(joints: int) -> StageKernel:
     }
     inputs = {"time": time, "now": now, "joints": posture}
     name = f"motion_ahead_{joints}"
-    return StageKernel(ca.Function(name, list(inputs.values()), list(outputs.values()), list(inputs), list(outputs)))
+    return ca.Function(name, list(inputs.values()), list(outputs.values()), list(inputs), list(outputs))
 
 
 def _turned(angle: Any, x: Any, y: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Gaits as sequences: phases with feet in the air, one after the other, and the node grid that ends on their switches.
+"""Gaits as sequences of phases with feet in the air, and node grids aligned with their switches.
 
 The usual gaits of quadrupeds have names (:meth:`GaitSequence.walk`, :meth:`GaitSequence.trot`, ...), any other is a
 list of :class:`GaitPhase`; sequences are joined by ``+`` and repeated by ``*``:
@@ -31,7 +31,7 @@ MOST_INTERVALS = 10_000
 
 @dataclass(frozen=True)
 class QuadrupedFeet:
-    """Which contact frame is which foot.
+    """Assignment of contact frames to the feet of a quadruped.
 
     Attributes:
         front_left: name of its contact frame.
@@ -47,7 +47,7 @@ class QuadrupedFeet:
 
     @classmethod
     def of(cls, robot: Robot) -> QuadrupedFeet:
-        """Assign a robot's feet by where they are about their middle in the reference posture (x ahead, y left).
+        """Assign a robot's feet by their positions about their mean in the reference posture (x ahead, y left).
 
         Raises:
             InputError: not four contact frames, or not one in each quadrant.
@@ -65,22 +65,22 @@ class QuadrupedFeet:
 
 
 class GaitPhase(Settings):
-    """A stretch of time with the same feet in the air."""
+    """An interval of time with the same feet in the air."""
 
-    duration_s: Positive = Field(description="How long, s.")
+    duration_s: Positive = Field(description="Duration, s.")
     air: tuple[str, ...] = Field(default=(), description="Contact frames in the air; none: all are on the ground.")
     height_m: NonNegative = Field(default=0.0, description="Apex of their swings above the straight line, m.")
 
 
 @dataclass(frozen=True)
 class FootSwing:
-    """One foot's way through the air.
+    """A swing of one foot.
 
     Attributes:
-        foot: its contact frame.
-        liftoff: when it leaves the ground, s; -inf if the gait begins with the foot in the air.
-        touchdown: when it is back, s; inf if the gait ends before.
-        height: of the apex above the straight line, m.
+        foot: contact frame of the foot.
+        liftoff: time of lift-off, s; -inf if the gait begins with the foot in the air.
+        touchdown: time of touchdown, s; inf if the gait ends before.
+        height: height of the apex above the straight line, m.
     """
 
     foot: str
@@ -91,14 +91,14 @@ class FootSwing:
 
 @dataclass(frozen=True)
 class GaitSequence:
-    """Phases one after the other, from time 0: a motion planned as a whole.
+    """A sequence of phases from time 0, for motions that are planned as a whole.
 
     Attributes:
         feet: (nc,) all contact frames, in the order of the flags' columns.
         phases: in order of time.
 
     Raises:
-        InputError: no phases, or a frame in the air that is no contact frame (the nearest are named).
+        InputError: no phases, or a frame in the air that is not a contact frame (the nearest are named).
     """
 
     feet: tuple[str, ...]
@@ -113,21 +113,21 @@ class GaitSequence:
 
     @classmethod
     def stand(cls, feet: Sequence[str], duration: float) -> GaitSequence:
-        """All feet on the ground for ``duration``, s."""
+        """Return a phase with all feet on the ground for ``duration``, s."""
         return cls(tuple(feet), (GaitPhase(duration_s=duration),))
 
     @classmethod
     def alternate(
         cls, feet: Sequence[str], groups: Iterable[Iterable[str]], swing: float, stance: float, height: float
     ) -> GaitSequence:
-        """One cycle in which groups of feet swing in turn.
+        """Return one cycle in which groups of feet swing in turn.
 
         Args:
             feet: all contact frames.
-            groups: the feet that swing together, in the order in which the groups do.
-            swing: how long each group is in the air, s.
-            stance: how long all feet are on the ground after each swing, s; may be 0.
-            height: of the swings, m.
+            groups: groups of feet that swing together, in order.
+            swing: duration of each swing, s.
+            stance: time with all feet on the ground after each swing, s; may be 0.
+            height: height of the swings, m.
         """
         pause = (GaitPhase(duration_s=stance),) if stance != 0 else ()
         phases = [
@@ -137,23 +137,22 @@ class GaitSequence:
 
     @classmethod
     def walk(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
-        """One cycle of the walk in lateral sequence: hind left, front left, hind right, front right, one at a time.
+        """Return one cycle of the lateral-sequence walk: hind left, front left, hind right, front right, one at a time.
 
-        The order of tortoises, dogs and horses at a walk (Hildebrand, "Symmetrical gaits of horses", Science 150,
-        1965). Arguments as in :meth:`alternate`.
+        Source: Hildebrand, "Symmetrical gaits of horses", Science 150, 1965. Arguments as in :meth:`alternate`.
         """
         order = (legs.hind_left, legs.front_left, legs.hind_right, legs.front_right)
         return cls.alternate(feet, ([foot] for foot in order), swing, stance, height)
 
     @classmethod
     def trot(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
-        """One cycle of the trot: the diagonal pairs in turn. Arguments as in :meth:`alternate`."""
+        """Return one cycle of the trot: the diagonal pairs in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.hind_right), (legs.front_right, legs.hind_left)
         return cls.alternate(feet, pairs, swing, stance, height)
 
     @classmethod
     def pace(cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float) -> GaitSequence:
-        """One cycle of the pace: left and right pair in turn. Arguments as in :meth:`alternate`."""
+        """Return one cycle of the pace: left and right pair in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.hind_left), (legs.front_right, legs.hind_right)
         return cls.alternate(feet, pairs, swing, stance, height)
 
@@ -161,13 +160,13 @@ class GaitSequence:
     def bound(
         cls, feet: Sequence[str], legs: QuadrupedFeet, swing: float, stance: float, height: float
     ) -> GaitSequence:
-        """One cycle of the bound: front and hind pair in turn. Arguments as in :meth:`alternate`."""
+        """Return one cycle of the bound: front and hind pair in turn. Arguments as in :meth:`alternate`."""
         pairs = (legs.front_left, legs.front_right), (legs.hind_left, legs.hind_right)
         return cls.alternate(feet, pairs, swing, stance, height)
 
     @classmethod
     def jump(cls, feet: Sequence[str], takeoff: float, flight: float, landing: float, height: float) -> GaitSequence:
-        """All feet stand for ``takeoff``, fly for ``flight`` (rising by ``height``, m), stand for ``landing``, s."""
+        """Return a jump: stance of all feet for ``takeoff``, flight (apex ``height``, m), stance for ``landing``, s."""
         return cls(
             tuple(feet),
             (
@@ -178,7 +177,7 @@ class GaitSequence:
         )
 
     def __add__(self, other: GaitSequence) -> GaitSequence:
-        """This gait, then the other one.
+        """Return this gait followed by another one.
 
         Raises:
             InputError: other feet.
@@ -188,7 +187,7 @@ class GaitSequence:
         return GaitSequence(self.feet, self.phases + other.phases)
 
     def __mul__(self, cycles: int) -> GaitSequence:
-        """This gait, so many times in a row.
+        """Return this gait repeated ``cycles`` times.
 
         Raises:
             InputError: less than once.
@@ -201,16 +200,16 @@ class GaitSequence:
 
     @cached_property
     def switches(self) -> Array:
-        """(phases + 1,) when the phases begin, and when the last one ends, s."""
+        """(phases + 1,) start times of the phases, and end time of the last one, s."""
         return np.concatenate([[0.0], np.cumsum([phase.duration_s for phase in self.phases])])
 
     @property
     def duration(self) -> float:
-        """From the first phase's beginning to the last one's end, s."""
+        """Duration of all phases, s."""
         return float(self.switches[-1])
 
     def schedule(self) -> ContactSchedule:
-        """Return which feet are on the ground when."""
+        """Return the contact schedule."""
         every = frozenset(self.feet)
         return ContactSchedule(
             self.feet, tuple(ContactPhase(p.duration_s, every.difference(p.air)) for p in self.phases)
@@ -270,9 +269,9 @@ class GaitGrid:
     """The intervals of a gait.
 
     Attributes:
-        durations: (N,) s; 0 for an impact, which stands between a swing's last interval and the stance's first.
-        flags: (N, nc) which feet are on the ground; at an impact, which are after it.
-        touchdowns: (N, nc) which feet come down in the impact.
+        durations: (N,) durations, s; 0 for an impact, which is between a swing's last interval and the stance's first.
+        flags: (N, nc) feet on the ground; at an impact, those after it.
+        touchdowns: (N, nc) feet that touch down in the impact.
     """
 
     durations: Array
@@ -286,10 +285,10 @@ class GaitGrid:
 
     @property
     def flight(self) -> BoolArray:
-        """(N,) which intervals have no foot on the ground."""
+        """(N,) flags of the intervals without a foot on the ground."""
         return np.asarray(~self.flags.any(axis=1), dtype=np.bool_)
 
     @property
     def impacts(self) -> BoolArray:
-        """(N,) which intervals are impacts."""
+        """(N,) flags of the impacts."""
         return np.asarray(self.touchdowns.any(axis=1), dtype=np.bool_)

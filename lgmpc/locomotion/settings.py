@@ -1,4 +1,4 @@
-"""All settings of locomotion, and the gaits that they give a robot."""
+"""All settings of locomotion, and the gaits of a robot."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ __all__ = ["LocomotionSettings", "gaits_of"]
 
 
 class LocomotionSettings(Settings):
-    """How a legged robot steps: gaits, footholds, swings, contact events, and the limits of commands."""
+    """Locomotion of a legged robot: gaits, footholds, swings, contact events, and limits of commands."""
 
     gaits: tuple[Gait, ...] = Field(
-        default=(), description="Gaits besides stand, walk, trot, pace, bound and pronk, or in place of them."
+        default=(), description="Gaits in addition to stand, walk, trot, pace, bound and pronk, or in place of them."
     )
     clock: GaitClockSettings = Field(default=GaitClockSettings(), description="Gait transitions.")
-    footholds: FootholdSettings = Field(default=FootholdSettings(), description="Where feet are put down.")
-    swing: SwingSettings = Field(default=SwingSettings(), description="The paths of feet through the air.")
+    footholds: FootholdSettings = Field(default=FootholdSettings(), description="Footholds.")
+    swing: SwingSettings = Field(default=SwingSettings(), description="Swing trajectories of the feet.")
     contacts: ContactEventSettings = Field(
-        default=ContactEventSettings(), description="When a measured contact overrides the schedule."
+        default=ContactEventSettings(), description="Conditions under which a measured contact overrides the schedule."
     )
-    reference: ReferenceSettings = Field(default=ReferenceSettings(), description="How commands are integrated.")
+    reference: ReferenceSettings = Field(default=ReferenceSettings(), description="Integration of commands.")
     reaction: StepReactionSettings = Field(
         default=StepReactionSettings(), description="Steps of a standing robot against pushes."
     )
@@ -55,10 +55,10 @@ class LocomotionSettings(Settings):
 
 
 def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
-    """Return the gaits that commands can choose, by name: the usual ones for this robot's height, and the user's.
+    """Return the gaits that commands can select, by name: the predefined ones for this robot's height, and the user's.
 
-    Feet of a quadruped are sorted by where they are: front left, front right, hind left, hind right. A robot with
-    another number of feet stands, and follows the user's gaits.
+    Feet of a quadruped are sorted by position: front left, front right, hind left, hind right. A robot with another
+    number of feet has only the gait stand and the user's gaits.
 
     Raises:
         InputError: a user's gait of another number of feet, or steps against pushes with a gait that does not exist.

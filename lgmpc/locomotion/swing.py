@@ -1,8 +1,12 @@
-"""The path of a foot through the air: towards a target that may move, and further down if there is no ground.
+r"""The path of a foot through the air: towards a target that may move, and further down if there is no ground.
 
 Every coordinate is a polynomial of degree 5 in time. A new target replaces it by the one that begins with the present
 position, velocity and acceleration, so the path stays twice continuously differentiable; for a target that stays, the
 new polynomial is the old one (Flash and Hogan, "The coordination of arm movements", J. Neuroscience 5, 1985).
+
+A step of length d within the time T takes the acceleration :math:`10 d / (\sqrt 3 \, T^2)`. More than the motors have
+leaves the foot behind its path, and it comes down late, and somewhere else than planned. So a long step may
+take longer than the gait has it: as long as the acceleration stays within its limit.
 """
 
 from __future__ import annotations
@@ -18,6 +22,9 @@ __all__ = ["SwingSettings", "SwingTrajectory"]
 
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
+
+_PEAK = 10.0 / math.sqrt(3.0)
+"""Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
 
 Coefficients = tuple[float, float, float, float, float, float]
 State = tuple[float, float, float]  # position, velocity, acceleration
@@ -41,6 +48,18 @@ class SwingSettings(Settings):
     freeze_share: Fraction = Field(
         default=0.8, description="Share of the swing from which the target stays where it is."
     )
+    acceleration_m_s2: Positive = Field(
+        default=130.0,
+        description="Largest acceleration of a foot in the plane that a swing is planned with, m/s2: longer steps take"
+        " more time, up to longest_share. Robots of any size need the same at the same Froude number.",
+    )
+    longest_share: float = Field(
+        default=1.0,
+        strict=True,
+        ge=1.0,
+        le=3.0,
+        description="Longest duration of a long step, as a share of the gait's; 1: every step as the gait has it.",
+    )
 
 
 class SwingTrajectory:
@@ -51,7 +70,7 @@ class SwingTrajectory:
 
     Attributes:
         liftoff: of the present swing, s.
-        touchdown: as scheduled at lift-off, s.
+        touchdown: as scheduled at lift-off or, of a long step, later, s.
         target: where the foot goes: x, y and the height of the ground there, m.
         touchdown_speed: downward, of the present swing, m/s.
     """
@@ -61,13 +80,23 @@ class SwingTrajectory:
         self.liftoff = 0.0
         self.touchdown = 0.0
         self.target = (0.0, 0.0, 0.0)
+        self._latest = 0.0
+        self._from = (0.0, 0.0)
         self._apex_time = 0.0
         self._planned = 0.0  # when the polynomials of x and y begin
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
         self.touchdown_speed = self.settings.touchdown_speed_m_s
 
-    def lift_off(self, t: float, touchdown: float, position: Array, velocity: Array, target: Array) -> None:
+    def lift_off(
+        self,
+        t: float,
+        touchdown: float,
+        position: Array,
+        velocity: Array,
+        target: Array,
+        latest: float | None = None,
+    ) -> None:
         """Begin a swing.
 
         Args:
@@ -76,10 +105,15 @@ class SwingTrajectory:
             position: (3,) of the foot's contact point, world, m.
             velocity: (3,) m/s; a downward one is not followed.
             target: (3,) where to put it down, world, m.
+            latest: when the swing of a long step has to have ended, s; as scheduled unless given.
         """
         s = self.settings
         self.liftoff, self.touchdown = t, touchdown
+        longest = touchdown + (s.longest_share - 1.0) * (touchdown - t)
+        self._latest = touchdown if latest is None else max(touchdown, min(latest, longest))
+        self._from = (float(position[0]), float(position[1]))
         self.target = (float(target[0]), float(target[1]), float(target[2]))
+        self._postpone()
         z = float(position[2])
         apex = max(z, self.target[2]) + s.clearance_m
         self._apex_time = t + s.apex_share * (touchdown - t)
@@ -92,7 +126,7 @@ class SwingTrajectory:
     def put_down(self, t: float, touchdown: float, position: Array) -> None:
         """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
         self.liftoff = self._apex_time = t
-        self.touchdown = touchdown
+        self.touchdown = self._latest = touchdown
         x, y, z = (float(value) for value in position)
         self.target = (x, y, z)
         self._plan_fall(t, (z, 0.0, 0.0))
@@ -103,16 +137,17 @@ class SwingTrajectory:
         return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff)
 
     def retarget(self, t: float, target: Array) -> bool:
-        """Move the target (3,), unless the swing is too far on; return whether it moved."""
+        """Move the target (3,), unless the swing is too far on; return whether it moved. The touchdown may move too."""
         if self.frozen(t):
             return False
         x, y, z = float(target[0]), float(target[1]), float(target[2])
         if (x, y, z) == self.target:
             return True
-        height_changed = z != self.target[2]
+        fall_changes = z != self.target[2]
         self.target = (x, y, z)
+        fall_changes |= self._postpone()
         self._plan_plane(t, _evaluate(self._x, t - self._planned), _evaluate(self._y, t - self._planned))
-        if height_changed:
+        if fall_changes:
             begin = max(t, self._apex_time)
             self._plan_fall(begin, self._height(begin))
         return True
@@ -144,6 +179,15 @@ class SwingTrajectory:
         acceleration[:] = 0.0
         if searching:
             velocity[2] = -self.touchdown_speed
+
+    def _postpone(self) -> bool:
+        """Put the touchdown off until the step to the target is within the limit; return whether it had to be."""
+        way = math.hypot(self.target[0] - self._from[0], self.target[1] - self._from[1])
+        due = min(self.liftoff + math.sqrt(_PEAK * way / self.settings.acceleration_m_s2), self._latest)
+        if due <= self.touchdown:
+            return False
+        self.touchdown = due
+        return True
 
     def _height(self, t: float) -> State:
         if t < self._apex_time:

@@ -1,4 +1,4 @@
-"""The ground, as far as a controller assumes it."""
+"""The controller's model of the ground."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Terrain(Protocol):
         """Return (n,) Coulomb coefficients."""
 
     def steppable(self, points: Array) -> BoolArray:
-        """Return (n,) whether a foot may be put there."""
+        """Return (n,) flags of admissible footholds."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ def check_number(name: str, value: object, unit: str) -> float:
     """Return a finite number.
 
     Raises:
-        InputError: it is none.
+        InputError: not one finite number.
     """
     array = checks.finite(name, value)
     if array.ndim:
@@ -29,7 +29,7 @@ def check_positive(name: str, value: object, unit: str) -> float:
     """Return a positive, finite number.
 
     Raises:
-        InputError: it is none.
+        InputError: not one positive, finite number.
     """
     array = checks.finite(name, value)
     if array.ndim or not array > 0.0:

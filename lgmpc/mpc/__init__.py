@@ -8,7 +8,7 @@ from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings, Kinody
 from lgmpc.mpc.lqr import CentroidalLqr, LinearCentroidal, LqrSettings, linearize_centroidal
 from lgmpc.mpc.models import AnyMpcSettings, make_mpc
 from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
-from lgmpc.mpc.plan import MotionSample, MpcStatus, Plan, PlanSampler, PosturePlan, PostureSample
+from lgmpc.mpc.plan import MotionSample, MotionSampler, MpcStatus, Plan, PosturePlan, PostureSample
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings, MultibodyWeights, SqpMpcSettings, TrackingWeights
 from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.mpc.stand_in import StandInMpc
@@ -31,6 +31,7 @@ __all__ = [
     "LqrSettings",
     "MeasuredState",
     "MotionSample",
+    "MotionSampler",
     "Mpc",
     "MpcSettings",
     "MpcStatus",
@@ -38,7 +39,6 @@ __all__ = [
     "MultibodyMpcSettings",
     "MultibodyWeights",
     "Plan",
-    "PlanSampler",
     "PosturePlan",
     "PostureSample",
     "SqpMpc",

@@ -23,11 +23,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class BaseMpc(ABC):
-    """Counts failures, and returns the last fresh plan after one: its later part is for the present.
+    """Counts failures, and returns the last fresh plan after one, whose horizon includes the present time.
 
     Args:
         settings: horizon, limits.
-        mass: of the robot, kg.
+        mass: mass of the robot, kg.
 
     Attributes:
         settings: as given.
@@ -47,7 +47,7 @@ class BaseMpc(ABC):
         self._plan: Plan | None = None  # the last fresh one
 
     def reset(self) -> None:
-        """Forget the last plan and the failure counts: the next update begins as the first one did."""
+        """Discard the last plan and the failure counts: the next update starts as the first one."""
         self.failures = 0
         self.failures_in_a_row = 0
         self._plan = None
@@ -61,13 +61,13 @@ class BaseMpc(ABC):
         """Return the plan of rest at the reference, all numbers finite: used before any update has succeeded."""
 
     def _keep(self, plan: Plan, status: MpcStatus, qp_iterations: int, start: float) -> Plan:
-        """Return a fresh plan, complete; ``start`` is when the update began, by the performance counter."""
+        """Store and return a fresh plan; ``start`` is the beginning of the update by the performance counter."""
         self.failures_in_a_row = 0
         self._plan = plan.stamped(status, qp_iterations, time.perf_counter() - start)
         return self._plan
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
-        """Return the last fresh plan with a status that says why; STALE after too many failures in a row."""
+        """Return the last fresh plan with the status of the failure; STALE after too many consecutive failures."""
         self.failures += 1
         self.failures_in_a_row += 1
         if self.failures_in_a_row == 1:

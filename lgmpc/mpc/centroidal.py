@@ -37,6 +37,16 @@ class CentroidalSteppingWeights(Settings):
     )
 
 
+class CentroidalCatchingWeights(Settings):
+    """Weights that replace those of stepping while a robot that stood steps against a push, until it stands again."""
+
+    com: Vector3 = Field(
+        default=(1e2, 1e2, 3e4),
+        description="Position of the centre of mass [x, y, z], 1/m2: what rises while it brakes cannot reach the"
+        " ground.",
+    )
+
+
 class CentroidalSqpSettings(SqpMpcSettings):
     """Settings of models that predict centre of mass and momenta only."""
 
@@ -46,6 +56,9 @@ class CentroidalSqpSettings(SqpMpcSettings):
     weights: CentroidalWeights = Field(default=CentroidalWeights(), description="Weights of the cost.")
     stepping_weights: CentroidalSteppingWeights = Field(
         default=CentroidalSteppingWeights(), description="Weights of the cost while the robot steps."
+    )
+    catching_weights: CentroidalCatchingWeights = Field(
+        default=CentroidalCatchingWeights(), description="Weights of the cost while it steps against a push."
     )
 
 
@@ -106,7 +119,9 @@ class CentroidalMpc(SqpMpc):
         self._com_weight = view("x_weight")[:, :3]
         self._standing_weight = self._com_weight.copy()
         self._stepping_weight = np.tile(s.stepping_weights.com, (s.nodes + 1, 1))
-        self._stepping_weight[-1] *= s.weights.terminal
+        self._catching_weight = np.tile(s.catching_weights.com, (s.nodes + 1, 1))
+        for weight in (self._stepping_weight, self._catching_weight):
+            weight[-1] *= s.weights.terminal
         self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
 
@@ -134,8 +149,11 @@ class CentroidalMpc(SqpMpc):
             problem.x0[0:3], problem.x0[3:9] = state.com, state.momentum
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._contacts) from error
-        self._com_weight[:] = self._standing_weight if contacts.flags.all() else self._stepping_weight
-        self._u_reference[...] = self._shares()
+        if contacts.flags.all():
+            self._com_weight[...], self._u_reference[...] = self._standing_weight, self._weight / self._contacts
+        else:
+            moving = self._catching_weight if reference.catching else self._stepping_weight
+            self._com_weight[...], self._u_reference[...] = moving, self._shares()
         return self._advance(state.time, start)
 
     def _rest(self) -> Trajectory:

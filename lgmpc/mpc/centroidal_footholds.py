@@ -30,7 +30,7 @@ _UNBOUNDED = 1e3
 
 
 class FootholdDecisionSettings(Settings):
-    """How far footholds are shifted from the nominal ones."""
+    """Cost and trust region of the shifts of footholds from the nominal ones."""
 
     weight: Positive = Field(
         default=1e3, description="Weight of the squared shift of a foothold from the nominal one, 1/m2."
@@ -38,21 +38,21 @@ class FootholdDecisionSettings(Settings):
     trust_region_m: Positive = Field(
         default=0.03,
         description="Largest change of a foothold from one iteration to the next, m: the moment of a force about the"
-        " centre of mass is linear in the foothold only for a force that stays the same.",
+        " centre of mass is linear in the foothold only for a constant force.",
     )
 
 
 class CentroidalFootholdMpcSettings(CentroidalSqpSettings):
     """Model-predictive control of the momenta by contact forces and footholds over a receding horizon."""
 
-    model: Literal["centroidal_footholds"] = Field(default="centroidal_footholds", description="Model that predicts.")
+    model: Literal["centroidal_footholds"] = Field(default="centroidal_footholds", description="Predictive model.")
     footholds: FootholdDecisionSettings = Field(
         default=FootholdDecisionSettings(), description="Footholds as decision variables."
     )
 
     @property
     def foothold_directions(self) -> int:
-        """Sides of the polygons that footholds stay in."""
+        """Number of sides of the polygons that bound footholds."""
         return self.friction_facets
 
 
@@ -61,11 +61,11 @@ class CentroidalFootholdMpc(CentroidalMpc):
 
     As :class:`~lgmpc.mpc.centroidal.CentroidalMpc`, on the model of
     :class:`~lgmpc.actions.centroidal_footholds.CentroidalFootholdAction`. The contact points of the horizon are the
-    nominal footholds (a heuristic's), its room bounds the shifts; no shift is always admissible, so every update has
-    a feasible solution.
+    heuristic footholds, its ``room`` bounds the shifts; a zero shift is always admissible, so every update has a
+    feasible solution.
 
     Args:
-        mass: of the robot, kg.
+        mass: mass of the robot, kg.
         contacts: number of contact points, nc.
         settings: horizon, weights, limits.
         gravity: (3,) world axes, m/s^2.
@@ -110,9 +110,9 @@ class CentroidalFootholdMpc(CentroidalMpc):
         return super().update(state, contacts, reference, wrench)
 
     def _warm_start(self, t: float) -> None:
-        """Shift the last trajectory to the present; footholds stay between two nodes what they are.
+        """Shift the last trajectory to the present; footholds are not interpolated between nodes.
 
-        The room of the next ones is what the horizon gives, within the trust region about the guess.
+        The bounds on shifts are those of the horizon, intersected with the trust region about the guess.
         """
         super()._warm_start(t)
         n, nc = self.settings.nodes, self._contacts
@@ -147,7 +147,7 @@ class Landing(NamedTuple):
     """A swing that ends within a horizon.
 
     Attributes:
-        foot: which.
+        foot: index of the foot.
         begin: first interval in the air.
         end: first interval on the ground.
         until: end of the stance: its next lift-off, or the end of the horizon.
@@ -173,7 +173,7 @@ def landings(flags: BoolArray) -> Iterator[Landing]:
 
 
 def _within(shifts: Array, room: Array, normals: Array) -> Array:
-    """Return shifts (n, 2), each scaled down so far that it is in its room (n, m)."""
+    """Return shifts (n, 2), each scaled down to satisfy its bounds ``room`` (n, m)."""
     along = shifts @ normals.T
     share = np.divide(room, along, out=np.ones_like(along), where=along > room)
     scaled: Array = shifts * share.min(axis=1, initial=1.0)[:, None]

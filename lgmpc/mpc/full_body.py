@@ -55,8 +55,8 @@ class FullBodyMpc(MultibodyMpc):
     """Plans joint torques: contact forward dynamics, with friction, normal forces and torques limited.
 
     State (q, v), control the torques. The limits are hard constraints of each subproblem, which has no solution where
-    they contradict each other: feet that have left the ground in a push too hard to stand. Then the last plan goes on.
-    What is planned with stretched legs is not worth following: see :meth:`keeps_reach`.
+    they contradict each other: feet that have left the ground under a push beyond the limits. Then the last plan
+    remains in use. Plans with stretched legs are rejected: see :meth:`keeps_reach`.
 
     Args:
         robot: the robot, with a floating base and contact frames.
@@ -106,10 +106,13 @@ class FullBodyMpc(MultibodyMpc):
         nq = self.robot.nq
         self.problem.x0[:nq], self.problem.x0[nq:] = q, v
 
-    def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
-        robot = self._dynamics.robot
+    @staticmethod
+    def _read_out(action: MultibodyAction, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
+        dynamics = action.dynamics
+        assert isinstance(dynamics, ContactForwardDynamics)
+        robot = dynamics.robot
         q, v = x[: robot.nq], x[robot.nq :]
-        motion = self._dynamics.motion(q, v, u, values, Unknowns())
+        motion = dynamics.motion(q, v, u, values, Unknowns())
         return [robot.com(q), robot.momentum(q, v), v, ca.vertcat(*motion.forces.values())]
 
     def _refer_forces(self, shares: Array) -> None:

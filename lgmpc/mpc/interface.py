@@ -1,4 +1,4 @@
-"""The contract of every predictive controller: measured state, contacts and desired motion in, plan out."""
+"""The interface of predictive controllers: from measured state, contacts and desired motion to a plan."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["MeasuredState", "Mpc"]
 
 @dataclass(frozen=True)
 class MeasuredState:
-    """Measured state in the quantities that predictive models start from; each model reads those it has.
+    """Measured state in the quantities of the predictive models; each model reads those of its state.
 
     Attributes:
-        time: of the measurement, s.
+        time: time of the measurement, s.
         q: (nq,) configuration.
         v: (nv,) velocity.
         com: (3,) centre of mass, world, m.
         momentum: (6,) centroidal momentum [linear; angular], world axes.
         rotation: (3, 3) orientation of the base, body to world.
-        inertia: (3, 3) of the whole robot about its centre of mass with joints locked: maps the angular velocity of the
-            base, body axes, to angular momentum, world axes, kg.m2.
+        inertia: (3, 3) locked inertia about the centre of mass: maps the angular velocity of the base, body axes, to
+            angular momentum, world axes, kg.m2.
     """
 
     time: float
@@ -40,12 +40,12 @@ class MeasuredState:
 
     @classmethod
     def centroidal(cls, time: float, com: Array, momentum: Array) -> MeasuredState:
-        """Return the state of a robot that is level and of which only the centroidal state is measured."""
+        """Return the state of a level robot of which only the centroidal state is measured."""
         nothing = np.zeros(0)
         return cls(time, nothing, nothing, np.asarray(com), np.asarray(momentum), np.eye(3), np.zeros((3, 3)))
 
     def angular_momentum(self, angular_velocity: Array) -> Array:
-        """Return (n, 3) of the robot turning like one body with ``angular_velocity`` (n, 3), world axes, N.m.s."""
+        """Return (n, 3) angular momentum with locked joints at ``angular_velocity`` (n, 3), world axes, N.m.s."""
         turning: Array = angular_velocity @ (self.inertia @ self.rotation.T).T
         return turning
 
@@ -67,19 +67,19 @@ class Mpc(Protocol):
         """Updates without a fresh plan so far."""
 
     def reset(self) -> None:
-        """Forget the past: the next update begins as the first one did."""
+        """Discard all history: the next update starts as the first one."""
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
-        """Plan from the measured state; no numbers make it raise.
+        """Plan from the measured state; numerical failures are reported by the status, not raised.
 
         Args:
             state: measured state.
-            contacts: over the N intervals of the horizon.
+            contacts: contacts over the N intervals of the horizon.
             reference: desired motion at the N + 1 nodes.
             wrench: (N, 6) predicted external [force; moment about the centre of mass], world axes, N and N.m.
 
         Returns:
-            The new plan, or after a failure the last valid one, with the status that says why.
+            The new plan, or after a failure the last valid one, with the status of the failure.
 
         Raises:
             InputError: an array of the wrong shape.

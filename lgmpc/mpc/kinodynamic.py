@@ -86,9 +86,11 @@ class KinodynamicMpc(MultibodyMpc):
         self.problem.x0[:nq] = q
         self.problem.x0[nq:] = pin.computeCentroidalMomentum(self._model, self._data, q, v).np
 
-    def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
-        robot = self._action.robot
-        q, h, forces, joints = x[: robot.nq], x[robot.nq :], u[: self._nf], u[self._nf :]
+    @staticmethod
+    def _read_out(action: KinodynamicAction, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
+        robot = action.robot
+        nf = action.nu - (robot.nv - 6)
+        q, h, forces, joints = x[: robot.nq], x[robot.nq :], u[:nf], u[nf:]
         matrix = robot.momentum_matrix(q)
         base = ca.solve(matrix[:, :6], h - matrix[:, 6:] @ joints)
         return [robot.com(q), h, ca.vertcat(base, joints), forces]

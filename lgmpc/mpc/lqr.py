@@ -38,7 +38,7 @@ from lgmpc.typing import Array
 __all__ = ["CentroidalLqr", "LinearCentroidal", "LqrSettings", "linearize_centroidal"]
 
 _MOVED = 0.005
-"""m. Where contact points or reference are further than this from where the gain was computed, it is computed anew."""
+"""Displacement of contact points or reference, m, beyond which the gain is recomputed."""
 
 
 @dataclass(frozen=True)
@@ -83,22 +83,22 @@ def linearize_centroidal(mass: float, weight: Array, arms: Array, flags: Array, 
 class LqrSettings(MpcSettings):
     """Linear-quadratic regulation of the momenta by contact forces, linearised about standing."""
 
-    model: Literal["lqr"] = Field(default="lqr", description="Model that predicts.")
+    model: Literal["lqr"] = Field(default="lqr", description="Predictive model.")
     uprighting_rate_hz: NonNegative = Field(
         default=3.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
-    weights: TrackingWeights = Field(default=TrackingWeights(), description="Weights of the cost, an interval each.")
+    weights: TrackingWeights = Field(default=TrackingWeights(), description="Weights of the cost per interval.")
 
 
 class CentroidalLqr(BaseMpc):
-    """Contact forces by linear feedback of centre of mass and momenta, called as :class:`~lgmpc.mpc.CentroidalMpc` is.
+    """Contact forces by linear feedback of centre of mass and momenta, with the interface of an MPC.
 
-    Each :meth:`update` predicts the regulated motion over a horizon. A known external wrench is met by the smallest
-    forces that do; what of a force is outside its friction cone or its normal bounds is cut off, so the prediction is
-    that of the saturated regulator. No numbers make it raise: when an update fails, the last valid plan goes on.
+    Each :meth:`update` predicts the regulated motion over a horizon. A known external wrench is balanced by the contact
+    forces of least norm; forces are clipped to their normal bounds and friction cones, so the prediction is that of the
+    saturated regulator. Numerical failures are not raised: after a failed update the last valid plan remains in use.
 
     Args:
-        mass: of the robot, kg.
+        mass: mass of the robot, kg.
         contacts: number of contact points, nc.
         settings: horizon, weights, limits.
         gravity: (3,) world axes, m/s^2.
@@ -143,7 +143,7 @@ class CentroidalLqr(BaseMpc):
         self._place: tuple[Array, Array] | None = None  # arms and flags of the gain
 
     def reset(self) -> None:
-        """Forget the last plan, the gain and the failure counts."""
+        """Discard the last plan, the gain and the failure counts."""
         super().reset()
         self._place = None
 
@@ -155,7 +155,7 @@ class CentroidalLqr(BaseMpc):
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`.
 
-        The gain is that of the first interval's contacts; later ones decide which forces are zero.
+        The gain is that of the first interval's contacts; those of later intervals only determine zero forces.
         """
         start = time.perf_counter()
         try:
@@ -182,7 +182,7 @@ class CentroidalLqr(BaseMpc):
         return self._keep(self._make_plan(t, xs, forces, KktResidual.unknown()), MpcStatus.SOLVED, 0, start)
 
     def _regulate(self, arms: Array, flags: Array) -> None:
-        """Compute model and gain, unless those at hand are of the same contacts."""
+        """Compute model and gain, unless the contacts have not changed."""
         if self._place is not None:
             known_arms, known_flags = self._place
             if np.array_equal(flags, known_flags) and np.abs(arms - known_arms).max() < _MOVED:
@@ -216,7 +216,7 @@ class CentroidalLqr(BaseMpc):
         return xs, forces
 
     def _saturated(self, forces: Array, friction: float) -> Array:
-        """Cut forces (nc, 3) to their normal bounds and friction cones."""
+        """Clip forces (nc, 3) to their normal bounds and friction cones."""
         out = forces.copy()
         np.clip(out[:, 2], *self._normal_force, out=out[:, 2])
         sideways = np.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2)
@@ -224,7 +224,7 @@ class CentroidalLqr(BaseMpc):
         return out
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
-        self._place = None  # the gain may be what is at fault
+        self._place = None  # the gain may be the cause of the failure
         return super()._fall_back(status, t, qp_iterations, start)
 
     def _standing_plan(self, t: float) -> Plan:

@@ -1,4 +1,4 @@
-"""Every predictive model: its settings, and the controller that they make.
+"""The predictive models: settings and constructor of each.
 
 A new model is a module with its settings, a ``model: Literal[...]`` among them, and its controller, and one line in the
 table here.
@@ -28,7 +28,7 @@ Progress = Callable[[str], None]
 
 
 def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[[Robot, Any, Progress | None], Mpc]:
-    """Return what makes a model with base and joints together with its stand-in of the same horizon and limits."""
+    """Return the constructor of a multibody model with a centroidal stand-in of the same horizon and limits."""
 
     def make(robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None) -> Mpc:
         shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
@@ -48,7 +48,7 @@ _MODELS: Mapping[type[MpcSettings], Callable[[Robot, Any, Progress | None], Mpc]
 
 
 def _model(value: Any) -> Any:
-    """Return the model that a table of settings names; the centroidal one where it names none."""
+    """Return the model named in a table of settings; by default the centroidal one."""
     if isinstance(value, Mapping):
         return value.get("model", "centroidal")
     return getattr(value, "model", "centroidal")
@@ -63,11 +63,11 @@ else:
 
 
 def make_mpc(robot: Robot, settings: MpcSettings, progress: Progress | None = None) -> Mpc:
-    """Return the predictive controller that ``settings`` describe.
+    """Return the predictive controller for ``settings``.
 
     Args:
         robot: the controller's model of the robot.
-        settings: of one of the models.
+        settings: settings of one of the models.
         progress: called with a description of what is being compiled.
     """
     return _MODELS[type(settings)](robot, settings, progress)

@@ -14,7 +14,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.actions.multibody import ItemAction
-from lgmpc.compile import compile_map
+from lgmpc.compile import CompiledFunction, compile_map, recall
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, FrictionCone, StateError
 from lgmpc.errors import InputError
@@ -75,16 +75,16 @@ class MultibodyMpcSettings(SqpMpcSettings):
     )
     reach_rad: Positive = Field(
         default=0.9,
-        description="How far joints of a plan may be from the reference posture, rad; less than what stretches a leg."
-        " Where it is further, the centroidal model plans instead.",
+        description="Largest joint displacement of a plan from the reference posture, rad; below that of a stretched"
+        " leg. Beyond it, the centroidal model plans instead.",
     )
 
 
 class MultibodyMpc(SqpMpc):
     """Plans the motion of base and joints with the contact forces; see :class:`~lgmpc.mpc.sqp.SqpMpc`.
 
-    A foot whose flag is 1 does not move (its velocity, should it have one, is taken back within an interval), one whose
-    flag is 0 has no force. An external wrench acts on the base, so that the plan is right while somebody pushes.
+    A foot whose flag is 1 does not move (an initial velocity is reduced to zero within an interval), one whose flag is
+    0 has no force. An external wrench acts on the base, so that plans are valid during a push.
 
     Args:
         robot: the robot.
@@ -121,21 +121,15 @@ class MultibodyMpc(SqpMpc):
         self._q_reference = view("state_reference")[:, : robot.nq]
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         self._friction = tuple(view(f"cone{i}_friction")[:, 0] for i in range(nc))
-        x, u, p = (
-            ca.SX.sym(name, size)
-            for name, size in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
-        )
-        outputs = self._read_out(x, u, action.parameters.split(p))
-        names = ["com", "momentum", "v", "forces"]
-        function = ca.Function(f"{action.name}_read_out", [x, u, p], outputs, ["x", "u", "p"], names)
-        self._read = compile_map(function, n + 1, progress=progress)
+        self._read = recall(_compile_read_out, type(self)._read_out, action, n + 1, progress=progress)
 
     @abstractmethod
     def _measure(self, q: Array, v: Array) -> None:
         """Write ``problem.x0``."""
 
+    @staticmethod
     @abstractmethod
-    def _read_out(self, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
+    def _read_out(action: Any, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
         """Return centre of mass (3,), momentum (6,), velocity (nv,) and forces (3 nc,) as expressions."""
 
     @abstractmethod
@@ -223,3 +217,18 @@ class MultibodyMpc(SqpMpc):
     def _with_posture(self, plan: Plan, qs: Array, vs: Array) -> Plan:
         qs.flags.writeable = vs.flags.writeable = False
         return dataclasses.replace(plan, posture=PosturePlan(plan.time, plan.node_duration, qs, vs))
+
+
+def _compile_read_out(
+    read_out: Callable[[Any, Any, Any, dict[str, Any]], list[Any]],
+    action: ItemAction,
+    points: int,
+    progress: Callable[[str], None] | None,
+) -> CompiledFunction:
+    """Compile what plans contain besides states and controls, for all points of a horizon."""
+    sizes = {"x": action.state.nx, "u": action.nu, "p": action.parameters.size}
+    x, u, p = (ca.SX.sym(name, size) for name, size in sizes.items())
+    outputs = read_out(action, x, u, action.parameters.split(p))
+    names = ["com", "momentum", "v", "forces"]
+    function = ca.Function(f"{action.name}_read_out", [x, u, p], outputs, list(sizes), names)
+    return compile_map(function, points, progress=progress)

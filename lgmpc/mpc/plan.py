@@ -15,16 +15,18 @@ from lgmpc.lie import quaternion, so3
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array
 
-__all__ = ["MotionSample", "MpcStatus", "Plan", "PlanSampler", "PosturePlan", "PostureSample"]
+__all__ = ["MotionSample", "MotionSampler", "MpcStatus", "Plan", "PosturePlan", "PostureSample"]
 
 
 class MpcStatus(Enum):
-    """Where a plan comes from; the value states the remedy."""
+    """Origin of a plan; the value states the remedy."""
 
     SOLVED = "nothing to do"
     INACCURATE = "usable; if it happens often, raise the QP solver's iterations or bring the weights closer together"
-    SOLVER_FAILED = "the last valid plan goes on; check bounds and weights if it happens often"
-    NOT_FINITE = "the last valid plan goes on; the measured state, the wrench or a reference held NaN or infinity"
+    SOLVER_FAILED = "the last valid plan remains in use; check bounds and weights if it happens often"
+    NOT_FINITE = (
+        "the last valid plan remains in use; the measured state, the wrench or a reference contained NaN or infinity"
+    )
     STALE = "several updates in a row failed: do not follow this plan, balance without it"
 
     @property
@@ -183,6 +185,8 @@ class MotionSampler:
 
     Attributes:
         motion: the last samples, with n rows.
+        com: (n, 9) of them, centre of mass, its velocity and acceleration.
+        turning: (n, 6) of them, angular momentum and its rate.
 
     Raises:
         CompileError: the compiler failed.
@@ -190,7 +194,9 @@ class MotionSampler:
 
     def __init__(self, count: int, contacts: int) -> None:
         self._forces = np.zeros((count, 3 * contacts))
-        rows = dict(zip(_MOTION, np.zeros((6, count, 3)), strict=True))
+        table = np.zeros((count, 18))
+        rows = dict(zip(_MOTION, np.split(table, 6, axis=1), strict=True))
+        self.com, self.turning = table[:, :9], table[:, 12:]
         self.motion = MotionSample(**rows, forces=self._forces.reshape(count, contacts, 3))
         self._start, self._end = np.zeros((2, count, 9))
         self._since, self._plan = np.zeros((count, 1)), np.zeros(2)
@@ -215,6 +221,10 @@ class MotionSampler:
 
 @functools.lru_cache(maxsize=8)
 def _motion_kernel(contacts: int) -> StageKernel:
+    return StageKernel.of(_motion, contacts)
+
+
+def _motion(contacts: int) -> ca.Function:
     """The motion at one time since the beginning of an interval of which both ends and the forces are given."""
     start, end, forces = ca.SX.sym("start", 9), ca.SX.sym("end", 9), ca.SX.sym("forces", 3 * contacts)
     since, plan = ca.SX.sym("since"), ca.SX.sym("plan", 2)
@@ -234,63 +244,4 @@ def _motion_kernel(contacts: int) -> StageKernel:
     rate = moment - ca.cross(com_now, total)
     outputs = [com_now, momentum / m, resultant / m, momentum, turning, rate]
     inputs = {"start": start, "end": end, "forces": forces, "since": since, "plan": plan}
-    return StageKernel(ca.Function(f"plan_motion_{contacts}", list(inputs.values()), outputs, list(inputs), _MOTION))
-
-
-class PlanSampler:
-    """The latest plan, sampled by time at the ticks of the controller below.
-
-    All ticks until the next plan are sampled at once; a time between ticks reads the nearest one.
-
-    Args:
-        period: of the ticks, s.
-        ticks: sampled in one call; the number of ticks between two plans.
-
-    Attributes:
-        plan: the latest plan, None before the first.
-        start: time of the first row, s.
-        motion: samples of its motion, a row a tick.
-        posture: samples of its posture, None where the plan has none.
-    """
-
-    def __init__(self, period: float, ticks: int) -> None:
-        self._period = period
-        self._offsets: Array = period * np.arange(ticks, dtype=np.float64)
-        self.start = 0.0
-        self.plan: Plan | None = None
-        self.motion: MotionSample | None = None
-        self.posture: PostureSample | None = None
-        self._sampler: MotionSampler | None = None
-
-    def clear(self) -> None:
-        """Forget the plan."""
-        self.plan = self.motion = self.posture = None
-
-    def take_over(self, old: PlanSampler) -> None:
-        """Go on with another sampler's plan, at the ticks of this one."""
-        self._sampler = None
-        if self.plan is not None:
-            self.load(self.plan, self.start)
-
-    def load(self, plan: Plan, time: float) -> None:
-        """Sample ``plan`` from ``time`` (s) on."""
-        self.plan, self.start = plan, time
-        times = time + self._offsets
-        if self._sampler is None:
-            self._sampler = MotionSampler(len(times), plan.forces.shape[1])
-        self.motion = self._sampler.sample(plan, times)
-        self.posture = None if plan.posture is None else plan.posture.sample_at(times)
-
-    def row(self, time: float) -> int:
-        """Return the row of the samples that belongs to ``time`` (s); samples on where it lies outside of them.
-
-        Raises:
-            ValueError: there is no plan.
-        """
-        if self.plan is None:
-            raise ValueError("no plan was loaded")
-        row = round((time - self.start) / self._period)
-        if not 0 <= row < len(self._offsets):
-            self.load(self.plan, time)
-            return 0
-        return row
+    return ca.Function(f"plan_motion_{contacts}", list(inputs.values()), outputs, list(inputs), _MOTION)

@@ -46,7 +46,7 @@ class CentroidalReference:
         self._attitude, self._rotation, self._inertia = np.zeros(4), np.zeros((3, 3)), np.zeros((3, 3))
         fading = uprighting_rate * np.exp(-uprighting_rate * node_s * np.arange(nodes))
         com, com_velocity, angular_velocity = self._motion
-        self._run = StageKernel(_centroidal_reference(), progress).bind(
+        self._run = StageKernel.of(_centroidal_reference, progress=progress).bind(
             nodes, com=com, com_velocity=com_velocity, angular_velocity=angular_velocity, fading=fading[:, None],
             mass=np.array([mass]), attitude=self._attitude, rotation=self._rotation.reshape(-1),
             inertia=self._inertia.reshape(-1), x_reference=target,

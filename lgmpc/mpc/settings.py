@@ -12,13 +12,13 @@ from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings
 __all__ = ["CentroidalWeights", "MpcSettings", "MultibodyWeights", "SqpMpcSettings", "TrackingWeights"]
 
 _NORMAL_FORCE = (0.2, 12.0)
-"""N per kg of the robot: a plan unloads no foot entirely, and one foot may carry the robot with 20 % to spare."""
+"""Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 1.2 weights."""
 
 
 class TrackingWeights(Settings):
     """Weights of the squared deviations of momenta and forces.
 
-    Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
+    Those of momenta and forces are for a robot of 2.5 kg; they are divided by the square of the mass ratio.
     """
 
     com: Vector3 = Field(default=(1e3, 1e3, 1e3), description="Position of the centre of mass [x, y, z], 1/m2.")
@@ -47,17 +47,17 @@ class CentroidalWeights(TrackingWeights):
 
 
 class MultibodyWeights(CentroidalWeights):
-    """Weights of models that have base and joints."""
+    """Weights of models with base and joints."""
 
-    base_orientation: NonNegative = Field(default=1.0, description="Turn of the base, 1/rad2.")
+    base_orientation: NonNegative = Field(default=1.0, description="Rotation of the base, 1/rad2.")
     posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
 
 
 class MpcSettings(Settings):
     """Horizon, limits and disturbance prediction of any predictive controller."""
 
-    model: str = Field(description="Model that predicts.")
-    enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller works alone.")
+    model: str = Field(description="Predictive model.")
+    enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller runs alone.")
     rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
         default=100.0, description="Updates per second, Hz, 1 to 10000."
     )
@@ -65,17 +65,17 @@ class MpcSettings(Settings):
         default=20, description="Number of intervals of the horizon, 2 to 200."
     )
     node_s: Annotated[Positive, Field(ge=1e-3, le=1.0)] = Field(
-        default=0.02, description="Length of each interval, s, 0.001 to 1: contacts change no faster."
+        default=0.02, description="Length of each interval, s, 0.001 to 1: the resolution of contact switches."
     )
     friction: Annotated[Positive, Field(ge=0.01, le=5.0)] = Field(
-        default=0.6, description="Friction coefficient that the plan relies on, 0.01 to 5."
+        default=0.6, description="Friction coefficient assumed by the plan, 0.01 to 5."
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 a kg of robot.",
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 per kg of the robot.",
     )
     observer_time_s: Annotated[Positive, Field(ge=1e-4)] = Field(
-        default=0.01, description="Least time constant of the observer that estimates the external wrench, s."
+        default=0.01, description="Smallest time constant of the observer of the external wrench, s."
     )
     observer_noise_share: Annotated[Positive, Field(le=1e3)] = Field(
         default=0.05,
@@ -83,15 +83,15 @@ class MpcSettings(Settings):
         "beyond which that time constant grows with the noise of the measured velocity.",
     )
     wrench_decay_s: Annotated[Positive, Field(ge=1e-3)] = Field(
-        default=0.1, description="Time constant with which the estimated wrench is predicted to fade, s."
+        default=0.1, description="Time constant of the predicted decay of the estimated wrench, s."
     )
     stale_after: Count = Field(
-        default=5, description="Updates in a row that may fail before the plan is no longer followed."
+        default=5, description="Number of consecutive failed updates after which the plan is no longer used."
     )
 
     @property
     def foothold_directions(self) -> int:
-        """Directions in which the room of footholds is needed; 0 of a model that takes footholds as given."""
+        """Number of directions in which shifts of footholds are bounded; 0 for models with given footholds."""
         return 0
 
     def normal_force(self, mass: float) -> tuple[float, float]:
@@ -100,7 +100,7 @@ class MpcSettings(Settings):
 
 
 class SqpMpcSettings(MpcSettings):
-    """Settings of models whose plans solve a problem with constraints by sequential quadratic programming."""
+    """Settings of models solved by sequential quadratic programming."""
 
     qp_solver: Literal["riccati", "structured", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
         default="riccati", description="Solver of each quadratic programme."

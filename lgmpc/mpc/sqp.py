@@ -17,26 +17,26 @@ from lgmpc.typing import Array, IntArray
 
 __all__ = ["SqpMpc"]
 
-# A loosely solved subproblem is followed if it breaks its constraints by less than this share of the weight (forces,
-# N) and its dynamics by less than this (m, N.s, N.m.s).
+# An inexactly solved subproblem is accepted if it violates its constraints by less than this share of the weight
+# (forces, N) and its dynamics by less than this (m, N.s, N.m.s).
 _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
 
 
 class SqpMpc(BaseMpc):
-    """Solves one problem again and again, each time from where the last solution has arrived.
+    """Solves a problem repeatedly over a receding horizon, warm-started from the shifted last solution.
 
     Each update shifts the last trajectory to the present, takes the configured number of SQP steps from there and
-    returns the new plan. No numbers make it raise: when an update fails, the last valid plan continues (its later part
-    is for the present), with a status that says why; after several failures in a row the status is STALE.
+    returns the new plan. Numerical failures are not raised: after a failed update the last valid plan remains in use,
+    with the status of the failure; after several consecutive failures the status is STALE.
 
     A subclass writes measured state, references and parameters into :attr:`problem` and calls :meth:`_advance`.
 
     Args:
         problem: the optimal control problem.
         settings: horizon, limits, solver.
-        mass: of the robot, kg.
-        weight: (3,) force that holds the robot against gravity, world axes, N.
+        mass: mass of the robot, kg.
+        weight: (3,) force that balances gravity, world axes, N.
         progress: called with a description of what is being compiled.
 
     Attributes:
@@ -67,26 +67,26 @@ class SqpMpc(BaseMpc):
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)
-        self._trajectory: Trajectory | None = None  # what the last fresh plan was made of
+        self._trajectory: Trajectory | None = None  # solution of the last fresh plan
         self._guess_time: float | None = None
 
     def reset(self) -> None:
-        """Forget the last plan and the failure counts: the next update begins as the first one did."""
+        """Discard the last plan and the failure counts: the next update starts as the first one."""
         super().reset()
         self._trajectory = None
         self.forget()
 
     def forget(self) -> None:
-        """Begin the next update without a guess, at rest; the last plan remains the fall-back."""
+        """Start the next update without a guess, at rest; the last plan remains the fall-back."""
         self._guess_time = None
 
     @abstractmethod
     def _rest(self) -> Trajectory:
-        """The guess without a last solution: stand still in the measured state."""
+        """Return the guess without a last solution: rest in the measured state."""
 
     @abstractmethod
     def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
-        """Return the plan that a solution from time ``t`` on amounts to; status and timing are filled in later."""
+        """Return the plan of a solution that starts at time ``t``; status and timing are filled in later."""
 
     def _advance(self, t: float, start: float) -> Plan:
         """Plan from ``problem.x0`` at time ``t``; ``start`` is when the update began, by the performance counter."""
@@ -95,7 +95,7 @@ class SqpMpc(BaseMpc):
         if not math.isfinite(t + float(x0.sum()) + float(self.problem.parameters[:, self._bounded].sum())):
             return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
         qp_iterations = 0
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers end in a status, not in a warning
+        with np.errstate(over="ignore", invalid="ignore"):  # overflows are reported by the status, not by a warning
             self._warm_start(t)
             for _ in range(self.settings.sqp_iterations):
                 self.solver.prepare()
@@ -111,7 +111,7 @@ class SqpMpc(BaseMpc):
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
-        """Shift the last trajectory to the present; without one, stand still."""
+        """Shift the last trajectory to the present; without one, start from rest."""
         h, nodes = self.settings.node_s, self.settings.nodes
         ahead = math.inf if self._guess_time is None else (t - self._guess_time) / h
         if not 0.0 <= ahead <= nodes:
@@ -129,10 +129,10 @@ class SqpMpc(BaseMpc):
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
 
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
-        """Go on with the last valid plan; the next update starts from it, unless it may be what made this one fail."""
+        """Return the last valid plan; the next update starts from it, unless it may have caused this failure."""
         plan = super()._fall_back(status, t, qp_iterations, start)
         if self._plan is None or self._trajectory is None or plan.status is not MpcStatus.NOT_FINITE:
-            self.forget()  # it may be the guess that is at fault
+            self.forget()  # the guess may be the cause of the failure
         else:
             self.solver.set_guess(self._trajectory)
             self._guess_time = plan.time

@@ -1,4 +1,4 @@
-"""A predictive controller with another one as its stand-in while its own plans cannot be followed."""
+"""A multibody predictive controller with a centroidal one as its stand-in while its own plans are rejected."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ __all__ = ["StandInMpc"]
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = 4
-"""Updates for which the multibody model pauses after a plan was dropped: its subproblems are the most costly then."""
+"""Number of updates without the multibody model after a rejected plan: its subproblems are most costly then."""
 
 
 class StandInMpc:
-    """Plans with base and joints as far as the legs reach, and with the centroidal model beyond.
+    """Plans with the multibody model within the reach of the legs, and with the centroidal model beyond it.
 
     A stretched leg is singular: the linearisation there contains motions that the leg does not have, and an iteration
-    from such a plan leads away from the solution. In a push hard enough the forecast stretches the legs long before the
-    robot does, if the robot does at all. So a plan that stretches a leg further than ``settings.reach_rad``, like one
-    that failed, is dropped, and a centroidal model, which has no legs, plans instead. Every fifth update the multibody
-    model is tried again, and followed from the second plan in a row that keeps the reach: the first has no guess.
+    from such a plan diverges. Under a hard push the predicted motion stretches the legs long before the actual motion,
+    if that does so at all. A plan that stretches a leg further than ``settings.reach_rad``, or a failed one, is
+    therefore rejected, and a centroidal model, which has no legs, plans instead. Every fifth update the multibody model
+    is tried again; its plans are used from the second consecutive one within reach, because the first has no guess.
 
     Args:
-        mpc: the controller with base and joints.
-        stand_in: plans meanwhile; of the same horizon.
+        mpc: the multibody controller.
+        stand_in: centroidal controller with the same horizon.
 
     Attributes:
         mpc: as given.
         stand_in: as given.
-        stood_in: updates so far that the stand-in planned.
+        stood_in: number of updates planned by the stand-in.
     """
 
     def __init__(self, mpc: MultibodyMpc, stand_in: CentroidalMpc) -> None:
@@ -52,11 +52,11 @@ class StandInMpc:
 
     @property
     def failures(self) -> int:
-        """Updates so far for which neither model had a fresh plan."""
+        """Number of updates for which neither model had a fresh plan."""
         return self.stand_in.failures
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Discard all history."""
         self.mpc.reset()
         self.stand_in.reset()
         self.stood_in = 0
@@ -78,7 +78,7 @@ class StandInMpc:
         return self.stand_in.update(state, contacts, reference, wrench)
 
     def _plan(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
-        """Plan with base and joints, and judge the plan."""
+        """Plan with the multibody model, and accept or reject the plan."""
         plan = self.mpc.update(state, contacts, reference, wrench)
         self._trusted = plan.status.fresh and self.mpc.keeps_reach(plan)
         if not self._trusted:

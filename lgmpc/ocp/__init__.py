@@ -2,6 +2,7 @@
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
 from lgmpc.ocp.horizon import HorizonFunctions
+from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.path import PathFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
@@ -18,6 +19,7 @@ __all__ = [
     "FreePhase",
     "HorizonFunctions",
     "KktResidual",
+    "LagrangianHessians",
     "MultipleShooting",
     "OcpQp",
     "OcpQpStructure",

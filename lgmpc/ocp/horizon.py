@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.compile import BatchKernel, CompiledFunction, compile_functions
+from lgmpc.compile import BatchKernel, CompiledFunction, compile_functions, recall
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
-from lgmpc.ocp.quadratic import OcpQp, kkt_function
+from lgmpc.ocp.python_stages import watched
+from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure, kkt_function
 from lgmpc.typing import Array
 
 __all__ = ["HorizonFunctions"]
@@ -41,37 +43,49 @@ class HorizonFunctions:
     """
 
     def __init__(self, action: Action, nodes: int, progress: Callable[[str], None] | None = None) -> None:
-        matrices = StageMatrices(action)
-        self.structure = structure_of([matrices], action, nodes)
+        kernels = recall(_compile, action, nodes, progress=progress)
+        self.structure = kernels.structure
         self.qp = OcpQp(self.structure)
         self.xs: Array = np.zeros((nodes + 1, action.state.nx))
         self.us: Array = np.zeros((nodes, action.nu))
         self.parameters: Array = np.zeros((nodes + 1, action.parameters.size))
-        stage = BatchKernel(matrices.packed(self.structure.blocks), progress)
-        terminal = BatchKernel(pack_terminal(action, self.structure.terminal_blocks), progress)
-        self.compiled = stage.compiled
-        self._stages = stage.bind(
+        self.compiled = kernels.stage.compiled
+        stages = kernels.stage.bind(
             nodes, x=self.xs, u=self.us, x_next=self.xs[1:], p=self.parameters, values=self.qp.values
         )
-        self._terminal = terminal.bind(
+        last = kernels.terminal.bind(
             1, x=self.xs[nodes:], p=self.parameters[nodes:], values=self.qp.terminal_values.reshape(1, -1)
         )
-        functions = [
-            kkt_function(self.structure, action.name),
-            _retract(action, nodes),
-            _advance(action, nodes),
-            _difference(action),
-        ]
-        compiled = compile_functions(functions, progress=progress)
-        self.kkt: CompiledFunction = compiled[0]
-        self.retract: CompiledFunction = compiled[1]
-        self.advance: CompiledFunction = compiled[2]
-        self.difference: CompiledFunction = compiled[3]
+        self._stages, self._terminal = watched(stages, action, 0), watched(last, action, nodes)
+        self.kkt, self.retract, self.advance, self.difference = kernels.functions
 
     def linearize(self) -> None:
         """Write the linear-quadratic problem around (xs, us)."""
         self._stages()
         self._terminal()
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    structure: OcpQpStructure
+    stage: BatchKernel
+    terminal: BatchKernel
+    functions: tuple[CompiledFunction, CompiledFunction, CompiledFunction, CompiledFunction]
+
+
+def _compile(action: Action, nodes: int, progress: Callable[[str], None] | None) -> _Compiled:
+    matrices = StageMatrices(action)
+    structure = structure_of([matrices], action, nodes)
+    stage = BatchKernel(matrices.packed(structure.blocks), progress)
+    terminal = BatchKernel(pack_terminal(action, structure.terminal_blocks), progress)
+    functions = (
+        kkt_function(structure, action.name),
+        _retract(action, nodes),
+        _advance(action, nodes),
+        _difference(action),
+    )
+    kkt, retract, advance, difference = compile_functions(functions, progress=progress)
+    return _Compiled(structure, stage, terminal, (kkt, retract, advance, difference))
 
 
 def _retract(action: Action, nodes: int) -> ca.Function:

@@ -14,7 +14,7 @@ from lgmpc.typing import Array
 
 __all__ = ["DerivativeCheck", "DerivativeReport", "check_derivatives"]
 
-_MEANING = {
+MEANINGS = {
     "A": "next state by state",
     "B": "next state by control",
     "q": "cost by state",
@@ -23,6 +23,7 @@ _MEANING = {
     "D": "constraint by control",
     "terminal q": "terminal cost by state",
 }
+"""What the derivatives of an action are called in messages."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class DerivativeReport:
             return f"{len(self.checks)} derivatives agree with central differences (largest error {largest:.1e})"
         lines = [f"{len(self.wrong)} of {len(self.checks)} derivatives disagree with central differences:"]
         lines += [
-            f"  {c.action}, node {c.node}, {c.quantity} ({_MEANING[c.quantity]}): entry [{c.row}, {c.column}] is"
+            f"  {c.action}, node {c.node}, {c.quantity} ({MEANINGS[c.quantity]}): entry [{c.row}, {c.column}] is"
             f" {c.analytic:.9g}, by differences {c.numeric:.9g} (error {c.error:.1e})"
             for c in self.wrong
         ]

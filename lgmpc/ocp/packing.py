@@ -16,12 +16,23 @@ from lgmpc.actions import Action
 from lgmpc.compile import Pipeline, PipelineStep
 from lgmpc.ocp.quadratic import Block, OcpQpStructure
 
-__all__ = ["StageMatrices", "pack_terminal", "pipeline_of", "structure_of"]
+__all__ = ["StageMatrices", "like", "pack_terminal", "pipeline_of", "structure_of", "symbols_of"]
 
 _MATRICES = "ABCDQRS"
 
 _STAGE = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
 _TERMINAL = ("Q", "q", "cost")
+
+
+def symbols_of(function: ca.Function) -> list[Any]:
+    """Return symbols for the inputs of an action's function: of scalars, or of matrices if it calls Python."""
+    symbols: list[Any] = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    return symbols
+
+
+def like(function: ca.Function, symbol: Any) -> Any:
+    """Return a symbol of the same name and shape, of the kind that a function takes."""
+    return symbol if function.is_a("SXFunction") else ca.MX.sym("s", *symbol.shape)
 
 
 class StageMatrices:
@@ -43,7 +54,7 @@ class StageMatrices:
         self._action = action
         if action.expansion is None:
             function = action.quadratic_function
-            self._names, self._inputs = function.name_in(), function.sx_in()
+            self._names, self._inputs = function.name_in(), symbols_of(function)
             found = dict(zip(function.name_out(), function.call(self._inputs), strict=True))
         else:
             columns = action.expansion.columns
@@ -97,17 +108,18 @@ def pipeline_of(name: str, action: Action, symbols: Mapping[str, Any], outputs: 
     return Pipeline(name, inputs, steps, entries)
 
 
-def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int) -> OcpQpStructure:
+def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int, full: str = "") -> OcpQpStructure:
     """Return the structure of the linear-quadratic problems of stages that have the same numbers of controls and rows.
 
     Args:
         stages: of the distinct actions of a horizon.
         terminal: the action whose terminal cost applies to the last state.
         nodes: number of intervals.
+        full: names of matrices that are stored whole.
     """
     last = terminal.terminal_quadratic_function
-    blocks, size = _blocks([stage.patterns for stage in stages])
-    last_blocks, last_size = _blocks([{name: last.sparsity_out(name) for name in _TERMINAL}])
+    blocks, size = _blocks([stage.patterns for stage in stages], full)
+    last_blocks, last_size = _blocks([{name: last.sparsity_out(name) for name in _TERMINAL}], full)
     (ndx, nu), ng = blocks["B"].shape, blocks["lower"].shape[0]
     return OcpQpStructure(nodes, ndx, nu, ng, blocks, last_blocks, size, last_size)
 
@@ -115,7 +127,7 @@ def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int) 
 def pack_terminal(terminal: Action, blocks: Mapping[str, Block]) -> ca.Function:
     """Return ``(x, p) -> values`` of the terminal cost."""
     function = terminal.terminal_quadratic_function
-    inputs = function.sx_in()
+    inputs = symbols_of(function)
     column = _packed(dict(zip(function.name_out(), function.call(inputs), strict=True)), blocks)
     name = f"{function.name()}_values_{column.numel()}"
     return ca.Function(name, inputs, [column], function.name_in(), ["values"])
@@ -141,21 +153,21 @@ def _split(found: Mapping[str, Any], patterns: Mapping[str, ca.Sparsity], ndx: i
 def _padded(m: dict[str, Any], nu: int, ng: int) -> dict[str, Any]:
     ndx, own, rows = m["A"].shape[0], m["r"].shape[0], m["lower"].shape[0]
     more_u, more_g = nu - own, ng - rows
-    m["B"] = ca.horzcat(m["B"], ca.SX(ndx, more_u))
-    m["S"] = ca.vertcat(m["S"], ca.SX(more_u, ndx))
-    m["R"] = ca.diagcat(m["R"], ca.SX.eye(more_u)) if more_u else m["R"]
-    m["r"] = ca.vertcat(m["r"], ca.SX.zeros(more_u))
-    m["C"] = ca.vertcat(ca.reshape(m["C"], rows, ndx), ca.SX(more_g, ndx))
-    m["D"] = ca.diagcat(ca.reshape(m["D"], rows, own), ca.SX(more_g, more_u))
-    m["lower"] = ca.vertcat(m["lower"], -ca.SX.ones(more_g))
-    m["upper"] = ca.vertcat(m["upper"], ca.SX.ones(more_g))
+    m["B"] = ca.horzcat(m["B"], ca.DM(ndx, more_u))
+    m["S"] = ca.vertcat(m["S"], ca.DM(more_u, ndx))
+    m["R"] = ca.diagcat(m["R"], ca.DM.eye(more_u)) if more_u else m["R"]
+    m["r"] = ca.vertcat(m["r"], ca.DM.zeros(more_u))
+    m["C"] = ca.vertcat(ca.reshape(m["C"], rows, ndx), ca.DM(more_g, ndx))
+    m["D"] = ca.diagcat(ca.reshape(m["D"], rows, own), ca.DM(more_g, more_u))
+    m["lower"] = ca.vertcat(m["lower"], -ca.DM.ones(more_g))
+    m["upper"] = ca.vertcat(m["upper"], ca.DM.ones(more_g))
     return {name: m[name] for name in _STAGE}
 
 
-def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, Block], int]:
+def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]], full: str) -> tuple[dict[str, Block], int]:
     """Return each block's stored entries, all that are not structurally zero in one of the patterns, and their number.
 
-    Vectors are stored whole, so that they can be viewed as arrays.
+    Vectors are stored whole, so that they can be viewed as arrays; so are the matrices named in ``full``.
     """
     blocks: dict[str, Block] = {}
     start = 0
@@ -163,7 +175,7 @@ def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, Bl
         pattern = first
         for other in patterns[1:]:
             pattern = pattern + other[name]
-        if name not in _MATRICES:
+        if name not in _MATRICES or name in full:
             pattern = ca.Sparsity.dense(*pattern.shape)
         rows, columns = (np.array(index, dtype=np.int64) for index in pattern.get_triplet())
         blocks[name] = Block(pattern.shape, rows, columns, slice(start, start + rows.size))

@@ -8,8 +8,10 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.compile import BatchKernel
+from lgmpc.compile import BatchKernel, recall
+from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem
+from lgmpc.ocp.python_stages import watched
 from lgmpc.ocp.shooting import runs_of
 from lgmpc.typing import Array
 
@@ -35,26 +37,27 @@ class PathFunctions:
         self, problem: ShootingProblem, xs: Array, us: Array, progress: Callable[[str], None] | None = None
     ) -> None:
         runs = runs_of(problem.actions)
-        ng = max(action.value_function.size1_out("constraint") for action, _, _ in runs)
+        actions = tuple({id(action): action for action, _, _ in runs}.values())
+        found = recall(_compile, actions, problem.nu, progress=progress)
+        kernels = {id(action): kernel for action, kernel in zip(actions, found, strict=True)}
+        ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in found)
         self.values: Array = np.zeros((problem.nodes, ng))
         self.lower: Array = np.full((problem.nodes, ng), -np.inf)
         self.upper: Array = np.full((problem.nodes, ng), np.inf)
-        kernels: dict[int, BatchKernel] = {}
         self._calls, self._copies = [], []
         for action, start, stop in runs:
-            rows = action.value_function.size1_out("constraint")
-            if rows == 0:
+            kernel = kernels[id(action)]
+            if kernel is None:
                 continue
-            kernel = kernels.setdefault(id(action), BatchKernel(_path(action, problem.nu), progress))
+            rows = kernel.output_sizes["values"]
             k = slice(start, stop)
-            found = np.zeros((3, stop - start, rows))
-            self._calls.append(
-                kernel.bind(
-                    stop - start, x=xs[k], u=us[k], p=problem.parameters[k],
-                    values=found[0], lower=found[1], upper=found[2],
-                )
+            bounded = np.zeros((3, stop - start, rows))
+            call = kernel.bind(
+                stop - start, x=xs[k], u=us[k], p=problem.parameters[k],
+                values=bounded[0], lower=bounded[1], upper=bounded[2],
             )  # fmt: skip
-            self._copies.append((k, rows, found))
+            self._calls.append(watched(call, action, start))
+            self._copies.append((k, rows, bounded))
 
     def evaluate(self) -> None:
         """Write :attr:`values`, :attr:`lower` and :attr:`upper`."""
@@ -64,9 +67,19 @@ class PathFunctions:
             self.values[k, :rows], self.lower[k, :rows], self.upper[k, :rows] = found
 
 
+def _compile(
+    actions: tuple[Action, ...], nu: int, progress: Callable[[str], None] | None
+) -> tuple[BatchKernel | None, ...]:
+    """Return the kernel of each action; None of those without path constraints."""
+    return tuple(
+        BatchKernel(_path(action, nu), progress) if action.value_function.numel_out("constraint") else None
+        for action in actions
+    )
+
+
 def _path(action: Action, nu: int) -> ca.Function:
-    x, p = ca.SX.sym("x", action.state.nx), ca.SX.sym("p", action.parameters.size)
-    u = ca.SX.sym("u", nu)
+    x, _, p = symbols_of(action.value_function)
+    u = like(action.value_function, ca.SX.sym("u", nu))
     _, _, *rows = action.value_function.call([x, u[: action.nu], p])
     names = ["values", "lower", "upper"]
     return ca.Function(f"{action.name}_path_{nu}", [x, u, p], [ca.densify(row) for row in rows], ["x", "u", "p"], names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,6 +90,8 @@ class ShootingProblem:
     ) -> None:
         self.actions = _one_each(action, nodes)
         self.terminal = self.actions[-1] if terminal is None else terminal
+        if not isinstance(self.terminal, Action):
+            raise InputError("terminal", type(self.terminal).__name__, "an action")
         self.nodes = len(self.actions)
         self.state = self.actions[0].state
         every = (*self.actions, self.terminal)
@@ -156,31 +159,35 @@ class ShootingProblem:
 
         Args:
             name: of the parameter.
-            value: one value for all nodes (size,), one for each of the nodes (n, size), or a number; finite, but for a
-                bound (a name that ends in ``lower`` or ``upper``), which may be infinite.
+            value: one value for all nodes (size,), one for each of the nodes (n, size), or a number; of parameters
+                with several equal parts, such as the gains of contacts, one part is enough. Finite, but for a bound
+                (a name that ends in ``lower`` or ``upper``), which may be infinite.
             nodes: which, 0 to N (n of them); all whose action has the parameter unless given.
 
         Raises:
             InputError: no such parameter or node, wrong shape, not finite, or of a sign that it cannot have (weights,
                 durations).
         """
-        chosen = self._having(name) if nodes is None else list(nodes)
-        for k in chosen:
-            if not 0 <= k <= self.nodes:
-                raise InputError("nodes", k, f"0 to {self.nodes}")
+        chosen = self._having(name) if nodes is None else self._nodes_of(nodes)
         places = [self.action_at(k).parameters[name] for k in chosen]
-        array = np.asarray(value, dtype=np.float64)
-        sizes = {place.stop - place.start for place in places}
-        size = sizes.pop() if len(sizes) == 1 else -1
-        if array.shape not in ((), (size,), (len(chosen), size)):
-            raise InputError(name, f"shape {array.shape}", f"a number, shape {(size,)} or {(len(chosen), size)}")
+        array = _numbers(name, value)
+        actions = {id(action): action.parameters.parameter(name) for action in map(self.action_at, chosen)}
+        shapes = set.intersection(*(set(parameter.shapes) for parameter in actions.values())) if actions else {()}
+        each = {(len(chosen), *shape) for shape in shapes if shape}
+        if array.shape not in shapes | each:
+            expected = " or ".join(f"shape {shape}" for shape in sorted(shapes - {()}) + sorted(each))
+            raise InputError(name, f"shape {array.shape}", f"a number, {expected}" if expected else "a number")
         is_bound = name.endswith(("lower", "upper"))
-        if np.isnan(array).any() or not (is_bound or np.isfinite(array).all()):
-            raise InputError(name, "NaN or infinity", "no NaN" if is_bound else "finite values")
-        for action in {id(each): each for each in map(self.action_at, chosen)}.values():
-            action.parameters.parameter(name).check_sign(array)
+        wrong = np.isnan(array) if is_bound else ~np.isfinite(array)
+        if wrong.any():
+            where = f", node {chosen[int(wrong.any(axis=1).argmax())]}" if array.ndim == 2 else ""
+            raise InputError(f"{name}{where}", "NaN or infinity", "no NaN" if is_bound else "finite values")
+        for i, k in enumerate(chosen):
+            one, where = (array[i], f", node {k}") if array.ndim == 2 else (array, "")
+            actions[id(self.action_at(k))].check_sign(one, where)
         for i, (k, place) in enumerate(zip(chosen, places, strict=True)):
-            self.parameters[k, place] = array[i] if array.ndim == 2 else array
+            parameter = actions[id(self.action_at(k))]
+            self.parameters[k, place] = parameter.whole(array[i] if array.ndim == 2 else array)
 
     def set_initial_state(self, x0: ArrayLike) -> None:
         """Set the first state.
@@ -188,7 +195,7 @@ class ShootingProblem:
         Raises:
             InputError: wrong shape, or not finite.
         """
-        array = np.asarray(x0, dtype=np.float64)
+        array = _numbers("x0", x0)
         if array.shape != self.x0.shape:
             raise InputError("x0", f"shape {array.shape}", f"shape {self.x0.shape}")
         if not np.isfinite(array).all():
@@ -218,6 +225,8 @@ class ShootingProblem:
             return None
         fixed = np.ones(rows, dtype=bool)
         fixed[np.unique(function.jac_sparsity(2, 1).get_triplet()[0]).astype(np.int64)] = False
+        if not fixed.any():
+            return None
         point = action.evaluate(self.x0, np.zeros(action.nu), p[: action.parameters.size])
         outside = np.maximum(point.lower - point.constraint, point.constraint - point.upper)
         outside[~fixed | ~np.isfinite(outside)] = 0.0
@@ -279,18 +288,44 @@ class ShootingProblem:
         """Return a guess as float64 arrays of the right shapes.
 
         Raises:
-            InputError: wrong shapes.
+            InputError: no trajectory, wrong shapes, or a parameter of a sign that it cannot have.
         """
+        if not isinstance(guess, Trajectory):
+            raise InputError("guess", type(guess).__name__, "a Trajectory(xs, us), or a solution")
+        self._check_signs()
         arrays = []
         for name, value, shape in (
             ("xs", guess.xs, (self.nodes + 1, self.state.nx)),
             ("us", guess.us, (self.nodes, self.nu)),
         ):
-            array = np.asarray(value, dtype=np.float64)
+            array = _numbers(name, value)
             if array.shape != shape:
                 raise InputError(name, f"shape {array.shape}", f"shape {shape}")
             arrays.append(array)
         return Trajectory(*arrays)
+
+    def _check_signs(self) -> None:
+        """Check what was written without :meth:`set`; NaN is left to the solvers' explanations."""
+        for action in {id(each): each for each in (*self.actions, self.terminal)}.values():
+            layout = action.parameters
+            low = (self.parameters[:, layout.positive] <= 0.0).any() or (
+                self.parameters[:, layout.not_negative] < 0.0
+            ).any()
+            for k in range(self.nodes + 1) if low else ():
+                if self.action_at(k) is not action:
+                    continue
+                for parameter in layout.parameters:
+                    values = self.parameters[k, layout[parameter.name]]
+                    parameter.check_sign(np.where(np.isnan(values), np.inf, values), f", node {k}")
+
+    def _nodes_of(self, nodes: Sequence[int]) -> list[int]:
+        chosen = list(nodes) if isinstance(nodes, Iterable) else [nodes]
+        for k in chosen:
+            if not isinstance(k, (int, np.integer)) or not 0 <= k <= self.nodes:
+                raise InputError("nodes", k, f"whole numbers from 0 to {self.nodes}")
+        if not isinstance(nodes, Iterable):
+            raise InputError("nodes", nodes, f"a list: [{nodes}]")
+        return chosen
 
     def _having(self, name: str) -> list[int]:
         """Return the nodes whose action has a parameter; raise the error that names the nearest if there is none."""
@@ -319,11 +354,18 @@ def _holding_control(action: Action, x: Array, p: Array) -> Array:
     return best
 
 
+def _numbers(name: str, value: ArrayLike) -> Array:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(name, reprlib.repr(value), "numbers, in rows of the same length") from None
+
+
 def _one_each(action: Action | Sequence[Action], nodes: int | None) -> tuple[Action, ...]:
     if isinstance(action, Action):
-        if nodes is None or nodes < 1:
+        if not isinstance(nodes, (int, np.integer)) or nodes < 1:
             raise InputError("nodes", nodes, "at least one interval")
-        return (action,) * nodes
+        return (action,) * int(nodes)
     actions = tuple(action) if isinstance(action, Iterable) else (action,)
     if not actions:
         raise InputError("action", "an empty sequence", "at least one interval")

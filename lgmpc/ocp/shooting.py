@@ -7,6 +7,7 @@ one loop in C.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -14,10 +15,11 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
-from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros
-from lgmpc.ocp.packing import pipeline_of
+from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, recall
+from lgmpc.ocp.packing import like, pipeline_of, symbols_of
 from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut
 from lgmpc.ocp.problem import ShootingProblem
+from lgmpc.ocp.python_stages import watched
 from lgmpc.state import State
 from lgmpc.typing import Array
 
@@ -80,35 +82,25 @@ class ShootingFunctions:
         self.costs_try: Array = np.zeros(n + 1)
         self.moved: Array = np.zeros((n + 1, ndx))
 
-        kernels: dict[tuple[str, int], StageKernel | NumericExpansion | NumericRollOut] = {}
-
-        def kernel(
-            write: Callable[[Action, int], ca.Function], action: Action
-        ) -> StageKernel | NumericExpansion | NumericRollOut:
-            key = (write.__name__, id(action))
-            if key not in kernels:
-                if isinstance(action, NumericContactAction) and write in _NUMERIC:
-                    kernels[key] = _NUMERIC[write](action, nu)
-                elif write is _expansion and action.expansion is not None:
-                    kernels[key] = BatchKernel(_expansion_pipeline(action, nu), progress)
-                elif write in (_expansion, _last_expansion, _running_cost):
-                    kernels[key] = BatchKernel(write(action, nu), progress)
-                else:
-                    kernels[key] = StageKernel(write(action, nu), progress)
-            return kernels[key]
-
-        expand, roll = [], []
         self.runs = runs_of(problem.actions)
+        actions = tuple({id(action): action for action, _, _ in self.runs}.values())
+        made = recall(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
+        kernels: dict[int, _Kernels] = {}
+        for action, compiled in zip(actions, made.of_actions, strict=True):
+            if isinstance(action, NumericContactAction):
+                kernels[id(action)] = _Kernels(NumericExpansion(action, nu), NumericRollOut(action, nu))
+            elif compiled is not None:
+                kernels[id(action)] = compiled
+        expand, roll = [], []
         for action, start, stop in self.runs:
             k, behind, length = slice(start, stop), slice(start + 1, stop + 1), stop - start
             x, u, p = self.xs[k], self.us[k], problem.parameters[k]
-            expand.append(
-                kernel(_expansion, action).bind(
-                    length, x=x, u=u, x_next=self.xs[behind], p=p,
-                    jacobian=_flat(self.jacobian[k]), hessian=_flat(self.hessian[k]), gradient=self.gradient[k],
-                    gap=self.gaps[behind], cost=self.costs[k, None],
-                )
+            call = kernels[id(action)].expand.bind(
+                length, x=x, u=u, x_next=self.xs[behind], p=p,
+                jacobian=_flat(self.jacobian[k]), hessian=_flat(self.hessian[k]), gradient=self.gradient[k],
+                gap=self.gaps[behind], cost=self.costs[k, None],
             )  # fmt: skip
+            expand.append(watched(call, action, start))
             simulated = {
                 "x": self.xs_try[k], "x_base": x, "u_base": u, "feedback": _flat(self.feedback[k]),
                 "feedforward": self.feedforward[k], "gap": self.gaps[behind], "lower": self.u_lower[k],
@@ -116,27 +108,26 @@ class ShootingFunctions:
                 "x_next": self.xs_try[behind], "u": self.us_try[k],
             }  # fmt: skip
             cost = self.costs_try[k, None]
-            if action.expansion is None:
-                roll.append(kernel(_roll_out, action).bind(length, **simulated, cost=cost))
+            run = kernels[id(action)].roll_out
+            if not isinstance(run, _RollOut):
+                roll.append(watched(run.bind(length, **simulated, cost=cost), action, start))
                 continue
             # Costs do not depend on each other: they are evaluated after the roll-out, several at a time.
-            z = np.zeros((length, action.expansion.dynamics.numel_out(1)))
-            roll.append(kernel(_simulation, action).bind(length, **simulated, z=z))
-            roll.append(
-                kernel(_running_cost, action).bind(length, x=self.xs_try[k], u=self.us_try[k], z=z, p=p, cost=cost)
-            )
+            z = np.zeros((length, run.simulate.output_sizes["z"]))
+            roll.append(run.simulate.bind(length, **simulated, z=z))
+            roll.append(run.cost.bind(length, x=self.xs_try[k], u=self.us_try[k], z=z, p=p, cost=cost))
         p_last = problem.parameters[n:]
-        expand.append(
-            kernel(_last_expansion, problem.terminal).bind(
-                1, x=self.xs[n:], p=p_last,
-                hessian=self.last_hessian.reshape(1, -1), gradient=self.last_gradient, cost=self.costs[n:],
-            )
+        last = problem.terminal
+        call = made.expand_last.bind(
+            1, x=self.xs[n:], p=p_last,
+            hessian=self.last_hessian.reshape(1, -1), gradient=self.last_gradient, cost=self.costs[n:],
         )  # fmt: skip
-        roll.append(kernel(_last_cost, problem.terminal).bind(1, x=self.xs_try[n:], p=p_last, cost=self.costs_try[n:]))
-        difference = StageKernel(_difference(problem.state, problem.terminal.name), progress)
+        expand.append(watched(call, last, n))
+        call = made.last_cost.bind(1, x=self.xs_try[n:], p=p_last, cost=self.costs_try[n:])
+        roll.append(watched(call, last, n))
         self._expand, self._roll = tuple(expand), tuple(roll)
-        self._difference = difference.bind(n + 1, x0=self.xs_try, x1=self.xs, dx=self.moved)
-        self.compiled = difference.compiled
+        self._difference = made.difference.bind(n + 1, x0=self.xs_try, x1=self.xs, dx=self.moved)
+        self.compiled = made.difference.compiled
 
     def expand(self) -> None:
         """Expand every node around (xs, us)."""
@@ -159,6 +150,52 @@ class ShootingFunctions:
         self.us[...] = self.us_try
 
 
+@dataclass(frozen=True)
+class _RollOut:
+    """A roll-out in two kernels: the simulation, and the cost of all nodes at once."""
+
+    simulate: StageKernel
+    cost: BatchKernel
+
+
+@dataclass(frozen=True)
+class _Kernels:
+    """What evaluates the nodes of one action."""
+
+    expand: BatchKernel | NumericExpansion
+    roll_out: StageKernel | _RollOut | NumericRollOut
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """The kernels of a problem; None for actions that Pinocchio evaluates."""
+
+    of_actions: tuple[_Kernels | None, ...]
+    expand_last: BatchKernel
+    last_cost: StageKernel
+    difference: StageKernel
+
+
+def _compile(
+    actions: tuple[Action, ...], last: Action, state: State, nu: int, progress: Callable[[str], None] | None
+) -> _Compiled:
+    def kernels(action: Action) -> _Kernels | None:
+        if isinstance(action, NumericContactAction):
+            return None
+        if action.expansion is None:
+            return _Kernels(BatchKernel(_expansion(action, nu), progress), StageKernel(_roll_out(action, nu), progress))
+        expand = BatchKernel(_expansion_pipeline(action, nu), progress)
+        simulate = StageKernel(_simulation(action, nu), progress)
+        return _Kernels(expand, _RollOut(simulate, BatchKernel(action.expansion.cost, progress)))
+
+    return _Compiled(
+        tuple(kernels(action) for action in actions),
+        BatchKernel(_last_expansion(last), progress),
+        StageKernel(last.terminal_value_function, progress),
+        StageKernel(_difference(state, last.name), progress),
+    )
+
+
 def _flat(array: Array) -> Array:
     return array.reshape(array.shape[0], -1)
 
@@ -175,12 +212,12 @@ def runs_of(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
 
 def _padded(matrix: ca.SX, rows: int, columns: int) -> ca.SX:
     """Return the matrix with zero rows below and zero columns on the right."""
-    wide = ca.horzcat(matrix, ca.SX(matrix.shape[0], columns - matrix.shape[1]))
-    return ca.densify(ca.vertcat(wide, ca.SX(rows - wide.shape[0], columns)))
+    wide = ca.horzcat(matrix, ca.DM(matrix.shape[0], columns - matrix.shape[1]))
+    return ca.densify(ca.vertcat(wide, ca.DM(rows - wide.shape[0], columns)))
 
 
 def _expansion(action: Action, nu: int) -> ca.Function:
-    x, u, x_next, p = (action.quadratic_function.sx_in(i) for i in range(4))
+    x, u, x_next, p = symbols_of(action.quadratic_function)
     names = action.quadratic_function.name_out()
     m = dict(zip(names, action.quadratic_function.call([x, u, x_next, p]), strict=True))
     n = action.state.ndx + nu
@@ -219,10 +256,22 @@ def _expansion_pipeline(action: Action, nu: int) -> Pipeline:
 
 
 def _roll_out(action: Action, nu: int) -> ca.Function:
-    inputs, names, u, close = _under_feedback(action, nu)
+    symbols, names, u, close = _under_feedback(action, nu)
+    policy = ca.Function("policy", symbols, [u])
+    x_next, gap, alpha = (
+        ca.SX.sym("x_next", action.state.nx),
+        symbols[names.index("gap")],
+        symbols[names.index("alpha")],
+    )
+    closing = ca.Function("closing", [x_next, gap, alpha], [close(x_next)])
+    inputs = [like(action.value_function, symbol) for symbol in symbols]
+    u = policy(*inputs)
     x_next, cost, *_ = action.value_function.call([inputs[0], u[: action.nu], inputs[-1]])
-    outputs = [close(x_next), _padded(u[: action.nu], nu, 1), cost]
-    return ca.Function(f"{action.name}_roll_out_{nu}", inputs, outputs, names, ["x_next", "u", "cost"])
+    moved = closing(x_next, *(inputs[names.index(name)] for name in ("gap", "alpha")))
+    return ca.Function(
+        f"{action.name}_roll_out_{nu}", inputs, [moved, _padded(u[: action.nu], nu, 1), cost], names,
+        ["x_next", "u", "cost"],
+    )  # fmt: skip
 
 
 def _simulation(action: Action, nu: int) -> ca.Function:
@@ -234,11 +283,6 @@ def _simulation(action: Action, nu: int) -> ca.Function:
     x_next, z = dynamics.call([inputs[0], u[: action.nu], inputs[-1]])
     outputs = [close(x_next), _padded(u[: action.nu], nu, 1), z]
     return ca.Function(f"{dynamics.name()}_roll_out_{nu}", inputs, outputs, names, ["x_next", "u", "z"])
-
-
-def _running_cost(action: Action, nu: int) -> ca.Function:
-    assert action.expansion is not None
-    return action.expansion.cost
 
 
 def _under_feedback(action: Action, nu: int) -> tuple[list[Any], list[str], Any, Callable[[Any], Any]]:
@@ -256,22 +300,12 @@ def _under_feedback(action: Action, nu: int) -> tuple[list[Any], list[str], Any,
     return inputs, names, u, lambda reached: state.integrate_symbolic(reached, (alpha - 1) * gap)
 
 
-_NUMERIC: dict[Callable[..., ca.Function], type[NumericExpansion] | type[NumericRollOut]] = {
-    _expansion: NumericExpansion,
-    _roll_out: NumericRollOut,
-}
-
-
-def _last_expansion(action: Action, nu: int) -> ca.Function:
+def _last_expansion(action: Action) -> ca.Function:
     function = action.terminal_quadratic_function
-    x, p = function.sx_in(0), function.sx_in(1)
+    x, p = symbols_of(function)
     m = dict(zip(function.name_out(), function.call([x, p]), strict=True))
     outputs = [m["Q"], m["q"], m["cost"]]
     return ca.Function(f"{action.name}_last_expansion", [x, p], outputs, ["x", "p"], ["hessian", "gradient", "cost"])
-
-
-def _last_cost(action: Action, nu: int) -> ca.Function:
-    return action.terminal_value_function
 
 
 def _difference(state: State, name: str) -> ca.Function:

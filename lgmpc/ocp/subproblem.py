@@ -11,12 +11,14 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import NumericContactAction
-from lgmpc.compile import BatchKernel
+from lgmpc.actions import Action, NumericContactAction
+from lgmpc.compile import BatchKernel, recall
+from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
 from lgmpc.ocp.pinocchio_stages import NumericSubproblem
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.quadratic import OcpQp
+from lgmpc.ocp.python_stages import watched
+from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import runs_of
 from lgmpc.typing import Array
 
@@ -29,6 +31,8 @@ class SubproblemFunctions:
     Args:
         problem: the problem.
         progress: called with a description of what is being compiled.
+        exact: whether exact Hessians of the Lagrangian are available: the blocks Q, S and R then have no structural
+            zeros.
 
     Attributes:
         qp: the subproblem around (xs, us), written by :meth:`linearize`.
@@ -36,44 +40,40 @@ class SubproblemFunctions:
         us: (N, nu).
         xs_base: (N+1, nx) base points of :meth:`retract`.
         dxs: (N+1, ndx) its tangent vectors.
+        lagrangian: exact Hessians at (xs, us); None unless asked for.
     """
 
-    def __init__(self, problem: ShootingProblem, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, problem: ShootingProblem, progress: Callable[[str], None] | None = None, *, exact: bool = False
+    ) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
         runs = runs_of(problem.actions)
-        ng = max(action.value_function.size1_out("constraint") for action, _, _ in runs)
-        matrices = {id(action): StageMatrices(action, nu, ng) for action, _, _ in runs}
-        structure = structure_of(list(matrices.values()), problem.terminal, n)
-        blocks = structure.blocks
+        actions = tuple({id(action): action for action, _, _ in runs}.values())
+        structure, compiled, terminal, retract = recall(
+            _compile, actions, problem.terminal, n, nu, "QRS" if exact else "", progress=progress
+        )
         self.qp = OcpQp(structure)
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
         self.us: Array = np.zeros((n, nu))
         self.xs_base: Array = self.xs.copy()
         self.dxs: Array = np.zeros((n + 1, state.ndx))
-        kernels = {
-            id(action): NumericSubproblem(action, blocks)
-            if isinstance(action, NumericContactAction)
-            else BatchKernel(matrices[id(action)].packed(blocks), progress)
-            for action, _, _ in runs
-        }
+        kernels: dict[int, BatchKernel | NumericSubproblem] = {}
+        for action, kernel in zip(actions, compiled, strict=True):
+            if isinstance(action, NumericContactAction):
+                kernels[id(action)] = NumericSubproblem(action, structure.blocks)
+            elif kernel is not None:
+                kernels[id(action)] = kernel
         calls = []
         for action, start, stop in runs:
             k, behind = slice(start, stop), slice(start + 1, stop + 1)
-            calls.append(
-                kernels[id(action)].bind(
-                    stop - start, x=self.xs[k], u=self.us[k], x_next=self.xs[behind], p=problem.parameters[k],
-                    values=self.qp.values[k],
-                )
+            call = kernels[id(action)].bind(
+                stop - start, x=self.xs[k], u=self.us[k], x_next=self.xs[behind], p=problem.parameters[k],
+                values=self.qp.values[k],
             )  # fmt: skip
-        terminal = BatchKernel(pack_terminal(problem.terminal, structure.terminal_blocks), progress)
-        calls.append(
-            terminal.bind(1, x=self.xs[n:], p=problem.parameters[n:], values=self.qp.terminal_values.reshape(1, -1))
-        )
-        x, dx = ca.SX.sym("x", state.nx), ca.SX.sym("dx", state.ndx)
-        moved = [state.integrate_symbolic(x, dx)]
-        retract = BatchKernel(
-            ca.Function(f"{problem.terminal.name}_add", [x, dx], moved, ["x", "dx"], ["x_next"]), progress
-        )
+            calls.append(watched(call, action, start))
+        call = terminal.bind(1, x=self.xs[n:], p=problem.parameters[n:], values=self.qp.terminal_values.reshape(1, -1))
+        calls.append(watched(call, problem.terminal, n))
+        self.lagrangian = LagrangianHessians(problem, self.xs, self.us, progress) if exact else None
         self._calls = tuple(calls)
         self._retract = retract.bind(n + 1, x=self.xs_base, dx=self.dxs, x_next=self.xs)
 
@@ -82,6 +82,52 @@ class SubproblemFunctions:
         for call in self._calls:
             call()
 
+    def curve(self, costates: Array, multipliers: Array) -> None:
+        """Write the Lagrangian's exact Hessians into the subproblem, in place of Gauss-Newton's.
+
+        Args:
+            costates: (N, ndx) of the dynamics.
+            multipliers: (N, ng) of the path constraints.
+        """
+        exact, qp, ndx = self.lagrangian, self.qp, self.qp.structure.ndx
+        assert exact is not None
+        exact.costates[...] = costates
+        exact.multipliers[...] = multipliers
+        exact.evaluate()
+        of_states, of_controls = exact.hessian[:, :ndx, :ndx], exact.hessian[:, ndx:]
+        parts = {"Q": of_states, "S": of_controls[:, :, :ndx], "R": of_controls[:, :, ndx:]}
+        for name, part in parts.items():
+            block = qp.structure.blocks[name]
+            qp.values[:, block.where] = part[:, block.rows, block.columns]
+        last = qp.structure.terminal_blocks["Q"]
+        qp.terminal_values[last.where] = exact.last_hessian[last.rows, last.columns]
+
     def retract(self) -> None:
         """Write ``xs = xs_base (+) dxs``."""
         self._retract()
+
+
+def _compile(
+    actions: tuple[Action, ...],
+    last: Action,
+    nodes: int,
+    nu: int,
+    full: str,
+    progress: Callable[[str], None] | None,
+) -> tuple[OcpQpStructure, tuple[BatchKernel | None, ...], BatchKernel, BatchKernel]:
+    """Return the structure and the kernels of actions (None: Pinocchio evaluates them), terminal cost, retraction."""
+    ng = max(action.value_function.size1_out("constraint") for action in actions)
+    matrices = [StageMatrices(action, nu, ng) for action in actions]
+    structure = structure_of(matrices, last, nodes, full=full)
+    kernels = tuple(
+        None if isinstance(action, NumericContactAction) else BatchKernel(stage.packed(structure.blocks), progress)
+        for action, stage in zip(actions, matrices, strict=True)
+    )
+    terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks), progress)
+    return structure, kernels, terminal, BatchKernel(_retract(last), progress)
+
+
+def _retract(action: Action) -> ca.Function:
+    state = action.state
+    x, dx = ca.SX.sym("x", state.nx), ca.SX.sym("dx", state.ndx)
+    return ca.Function(f"{action.name}_add", [x, dx], [state.integrate_symbolic(x, dx)], ["x", "dx"], ["x_next"])

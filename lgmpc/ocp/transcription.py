@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, PythonAction
+from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.shooting import runs_of
 from lgmpc.state import State
@@ -35,6 +36,7 @@ class MultipleShooting:
         state: the space of the states.
         nu: (N,) controls of each interval.
         ng: (N,) rows of each interval's path constraint.
+        differences: whether derivatives are finite differences, because an action is written in Python.
     """
 
     programme: dict[str, ca.MX]
@@ -42,6 +44,7 @@ class MultipleShooting:
     state: State
     nu: tuple[int, ...]
     ng: tuple[int, ...]
+    differences: bool = False
 
     @property
     def nodes(self) -> int:
@@ -133,18 +136,23 @@ def transcribe(problem: ShootingProblem) -> MultipleShooting:
     cost += terminal.terminal_value_function(xs[:, n], parameters[: terminal.parameters.size, n])
     bounds = ca.Function("bounds", [data], [ca.vertcat(*lower), ca.vertcat(*upper)])
     programme = {"x": z, "p": data, "f": cost, "g": ca.vertcat(*rows)}
-    ng = tuple(action.value_function.size1_out("constraint") for action in problem.actions)
-    return MultipleShooting(programme, bounds, state, tuple(action.nu for action in problem.actions), ng)
+    ng = tuple(action.path_rows for action in problem.actions)
+    differences = any(isinstance(action, PythonAction) for action in (*problem.actions, terminal))
+    return MultipleShooting(programme, bounds, state, tuple(action.nu for action in problem.actions), ng, differences)
 
 
 def _interval(action: Action) -> tuple[ca.Function, ca.Function]:
     """Return ``(x, u, next base, next dx, p) -> (cost, [gap; path constraint])`` and ``p -> (lower, upper)``."""
-    state = action.state
-    x, base, dx = ca.SX.sym("x", state.nx), ca.SX.sym("base", state.nx), ca.SX.sym("dx", state.ndx)
-    u, p = ca.SX.sym("u", action.nu), ca.SX.sym("p", action.parameters.size)
-    x_next, cost, path, lower, upper = action.value_function.call([x, u, p])
-    gap = dx - state.diff_symbolic(base, x_next)
-    zeros = ca.SX.zeros(state.ndx)
+    state, value = action.state, action.value_function
+    base, dx, reached = ca.SX.sym("base", state.nx), ca.SX.sym("dx", state.ndx), ca.SX.sym("x_next", state.nx)
+    difference = ca.Function("gap", [base, dx, reached], [dx - state.diff_symbolic(base, reached)])
+    x, u, p = symbols_of(value)
+    base, dx = like(value, base), like(value, dx)
+    x_next, cost, path, lower, upper = value.call([x, u, p])
+    gap = difference(base, dx, x_next)
+    zeros = ca.DM.zeros(state.ndx)
     stage = ca.Function("stage", [x, u, base, dx, p], [cost, ca.densify(ca.vertcat(gap, path))])
+    if isinstance(action, PythonAction):  # bounds of an expression are functions of the parameters alone
+        _, _, _, lower, upper = value.call([state.neutral(), ca.DM.zeros(action.nu), p])
     edges = [ca.densify(ca.vertcat(zeros, lower)), ca.densify(ca.vertcat(zeros, upper))]
     return stage, ca.Function("limits", [p], edges)

@@ -59,8 +59,8 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
     """Return the problem for a robot that stands in its reference posture, at rest.
 
     Figures: ``com_error_m`` and ``com_rms_error_m``, distance of the centre of mass from its reference on the circle;
-    ``foot_displacement_m``, of the feet from their initial positions; ``friction_margin_n``, least distance of a
-    contact force from its cone: ``friction`` times its normal part minus its tangential one.
+    ``foot_displacement_m``, largest displacement of a foot; ``friction_margin_n``, smallest distance of a contact
+    force from its cone: ``friction`` times its normal part minus its tangential one.
 
     Raises:
         InputError: a robot without free base or contact frames.
@@ -91,7 +91,7 @@ def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) ->
     problem.set("contact_points", stance.ravel())
     problem.set("com_reference", circle)
     for name, weight in (("com", w.com), ("speed", w.com_velocity), ("posture", deviation)):
-        # Terminal costs are not multiplied by a duration: these weights make the last node count like the others.
+        # Terminal costs are not multiplied by a duration: these weights give the last node the weight of the others.
         problem.set(f"{name}_weight", s.node_s * np.asarray(weight), [s.nodes])
     problem.set_initial_state(robot.x_reference)
     durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)

@@ -1,8 +1,8 @@
 """A multirotor flies through waypoints, at some of them in given attitudes, such as upside down, and ends at rest.
 
-Attitudes are given as rotation vectors, which may be longer than half a turn: ``[0, -180, 0]`` and then
+Attitudes are given as rotation vectors, which may be longer than half a turn: ``[0, -180, 0]`` followed by
 ``[0, -360, 0]`` is a loop, nose up, while the second alone would be the initial attitude. The cost depends on the
-attitudes as matrices, without singularity at any angle; the vectors set the sense of rotation of the initial guess.
+rotation matrices, without singularity at any angle; the vectors determine the sense of rotation of the initial guess.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class FlightWeights(Settings):
     position: Positive = Field(default=1e3, description="From a waypoint, 1/m2.")
     rotation: Positive = Field(default=1e3, description="From a waypoint's attitude, 1/rad2 for small angles.")
     rest: NonNegative = Field(default=1e2, description="Velocity at the end, 1/(m/s)2 and 1/(rad/s)2.")
-    speed: NonNegative = Field(default=1e-2, description="Velocity on the way, 1/(m/s)2 and 1/(rad/s)2.")
+    speed: NonNegative = Field(default=1e-2, description="Velocity before the end, 1/(m/s)2 and 1/(rad/s)2.")
     thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
 
 
@@ -79,7 +79,7 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     ``final_tilt_deg`` and ``final_speed_m_s``; and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
-        InputError: a robot that is no vehicle of these rotors, or waypoints whose times do not increase on the grid.
+        InputError: a robot without these rotors, or waypoints whose times do not increase on the grid.
     """
     s, w = settings, settings.weights
     vehicle = Multirotor.of(robot, s.rotors)

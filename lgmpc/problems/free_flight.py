@@ -24,7 +24,7 @@ _SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """The simulation of a plan.
+    """The result of the simulation of a plan.
 
     Attributes:
         x: (nx,) last state.
@@ -47,12 +47,12 @@ def refly(
     limits, are internal: they do not change the angular momentum, whatever the errors of the plan's integrator.
 
     Args:
-        robot: with a free base and joints of one angle each.
+        robot: robot with a free base and joints of one angle each.
         plan: states and torques at the nodes; the joints' path between them is the cubic of positions and rates.
-        times: (N+1,) of the nodes, s.
-        stiffness: of the joints' controllers, N.m/rad.
-        damping: of the joints' controllers, N.m.s/rad.
-        step: largest, s.
+        times: (N+1,) times of the nodes, s.
+        stiffness: stiffness of the joints' controllers, N.m/rad.
+        damping: damping of the joints' controllers, N.m.s/rad.
+        step: largest integration step, s.
 
     Raises:
         InputError: a flight of more than :data:`MOST_STEPS`.
@@ -93,15 +93,15 @@ def trunk_spins(robot: Robot, xs: Array) -> Array:
 
 
 def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, float]:
-    """Return the least distance of a shank from the trunk, and of two shanks from each other, m.
+    """Return the smallest distance of a shank from the trunk, and of two shanks from each other, m.
 
     A shank is a row of spheres of the feet's radius, from the last joint before a contact frame to that frame; the
     trunk is a box about the base's origin. Shanks at negative distances overlap.
 
     Args:
-        robot: with contact frames.
+        robot: robot with contact frames.
         xs: (n, nx) states.
-        trunk_half_size: (3,) of the box, m.
+        trunk_half_size: (3,) half sizes of the box, m.
     """
     model, data, radius = robot.model, robot.create_data(), robot.contact_radius
     share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]

@@ -1,8 +1,8 @@
-"""A jump as high as requested or as the motors allow, whose phases last as long as is best.
+"""A jump to a requested height, or as high as the motors allow, with phases of optimised durations.
 
-Take-off, flight and landing are free phases (:class:`~lgmpc.ocp.FreeDurations`). The height is a cost at take-off, of
-the apex of the parabola on which the centre of mass leaves the ground, so that a height beyond the motors' limits is
-no contradiction: the robot jumps as high as they allow.
+Take-off, flight and landing are free phases (:class:`~lgmpc.ocp.FreeDurations`). The height is a cost at take-off, on
+the apex of the parabola on which the centre of mass leaves the ground, so that a height beyond the motors' limits does
+not make the problem infeasible: the robot jumps as high as they allow.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class FreeJumpSettings(LeggedSettings, ProblemSettings):
 
 
 class _Apex(Residual):
-    """Apex of the parabola of the centre of mass, less the one wanted, m."""
+    """Apex of the parabola of the centre of mass minus the reference, m."""
 
     nr = 1
     parameters = (Parameter("reference", 1, "height of the apex, world, m"),)
@@ -89,8 +89,8 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     """Return the problem of a jump of free durations.
 
     Figures: those of :class:`LeggedFigures` with the durations of the solution, ``takeoff_s``, ``flight_s`` and
-    ``landing_s``, and ``com_rise_shortfall_m``, what the highest centre of mass lacks. Remarks name the limits that
-    are reached before the flight.
+    ``landing_s``, and ``com_rise_shortfall_m``, the requested minus the reached rise of the centre of mass. Remarks
+    name the limits that are reached before the flight.
 
     Raises:
         InputError: a robot without free base or contact frames.
@@ -173,7 +173,7 @@ def _remarks(
     robot: Robot, settings: FreeJumpSettings, figures: Mapping[str, float], plain: Trajectory, flight: int
 ) -> tuple[str, ...]:
     """Return sentences on the height and on the limits that are reached before the flight."""
-    rise, asked = figures["com_rise_m"], settings.com_rise_m
+    rise, requested = figures["com_rise_m"], settings.com_rise_m
     efforts = np.abs(plain.us[:flight]) / robot.effort_limit
     rates = np.abs(plain.xs[: flight + 1, robot.nq :][:, robot.joint_v]) / robot.velocity_limit
     bound = [
@@ -190,7 +190,7 @@ def _remarks(
         took = figures[f"{name}_s"]
         end = "shortest" if took <= shortest / _AT_LIMIT else "longest" if took >= longest * _AT_LIMIT else ""
         spans.append(f"{name} {took:.3f} s{f' (the {end} allowed)' if end else ''}")
-    short = f"{1e2 * (asked - rise):.1f} cm less than requested" if rise < asked - 1e-3 else "as requested"
+    short = f"{1e2 * (requested - rise):.1f} cm less than requested" if rise < requested - 1e-3 else "as requested"
     return (
         f"The centre of mass rises by {1e2 * rise:.1f} cm, {short}; {', '.join(spans)}.",
         f"Limits reached before the flight: {'; '.join(bound) if bound else 'none'}.",

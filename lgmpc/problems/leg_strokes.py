@@ -1,9 +1,9 @@
 """Cyclic strokes of the legs, and the rotation that they cause without angular momentum.
 
-The legs swing one way stretched and back folded: after a cycle the joints are where they were, the trunk is not. Its
-angular velocity is ``-A(q_j) q_j'`` with the mechanical connection A, which is larger for stretched legs; the rotation
-of a small cycle is the integral of A's curvature over the area that the cycle encloses in joint space (Montgomery,
-"Gauge theory of the falling cat", 1993).
+The legs swing one way stretched and back folded: a cycle returns the joints to their initial positions, but not the
+trunk. Its angular velocity is ``-A(q_j) q_j'`` with the mechanical connection A, which is larger for stretched legs;
+the rotation of a small cycle is the integral of A's curvature over the area that the cycle encloses in joint space
+(Montgomery, "Gauge theory of the falling cat", 1993).
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def check_legged(robot: Robot) -> None:
     """Check that a robot has a free base, feet, and joints of one angle each.
 
     Raises:
-        InputError: it has not.
+        InputError: it lacks one of these.
     """
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
@@ -124,7 +124,7 @@ def reference_states(robot: Robot, motion: BaseMotion, times: Array) -> Array:
 
 
 def resting_guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
-    """Return the reference, at rest except in flight: a base that moves over resting feet is no feasible motion."""
+    """Return the reference with zero velocities except in flight: a moving base over resting feet is infeasible."""
     states = reference.copy()
     states[:-1][~grid.flight, robot.nq :] = 0.0
     states[-1, robot.nq :] = 0.0

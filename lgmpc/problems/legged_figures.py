@@ -153,7 +153,7 @@ class LeggedFigures:
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return the first and the last node of each run of intervals whose flag is set."""
+    """Return the first and the last node of each sequence of consecutive intervals whose flag is set."""
     edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 

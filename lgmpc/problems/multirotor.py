@@ -49,7 +49,7 @@ class Multirotor:
         robot: one free body.
         dynamics: u = thrusts of the rotors, N.
         hover: (nu,) thrusts that balance gravity in level attitude, N.
-        max_thrust: of each rotor, N.
+        max_thrust: largest thrust of each rotor, N.
         body: name of the frame of its body.
         rotors: names of the rotors' frames.
     """
@@ -105,7 +105,7 @@ def turning_guess(
 
     Args:
         vehicle: the multirotor.
-        durations: (N,) of the intervals, s.
+        durations: (N,) durations of the intervals, s.
         places: increasing times, s, and positions, world axes, m.
         turns: increasing times, s, and rotation vectors, degrees.
     """
@@ -125,7 +125,7 @@ def _between(times: Array, points: Sequence[tuple[float, Vector]]) -> Array:
 
 
 def flown(vehicle: Multirotor, x0: Array, us: Array, durations: Array) -> Array:
-    """Return (13,) the state after flying given thrusts, by methods independent of the solvers'.
+    """Return (13,) the final state of a simulation of given thrusts, by methods independent of the solvers'.
 
     Pinocchio's accelerations, the quaternion's differential equation and the Dormand-Prince method of order 8; the
     action uses none of these.

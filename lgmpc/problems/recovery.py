@@ -1,8 +1,8 @@
-"""A multirotor that tumbles or is upside down turns upright and hovers at its initial position.
+"""A tumbling or inverted multirotor turns upright and hovers at its initial position.
 
-The problem has no singularity at any attitude: gaps are differences on SE(3), whose logarithm is taken of the small
-rotation from one node to the next only, and the cost measures attitudes by matrices (:class:`FrameRotationMatrix`),
-which are smooth at rotation pi. In roll, pitch and yaw the same motion jumps at pitch 90 degrees, and in the rotation
+The problem has no singularity at any attitude: gaps are differences on SE(3), logarithms of the small rotation from one
+node to the next only, and the cost is a function of rotation matrices (:class:`FrameRotationMatrix`), which is smooth
+at rotation pi. In roll, pitch and yaw the same motion jumps at pitch 90 degrees, and in the rotation
 vector from the goal at rotation pi.
 """
 
@@ -74,7 +74,7 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
     (360 where the rotation passes pi); and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
-        InputError: a robot that is no vehicle of these rotors, or no duration.
+        InputError: a robot without these rotors, or no duration.
     """
     s, w = settings, settings.weights
     vehicle = Multirotor.of(robot, s.rotors)

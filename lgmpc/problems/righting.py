@@ -1,9 +1,9 @@
 """A legged robot, dropped or tossed upside down without angular momentum, turns upright by moving its legs.
 
-It is the falling cat's problem: without external forces the robot turns only by closed paths of its joints
-(:mod:`lgmpc.problems.leg_strokes`). An integrator's error in the angular momentum could turn it as much as such paths
-do. The problem therefore uses the variational integrator, which conserves the momentum, and its figures are those of an
-independent simulation (:mod:`lgmpc.problems.free_flight`).
+This is the falling cat's problem: without external forces the robot rotates only by closed paths of its joints
+(:mod:`lgmpc.problems.leg_strokes`). An integrator's error in the angular momentum could cause a rotation of the same
+size. The problem therefore uses the variational integrator, which conserves the momentum, and its figures are those of
+an independent simulation (:mod:`lgmpc.problems.free_flight`).
 """
 
 from __future__ import annotations

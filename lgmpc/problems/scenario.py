@@ -28,8 +28,8 @@ class Waypoint:
     """A target at a time; shown in the replay.
 
     Attributes:
-        name: shown to the user.
-        time: s.
+        name: name in the replay.
+        time: time of the target, s.
         position: (3,) world, m.
         rotation: (3, 3) world from frame; None for a position only.
     """
@@ -45,8 +45,8 @@ class Controls:
     """Names, unit and limits of the controls.
 
     Attributes:
-        names: (nu,) of each, shown to the user.
-        unit: of all of them.
+        names: (nu,) names in figures and replays.
+        unit: unit of all controls.
         lower: (nu,) lower limits.
         upper: (nu,) upper limits.
 
@@ -96,7 +96,7 @@ class Scenario:
         friction: coefficient of the contact forces' cones; None for a problem without.
         lengths: from states and controls to the (N,) lengths of the intervals, s, where these are free; None where they
             are the durations.
-        remarks: from states and controls to sentences about them, for the user; None for none.
+        remarks: from states and controls to sentences about the solution; None for none.
 
     Raises:
         InputError: durations, flags or names of controls whose number is not the problem's.

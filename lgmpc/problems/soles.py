@@ -31,14 +31,14 @@ def sole_corners(placement: pin.SE3, half_size: tuple[float, float]) -> Array:
 
 
 def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:
-    """Return wrenches (n, nc, 6) at the soles' origins in the soles' own axes, given those in world axes."""
+    """Rotate wrenches (n, nc, 6) at the soles' origins from world axes to the soles' own axes."""
     back = np.array([sole.rotation.T for sole in soles])
     turned = [np.einsum("cij,kcj->kci", back, part) for part in (wrenches[..., :3], wrenches[..., 3:])]
     return np.concatenate(turned, axis=2)
 
 
 def margin_inside(corners: Array, points: Array) -> float:
-    """Return the least distance of points (n, >= 2) to the edge of the corners' (m, >= 2) convex hull in the plane, m.
+    """Return the smallest distance of points (n, >= 2) to the edge of the corners' (m, >= 2) convex hull in z = 0, m.
 
     Negative if a point is outside.
     """

@@ -96,7 +96,7 @@ class StandingReachSettings(ProblemSettings):
 
 
 class Scaled(Residual):
-    """A residual divided by a unit, so that a solver weighs rows of newtons and of radians alike.
+    """A residual divided by a unit, for equal scaling of rows in newtons and in radians.
 
     Args:
         residual: the undivided residual.

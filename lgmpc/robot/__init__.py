@@ -1,7 +1,7 @@
 """Robots: loading, checking, and symbolic rigid-body algorithms over any ``pin.Model``."""
 
 from lgmpc.robot.checks import ModelReport
-from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere
+from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
@@ -23,4 +23,6 @@ __all__ = [
     "available_models",
     "check_model",
     "load_robot",
+    "place_shape",
+    "shape_of",
 ]

@@ -13,12 +13,23 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.errors import ModelError, nearest
+from lgmpc.robot.names import frame_index
 from lgmpc.settings import Positive, Settings, Vector3
 
 if TYPE_CHECKING:
     from lgmpc.robot.model import Robot
 
-__all__ = ["AnyShape", "Box", "Capsule", "CollisionShape", "Sphere", "check_shapes", "shapes_of"]
+__all__ = [
+    "AnyShape",
+    "Box",
+    "Capsule",
+    "CollisionShape",
+    "Sphere",
+    "check_shapes",
+    "place_shape",
+    "shape_of",
+    "shapes_of",
+]
 
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 """m."""
@@ -120,14 +131,41 @@ def shapes_of(robot: Robot) -> tuple[CollisionShape, ...]:
         return tuple(_shapes_of_urdf(robot))
     found = []
     for i, shape in enumerate(robot.given_shapes):
-        turn = np.eye(3) if isinstance(shape, Sphere) else pin.rpy.rpyToMatrix(*np.radians(shape.rpy_deg))
-        local = pin.SE3(turn, np.array(shape.center_m))
+        local = _local(shape)
         found += [
             CollisionShape(f"{shape.kind} {i} {frame.name}", int(frame.parentJoint), frame.placement * local, shape)
             for frame in robot.model.frames
             if _is_moving_link(frame) and fnmatch.fnmatchcase(frame.name, shape.link)
         ]
     return tuple(found)
+
+
+def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionShape:
+    """Return a shape on the frame that its ``link`` names; ``universe`` is the world.
+
+    Raises:
+        InputError: no such frame; names the nearest.
+    """
+    frame = model.frames[frame_index(model, shape.link)]
+    return CollisionShape(
+        f"{shape.kind} on {shape.link}", int(frame.parentJoint), frame.placement * _local(shape), shape
+    )
+
+
+def shape_of(part: pin.GeometryObject) -> CollisionShape:
+    """Return the shape of an object of a geometry model: spheres and capsules as they are, all else enclosed.
+
+    Cylinders become capsules of the same length if they are longer than wide, other objects boxes.
+    """
+    centre, shape = _enclosed(part.geometry, part.meshScale)
+    return CollisionShape(
+        f"{shape.kind} {part.name}", int(part.parentJoint), part.placement * pin.SE3(np.eye(3), centre), shape
+    )
+
+
+def _local(shape: Sphere | Box | Capsule) -> pin.SE3:
+    turn = np.eye(3) if isinstance(shape, Sphere) else pin.rpy.rpyToMatrix(*np.radians(shape.rpy_deg))
+    return pin.SE3(turn, np.array(shape.center_m))
 
 
 def _is_moving_link(frame: pin.Frame) -> bool:
@@ -144,9 +182,7 @@ def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
         raise ModelError(robot.name, [reason]) from error
     for part in geometry.geometryObjects:
         if part.parentJoint > 0 and part.parentJoint not in feet:
-            centre, shape = _enclosed(part.geometry, part.meshScale)
-            placement = part.placement * pin.SE3(np.eye(3), centre)
-            yield CollisionShape(f"{shape.kind} {part.name}", int(part.parentJoint), placement, shape)
+            yield shape_of(part)
 
 
 def _enclosed(geometry: coal.CollisionGeometry, scale: np.ndarray) -> tuple[np.ndarray, Sphere | Box | Capsule]:

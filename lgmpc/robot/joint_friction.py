@@ -1,4 +1,4 @@
-"""Coulomb friction of the joints, as controllers and estimators take it into account."""
+"""The model of the joints' Coulomb friction in controllers and estimators."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ FULL_SPEED = 0.1
 def joint_friction_torque(friction: ca.SX, rates: ca.SX) -> ca.SX:
     r"""Return the torques (nu,) that overcome Coulomb friction, ``f_c tanh(v / v_s)``.
 
-    Coulomb friction jumps where a joint reverses. Smoothed, it stays below what the joint has: compensated, it never
-    moves a joint that is at rest.
+    Coulomb friction is discontinuous where a joint reverses. The smoothed magnitude stays below that of the joint, so
+    that its compensation does not move a joint at rest.
 
     Args:
         friction: (nu,) f_c, N.m.

@@ -37,7 +37,7 @@ def load_robot(spec: RobotSpec) -> Robot:
 
 
 def check_model(spec: RobotSpec) -> checks.ModelReport:
-    """Return every problem that ``load_robot`` raises, and notes on what is unusual but not wrong.
+    """Return every problem that ``load_robot`` raises, and notes on unusual but valid properties.
 
     Raises:
         InputError: the robot's name is unknown, or a file does not exist.

@@ -1,4 +1,4 @@
-"""How a legged robot lies on its belly: its feet where they stand, its trunk on the floor, its legs folded."""
+"""The posture of a legged robot on its belly: feet in their places, trunk on the floor, legs folded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ITERATIONS = 50
 _LARGEST_STEP = 0.2  # rad in one iteration
 _REGULARIZATION = 1e-6  # m2: near a stretched leg the steps stay finite
 _LIMIT_MARGIN = 1e-3  # rad from the joints' limits
-_CROUCH_MARGIN = 0.05  # rad: what still moves when the weight comes off the feet
+_CROUCH_MARGIN = 0.05  # rad, for the motion of the joints when the feet are unloaded
 
 
 def lying_posture(robot: Robot) -> Array:
@@ -49,8 +49,8 @@ def lying_posture(robot: Robot) -> Array:
 def crouching_posture(robot: Robot, lowest: float) -> Array:
     """Return (nq,) the reference posture lowered on its feet as far as its joints allow.
 
-    Round feet roll under the legs that fold: on the way down Solo12's come 7 mm closer to the middle, and its hips
-    reach their limits before its belly reaches the floor. A robot that lies has put its feet down again.
+    Spherical feet roll under folding legs: on the way down Solo12's contact points move 7 mm inwards, and its hips
+    reach their limits before its belly reaches the floor. :func:`lying_posture` therefore places the feet anew.
 
     Args:
         robot: the robot.
@@ -87,9 +87,9 @@ def place_feet(robot: Robot, q: Array, base: Array, feet: Array, margin: float =
 
     Args:
         robot: the robot.
-        q: (nq,) where to begin.
-        base: origin of the base.
-        feet: of the contact frames' origins.
+        q: (nq,) initial iterate.
+        base: (3,) position of the base's origin.
+        feet: (nc, 3) positions of the contact frames' origins.
         margin: distance that joints keep from their limits, rad.
 
     Returns:
@@ -123,10 +123,10 @@ def lowest_point(robot: Robot, q: Array, *, trunk: bool = False) -> float:
     Args:
         robot: the robot.
         q: configuration.
-        trunk: only shapes fixed to the base count.
+        trunk: whether to consider only shapes fixed to the base.
 
     Returns:
-        The base's height if no shape counts.
+        The height; that of the base if there is no such shape.
     """
     data = robot.create_data()
     pin.forwardKinematics(robot.model, data, q)

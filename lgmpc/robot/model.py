@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copyreg
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -58,7 +59,7 @@ class Robot:
         joint_lower: (nu,) lowest joint position, rad (m); -inf where a joint has none (continuous, spherical).
         joint_upper: (nu,) highest joint position; inf where a joint has none.
         armature: (nu,) reflected rotor inertia, kg.m2 (kg).
-        joint_friction: (nu,) Coulomb friction that is known of the joints, N.m (N).
+        joint_friction: (nu,) identified Coulomb friction of the joints, N.m (N).
         source: the model's files.
         notes: unusual properties found by the checks.
         given_shapes: collision shapes besides the feet; None for the URDF's collision geometry.
@@ -86,6 +87,12 @@ class Robot:
             values = np.array(getattr(self, name), dtype=np.float64)
             values.flags.writeable = False
             object.__setattr__(self, name, values)
+
+    def reduce_to_structure(self) -> tuple[Any, ...]:
+        """Reduce to what expressions depend on (see :mod:`lgmpc.compile.index`): no files, no collision shapes."""
+        others = ("source", "notes", "given_shapes")
+        state = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in others}
+        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
 
     def _repr_html_(self) -> str:
         """Return a table of mass, freedom, feet and limits."""
@@ -201,7 +208,7 @@ class Robot:
         """Return the index of frame ``name``.
 
         Args:
-            name: of the frame.
+            name: name of the frame.
             key: name of the argument in errors.
 
         Raises:

@@ -93,7 +93,7 @@ def build_model(source: ResolvedSource) -> tuple[pin.Model, tuple[str, ...]]:
         ModelError: the parser rejects the file; the problems are its messages.
     """
     path = str(source.files.urdf)
-    with _native_stderr() as said:
+    with _native_stderr() as printed:
         try:
             root = (pin.JointModelFreeFlyer(),) if source.floating_base else ()
             model = pin.buildModelFromUrdf(path, *root)
@@ -101,7 +101,7 @@ def build_model(source: ResolvedSource) -> tuple[pin.Model, tuple[str, ...]]:
             failure: Exception | None = error
         else:
             failure = None
-    words = _parser_words(said[0])
+    words = _parser_words(printed[0])
     if failure is not None:
         raise ModelError(source.name, [f"{path}: {word}" for word in words] or [str(failure)]) from failure
     return model, words
@@ -119,16 +119,16 @@ def _parser_words(text: str) -> tuple[str, ...]:
 
 @contextmanager
 def _native_stderr() -> Iterator[list[str]]:
-    """Capture what native code prints to file descriptor 2; the list contains the text when the block has ended."""
-    said: list[str] = []
+    """Capture the output of native code to file descriptor 2; the list contains the text after the block."""
+    printed: list[str] = []
     sys.stderr.flush()
     saved = os.dup(2)
     with tempfile.TemporaryFile() as file:
         os.dup2(file.fileno(), 2)
         try:
-            yield said
+            yield printed
         finally:
             os.dup2(saved, 2)
             os.close(saved)
             file.seek(0)
-            said.append(file.read().decode(errors="replace"))
+            printed.append(file.read().decode(errors="replace"))

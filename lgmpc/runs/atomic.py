@@ -1,22 +1,35 @@
-"""Atomic writing of files."""
+"""Files: atomic writing, the reason of a failure, values in the form of JSON."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from enum import Enum
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from lgmpc.errors import RunFolderError
 
-__all__ = ["atomic_write", "reason_of"]
+__all__ = ["atomic_write", "json_values", "reason_of"]
 
 
 def reason_of(error: OSError) -> str:
     """Return the operating system's reason in words, without the errno and the path."""
     return (error.strerror or str(error)).lower()
+
+
+def json_values(value: Any) -> Any:
+    """Return a value, table or list in the form of JSON, where NaN and infinity, which it lacks, are null."""
+    if isinstance(value, Mapping):
+        return {str(key): json_values(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_values(each) for each in value]
+    if isinstance(value, Enum):
+        return value.value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""The certificate of a run: physics and hardware, checked on what the simulated robot did, not on what was believed."""
+"""The certificate of a run: physics and hardware limits, checked on the simulated motion, not on its estimate."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.limited import DriveLine, JointLimits, hardware_quantities, joint_power
 from lgmpc.runs.log import MODES, RunLog
@@ -21,27 +22,27 @@ __all__ = ["Balances", "Certificate", "Check", "Peak", "certify", "window_edges"
 WINDOW_S = 0.05
 """Balances are those of impulses and works over windows of this length."""
 _FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01
-"""Allowed residuals: of the weight, and of the weight times the largest height of the base. With steps of 1 ms the
-integration leaves 0.2 % of the weight in a trot and 1.2 % in hasty steps; half of that with 0.5 ms."""
+"""Allowed residuals: share of the weight, and of the weight times the largest height of the base. The integration error
+is 0.2 % of the weight in a trot and 1.2 % in fast recovery steps with a step of 1 ms, half of that with 0.5 ms."""
 _SUNK_M = 0.005
-"""Feet may sink this deep into a soft floor."""
+"""Allowed penetration of a soft floor by a foot, m."""
 _ROUNDING = 1e-9
 _LYING = (*LOW_MODES, "damp")
-"""Modes in which the body may lie on the floor, whose force is not measured."""
+"""Modes in which the body may lie on the floor; the contact force on the body is not measured."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One row of a certificate: where a quantity came nearest to its limit.
+    """One row of a certificate: the tick at which a quantity came nearest to its limit.
 
     Attributes:
-        name: of the quantity.
-        subject: joint or foot; empty for the robot as a whole.
-        time_s: when.
-        value: then.
-        limit: of the value.
+        name: name of the quantity.
+        subject: joint or foot; empty for a quantity of the robot.
+        time_s: time of the tick, s.
+        value: value at this time.
+        limit: limit of the value.
         margin: distance from the limit, negative beyond it.
-        unit: of the three.
+        unit: unit of value, limit and margin.
         kept: whether the limit was kept throughout, up to rounding.
     """
 
@@ -62,14 +63,14 @@ class Check:
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest value of a quantity that nothing limits: measured, not certified.
+    """The largest value of a quantity without a limit: measured, not certified.
 
     Attributes:
-        name: of the quantity.
-        subject: joint or foot; empty for the robot as a whole.
-        time_s: when.
-        value: then.
-        unit: of the value.
+        name: name of the quantity.
+        subject: joint or foot; empty for a quantity of the robot.
+        time_s: time of the largest value, s.
+        value: the largest value.
+        unit: unit of the value.
     """
 
     name: str
@@ -85,11 +86,11 @@ class Peak:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The checks of a run, until it fell.
+    """The checks of a run, up to its first fall.
 
     Attributes:
-        checks: in order; what could not be checked is missing.
-        peaks: of what the config gives no limit for.
+        checks: in order of display; without those for which the log has no data.
+        peaks: largest values of the quantities for which the config has no limit.
     """
 
     checks: tuple[Check, ...]
@@ -107,18 +108,15 @@ class Certificate:
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        checks, peaks = (
-            [{name: _finite(value) for name, value in asdict(each).items()} for each in rows]
-            for rows in (self.checks, self.peaks)
-        )
+        checks, peaks = (json_values([asdict(each) for each in rows]) for rows in (self.checks, self.peaks))
         return {"certified": self.certified, "checks": checks, "without_limit": peaks}
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
-        """Return the certificate of plain values.
+        """Return the certificate from plain values, as returned by :meth:`content`.
 
         Raises:
-            KeyError, TypeError, ValueError: they are none.
+            KeyError, TypeError, ValueError: an entry is missing or has another type.
         """
         checks = (_read(row, Check) for row in content["checks"])
         peaks = (_read(row, Peak) for row in content.get("without_limit", ()))  # not in older files
@@ -130,7 +128,7 @@ class Balances:
     """Momentum and energy of the simulated robot at the edges of windows.
 
     Attributes:
-        ticks: (k,) of the edges.
+        ticks: (k,) ticks of the edges.
         momentum: (k, 3) linear, N.s, world axes.
         energy: (k,) kinetic and potential, J.
     """
@@ -146,17 +144,18 @@ def window_edges(log: RunLog) -> IntArray:
 
 
 def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) -> Certificate:
-    """Check a run, until it fell.
+    """Check a run, up to its first fall.
 
-    Feet push and do not pull, within their cones, and do not sink into the floor; joints stay within torque, speed and
-    position; with a torque-speed line, torques are on or below it and powers below the largest that it allows; forces
-    account for the change of momentum, and works for that of energy. Power is mechanical, what drives give to joints: a
-    config has nothing about currents and losses.
+    Normal forces are positive, contact forces within their friction cones, penetrations of the floor small; joints stay
+    within their limits of torque, speed and position; with a torque-speed line, torques are on or below it and powers
+    below the largest that it allows; the change of momentum is the impulse of all forces, and that of energy at most
+    their work. Power is the mechanical output of the drives: a config has no data on currents and losses.
 
     Args:
-        log: at the full control rate; finite throughout.
+        log: log at the full control rate; finite throughout.
         joints: limits of the joints.
-        balances: without them momentum and energy are not checked: they need every force, one plant step a tick.
+        balances: momentum and energy; without them these are not checked. They require a log of every force: one plant
+            step per tick.
     """
     if log.floating_base:
         fallen = fallen_ticks(log, tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:]))
@@ -179,7 +178,7 @@ def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iter
             margin = np.where(closed, limit - tangential, np.inf)
             yield _smallest("friction", feet, log.time, tangential, limit, margin, "N")
         depth = -1e3 * log.contact_points[:, :, 2]
-        yield _smallest("depth in the floor", feet, log.time, depth, 1e3 * _SUNK_M, 1e3 * _SUNK_M - depth, "mm")
+        yield _smallest("floor penetration", feet, log.time, depth, 1e3 * _SUNK_M, 1e3 * _SUNK_M - depth, "mm")
     for each in hardware_quantities(log, joints):
         margin = np.where(np.isfinite(each.margins), each.margins, np.inf)
         if np.isfinite(margin).any():
@@ -191,7 +190,7 @@ def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iter
 
 
 def _on_line(log: RunLog, line: DriveLine) -> Check:
-    """Compare driving torques with those that the torque-speed line allows at their speeds."""
+    """Return the check of the torques against the torque-speed line at the joints' driving speeds."""
     torque = np.abs(log.tau)
     driving = np.maximum(joint_power(log), 0.0) / np.where(torque > 0.0, torque, 1.0)
     available = line.torque(driving)
@@ -200,7 +199,7 @@ def _on_line(log: RunLog, line: DriveLine) -> Check:
 
 
 def _peaks(log: RunLog, joints: JointLimits) -> Iterator[Peak]:
-    """Yield the largest powers that have no limit: of a joint without a line, and of all joints together."""
+    """Yield the largest powers that have no limit: of a joint without a torque-speed line, and of all joints."""
     names = tuple(log.joint_names.tolist())
     if not names:
         return
@@ -208,15 +207,15 @@ def _peaks(log: RunLog, joints: JointLimits) -> Iterator[Peak]:
     if joints.line is None:
         tick, joint = np.unravel_index(int(np.argmax(power)), power.shape)
         yield Peak("power", names[int(joint)], float(log.time[tick]), float(power[tick, joint]), "W")
-    total = np.maximum(power, 0.0).sum(axis=1)  # what brakes gives nothing to what drives
+    total = np.maximum(power, 0.0).sum(axis=1)  # no regeneration: braking joints do not supply others
     tick = np.argmax(total)
-    yield Peak("power of all joints together", "", float(log.time[tick]), float(total[tick]), "W")
+    yield Peak("total power", "", float(log.time[tick]), float(total[tick]), "W")
 
 
 def _smallest(
     name: str, subjects: tuple[str, ...], time: Array, values: Array, limits: Array | float, margins: Array, unit: str
 ) -> Check:
-    """Return the check of the smallest of (n, k) margins; one that is not a number is smaller than any."""
+    """Return the check of the smallest of (n, k) margins; NaN counts as smaller than any number."""
     margins = np.where(np.isnan(margins), -np.inf, margins)
     tick, subject = np.unravel_index(int(np.argmin(margins)), margins.shape)
     at = (int(tick), int(subject))
@@ -228,7 +227,7 @@ def _smallest(
 
 
 def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
-    """Compare the changes of momentum and energy over windows with impulses and works."""
+    """Yield the checks of momentum and energy: their changes over windows against impulses and works."""
     inside = balances.ticks < log.ticks
     edges = balances.ticks[inside]
     low = np.zeros(log.ticks, dtype=bool)
@@ -251,11 +250,14 @@ def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
     work = dt * (log.tau[1:] * speeds).sum(axis=1) + _push_work(log)
     gain = np.where(used, np.diff(balances.energy[inside]) - np.diff(_integral(work)[edges]), 0.0)[:, None]
     allowed = _ENERGY_SHARE * weight * float(log.base_pose[:, 2].max())
-    yield _smallest("energy from nowhere", ("",), log.time[edges[1:]], gain, allowed, allowed - gain, "J")
+    yield _smallest("energy balance", ("",), log.time[edges[1:]], gain, allowed, allowed - gain, "J")
 
 
 def _push_work(log: RunLog) -> Array:
-    """Return (n - 1,) the work of the push in each step, J; at its end its point moves on as in the step before."""
+    """Return (n - 1,) work of the push in each step, J.
+
+    In its last step the point of application is extrapolated: its displacement is that of the step before.
+    """
     pushed = np.any(log.push[:, :3] != 0.0, axis=1)
     moved = np.diff(log.push_point, axis=0)
     last = np.flatnonzero(pushed[:-1] & ~pushed[1:])
@@ -273,10 +275,6 @@ def _read(row: Mapping[str, Any], kind: type[Check | Peak]) -> dict[str, Any]:
     """Return the values of a row by field."""
     kinds = {"name": str, "subject": str, "unit": str, "kept": bool}
     return {each.name: kinds.get(each.name, _number)(row[each.name]) for each in fields(kind)}
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _number(value: Any) -> float:

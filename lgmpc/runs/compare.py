@@ -16,7 +16,7 @@ class Change:
     """One metric of two runs.
 
     Attributes:
-        metric: its name; percentiles as in ``mpc_ms.p50``.
+        metric: name; percentiles as in ``mpc_ms.p50``.
         first: value in the first run, ``None`` if it was not measured.
         second: value in the second run.
     """

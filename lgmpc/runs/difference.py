@@ -1,4 +1,4 @@
-"""The first difference between two logs, bit by bit: whether a run was repeated."""
+"""The first bitwise difference between two logs, for checks that a run is reproducible."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["Difference", "first_difference"]
 
 _DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms")
-"""Times of the machine, which are never the same twice."""
+"""Measured durations, which differ between any two runs."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where two logs differ first.
+    """The first entry in which two logs differ.
 
     Attributes:
-        tick: row of the log, or number of the MPC update for the channels of updates.
+        tick: row of the log; for the channels of MPC updates the number of the update.
         time_s: time of the first log there, s.
-        channel: the channel, with its element: ``q[7]``.
-        first: value in the first log; NaN where it has ended.
-        second: value in the second log; NaN where it has ended.
+        channel: the channel and its element: ``q[7]``.
+        first: value in the first log; NaN after its end.
+        second: value in the second log; NaN after its end.
     """
 
     tick: int
@@ -39,15 +39,15 @@ class Difference:
 
 
 def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) -> Difference | None:
-    """Return the earliest difference of two logs of one robot; ``None`` if all bits agree but those of durations.
+    """Return the earliest difference of two logs of one robot; ``None`` if all channels except durations are equal.
 
-    Of several channels that differ at one time, the first in the order of :class:`~lgmpc.runs.log.RunLog` is named. At
-    the last tick ``wbc_status`` may stand for ticks that only one of the logs has, and is not compared.
+    Of several channels that differ at one time, the first in the order of :class:`~lgmpc.runs.log.RunLog` is returned.
+    ``wbc_status`` is not compared at the last tick, where it may include ticks that only one of the logs has.
 
     Args:
-        first: a log.
-        second: another one, with the same ticks in each period.
-        until_s: time from which on nothing is compared, s.
+        first: first log.
+        second: second log, decimated as the first.
+        until_s: end of the comparison, s.
     """
     ticks = {**CHANNELS, **ESTIMATE_CHANNELS, **STEP_CHANNELS}
     found = []

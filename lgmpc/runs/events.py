@@ -19,26 +19,26 @@ __all__ = ["Event", "EventKind", "find_events"]
 _JOINED_S = 0.05
 """Shorter gaps do not end an event."""
 _OPEN_S = 0.01
-"""A foot that should stand and carries nothing for a shorter time bounces."""
+"""A foot in stance that is unloaded for a shorter time bounces: no event."""
 _TILT_OFF_DEG, _VELOCITY_OFF_M_S = 2.0, 0.2
-"""An estimate that is off by more counts as wrong."""
+"""Errors of the estimate above which it counts as wrong."""
 _AT_LIMIT = 1e-3
-"""A quantity that used all but this share of its limit has reached it."""
+"""A quantity within this share of its limit has reached it."""
 _BRIEF_S = 0.005
-"""A joint or a foot that is at its limit for a shorter time is not worth a line."""
+"""A joint or a foot that is at its limit for a shorter time is not named."""
 _NAMED = 3
-"""Most joints or feet that are named in an event."""
+"""Largest number of joints or feet named in an event."""
 
 
 class EventKind(Enum):
-    """What an event is to a failure."""
+    """Role of an event in a failure."""
 
     CAUSE = "cause"
-    """From outside: a push, a new command, settings that were changed."""
+    """External: a push, a new command, changed settings."""
     LIMIT = "limit"
     """A joint or a friction cone at its limit."""
     CONTACT = "contact"
-    """A foot that slides or has no contact where it should stand."""
+    """A foot that slides, or has no contact in stance."""
     BALANCE = "balance"
     """The capture point outside the support, the base too low or too tilted."""
     SOLVER = "solver"
@@ -52,20 +52,20 @@ class EventKind(Enum):
 
     @property
     def is_sign(self) -> bool:
-        """Whether it announces a failure."""
+        """Whether events of this kind precede a failure."""
         return self not in (EventKind.CAUSE, EventKind.MODE)
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened, for a while.
+    """An interval of a run.
 
     Attributes:
-        start_s: its first tick.
-        end_s: its last tick.
-        kind: what it is to a failure.
-        name: what events of the same sort have in common.
-        words: what happened, with figures.
+        start_s: time of its first tick, s.
+        end_s: time of its last tick, s.
+        kind: role in a failure.
+        name: common name of events of the same sort, by which they are counted.
+        words: description with figures.
     """
 
     start_s: float
@@ -76,12 +76,12 @@ class Event:
 
 
 def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | None = None) -> tuple[Event, ...]:
-    """Return the events of a log, in order of their beginning.
+    """Return the events of a log, in order of their start.
 
     Args:
-        log: finite throughout.
-        quantities: what has limits, see :func:`lgmpc.runs.limited.limited_quantities`.
-        origin: the run that this one continues with other settings, if it does.
+        log: log, finite throughout.
+        quantities: quantities with limits, see :func:`lgmpc.runs.limited.limited_quantities`.
+        origin: the run that this one continues with other settings, if any.
     """
     finders: tuple[Callable[[RunLog], Iterator[Event]], ...] = (
         _pushes,
@@ -98,7 +98,7 @@ def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | Non
     if origin is not None and origin.changes:
         words = f"settings changed: {origin.differences}"
         found.append(Event(origin.time_s, origin.time_s, EventKind.CAUSE, "settings", words))
-    # Of what begins in the same tick, the cause is first.
+    # Of events that begin at the same tick, the cause is first.
     return tuple(sorted(found, key=lambda each: (each.start_s, list(EventKind).index(each.kind))))
 
 
@@ -150,7 +150,7 @@ def _pushes(log: RunLog) -> Iterator[Event]:
 
 
 def _commands(log: RunLog) -> Iterator[Event]:
-    """Yield the ends of the ramps of the motion command: what is commanded from then on."""
+    """Yield the ends of the ramps of the motion command, with the command reached."""
     if log.command is None:
         return
     moving = np.zeros(log.ticks, dtype=bool)
@@ -162,7 +162,7 @@ def _commands(log: RunLog) -> Iterator[Event]:
 
 
 def _contacts(log: RunLog) -> Iterator[Event]:
-    """Yield where feet carry nothing although the controller relies on them."""
+    """Yield the intervals in which feet are unloaded although the controller assumes contact."""
     feet = log.contact_frames.tolist()
     if not feet:
         return
@@ -188,12 +188,13 @@ def _solvers(log: RunLog) -> Iterator[Event]:
     failed = log.mpc_status != 0
     bounds = np.flatnonzero(np.diff(np.concatenate(([0], failed.astype(np.int8), [0])))).tolist()
     for a, b in zip(bounds[::2], bounds[1::2], strict=True):
-        words = f"{b - a} MPC updates without a solution: the plan of {log.mpc_time[max(a - 1, 0)]:.3f} s went on"
+        plan = f"the plan of {log.mpc_time[max(a - 1, 0)]:.3f} s remained in use"
+        words = f"{b - a} MPC updates without a solution: {plan}"
         yield Event(float(log.mpc_time[a]), float(log.mpc_time[b - 1]), EventKind.SOLVER, "MPC", words)
 
 
 def _missed(log: RunLog) -> Iterator[Event]:
-    """Yield where the log lacks ticks: those that were due while an earlier one was computed."""
+    """Yield the gaps of the log: ticks that were due while an earlier one was computed."""
     period = _period(log)
     gaps: BoolArray = np.diff(log.time) > 1.5 * period
     for span in _episodes(log.time[:-1], gaps):
@@ -243,7 +244,7 @@ def _reached(log: RunLog, quantity: Limited) -> Iterator[Event]:
 
 
 def _held(flags: BoolArray, unknown: BoolArray) -> BoolArray:
-    """Return (n, k) flags in which an unknown one is as the last known one: in flight no support is left or reached."""
+    """Return (n, k) flags, unknown ones replaced by the last known: in flight no support polygon is left or entered."""
     last = np.maximum.accumulate(np.where(unknown, 0, np.arange(len(flags))[:, None]), axis=0)
     held: BoolArray = np.take_along_axis(flags, last, axis=0)
     return held

@@ -1,4 +1,4 @@
-"""Figures of merit by name, such as those of a solved problem: wording, units, bounds."""
+"""Figures of merit by name, such as those of a solved problem: words, units and bounds."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def figure_words(figure: str) -> tuple[str, str, float]:
 
 
 def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
-    """Return a figure as text: three digits, with an exponent only if it has no unit or its limit is small too.
+    """Return a figure as text: three digits; with an exponent only if it has no unit, or if its limit is small too.
 
     Args:
         value: in the unit; NaN becomes "-".
@@ -67,7 +67,7 @@ def figure_number(value: float, unit: str = "", limit: float | None = None) -> s
 
 
 def short_number(value: float, limit: float) -> tuple[str, str]:
-    """Return a value and the limit that it violates, with as many digits as are needed to distinguish them."""
+    """Return a value and the limit that it violates as texts, with enough digits to distinguish them."""
     shown, allowed = _short(value), _short(limit)
     return (shown, allowed) if shown != allowed else (f"{value:.7g}", f"{limit:.7g}")
 

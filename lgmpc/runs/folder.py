@@ -1,6 +1,6 @@
 """The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent.
 
-A run that continues another one also has ``before.yaml``, the configs that acted before its own.
+A run that continues another one also has ``before.yaml``, the configs of its earlier parts.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class RunFolder:
             log_bytes: size of the arrays, an estimate.
 
         Raises:
-            RunFolderError: if it does not.
+            RunFolderError: if it has too little.
         """
         free = shutil.disk_usage(self.path).free
         if free < log_bytes + _OTHER_FILES:
@@ -157,7 +157,7 @@ class RunFolder:
         self._write(CONFIG_FILE, text)
 
     def write_before(self, text: str) -> None:
-        """Write the configs that acted before the folder's own, YAML."""
+        """Write the configs of the parts before the folder's own, YAML."""
         self._write(BEFORE_FILE, text)
 
     def write_log(self, log: RunLog) -> None:
@@ -186,7 +186,7 @@ class RunFolder:
         """Return the checked contents of a closed loop's run folder.
 
         Raises:
-            RunFolderError: if it is none, or a file is missing, damaged, or of a newer schema.
+            RunFolderError: if it is not a run folder, or a file is missing, damaged, or of a newer schema.
         """
         path = Path(path)
         config, result = _texts(path)

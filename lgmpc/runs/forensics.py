@@ -1,4 +1,4 @@
-"""Why a run failed: what happened before, in order, from its log; and how near a run that passed came to its limits."""
+"""Diagnosis of a run from its log: the events before a failure, and the smallest margins of a run that passed."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.events import Event, EventKind, find_events
 from lgmpc.runs.folder import Run
 from lgmpc.runs.gate import Gate
@@ -24,29 +24,29 @@ from lgmpc.runs.verdict import Outcome
 __all__ = ["Explanation", "explain_run", "finite_part"]
 
 _BEFORE_S = 1.0
-"""A chain begins this long before the failure, unless a cause came earlier."""
+"""The chain of events begins this long before the failure, s, or at an earlier cause."""
 _CAUSE_S = 3.0
-"""A push or a command that began longer before the failure is no cause of it."""
+"""A push or a command that began longer before the failure, s, is not a cause of it."""
 _AFTER_S = 0.1
-"""What begins later than this after a failure is its consequence."""
+"""Events that begin later than this after a failure, s, are consequences."""
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What happened in a run.
+    """The diagnosis of a run.
 
     Attributes:
-        name: of the run.
-        outcome: its verdict.
-        reasons: of the verdict.
-        failed_s: when it failed; ``None`` if it passed, or if no moment of the run decided it.
-        failure: what the failure was, in words; empty if it passed.
-        summary: in sentences.
+        name: name of the run.
+        outcome: outcome of its verdict.
+        reasons: reasons of the verdict.
+        failed_s: time of the failure, s; ``None`` if it passed, or violated only limits on figures of the whole run.
+        failure: the failure in words; empty if it passed.
+        summary: sentences.
         events: the chain before the failure, in order; of a run that passed, all of its events.
-        earlier: how many events of each name came before the chain.
-        nearest: where each limited quantity came nearest to its limit, the nearest first; until the failure.
+        earlier: number of events of each name before the chain.
+        nearest: smallest margin of each limited quantity up to the failure, in order of the share used.
         log: the finite part of the run's log.
-        quantities: what has limits in it, over time.
+        quantities: its quantities with limits, over time.
     """
 
     name: str
@@ -63,9 +63,9 @@ class Explanation:
 
     @property
     def replay_from_s(self) -> float | None:
-        """Just before the first event, s, a multiple of 10 ms: from there the run can be repeated with other settings.
+        """Time just before the first event, s, a multiple of 10 ms, for a continuation with other settings.
 
-        None without events.
+        ``None`` without events.
         """
         first = min((each.start_s for each in self.events), default=None)
         return None if first is None else max(0, math.floor(1e2 * first + 1e-6) - 1) / 1e2
@@ -76,15 +76,15 @@ class Explanation:
         content["replay_from_s"] = self.replay_from_s
         del content["log"], content["quantities"]
         content |= {name: [asdict(each) for each in content[name]] for name in ("events", "nearest")}
-        return {name: _plain(value) for name, value in content.items()}
+        return cast("dict[str, Any]", json_values(content))
 
 
 def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Explanation:
-    """Find what happened before a run failed.
+    """Find the events that led to a run's failure, and its smallest margins.
 
     Args:
-        run: its folder, read.
-        gate: what it was judged by.
+        run: contents of the run folder.
+        gate: limits of its verdict.
         joints: limits of positions and speeds; without them these are not examined.
 
     Raises:
@@ -92,7 +92,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
     """
     log, broke_s = finite_part(run.log)
     if log.ticks < 2:
-        raise InputError("run", f"{run.path} with {log.ticks} ticks", "a run with something to explain")
+        raise InputError("run", f"{run.path} with {log.ticks} ticks", "a run of at least two ticks with a finite state")
     verdict = run.result.verdict
     quantities = limited_quantities(log, gate, joints)
     if verdict.passed:
@@ -135,7 +135,7 @@ def finite_part(log: RunLog) -> tuple[RunLog, float | None]:
 
 
 class _Failure(NamedTuple):
-    """When a run failed, ``None`` if no moment decided it; how, in words, empty if it passed; whether it fell."""
+    """Time of a failure, ``None`` for a figure of the whole run; words, empty if it passed; whether it fell."""
 
     time_s: float | None
     words: str
@@ -143,7 +143,7 @@ class _Failure(NamedTuple):
 
 
 def _failure(log: RunLog, quantities: Sequence[Limited], gate: Gate, broke_s: float | None) -> _Failure | None:
-    """Return how a run fell, or first exceeded what its gate limits at every moment; ``None`` if it did neither."""
+    """Return the fall of a run or its first violation of a limit on each tick; ``None`` if there is neither."""
     if log.floating_base:
         tilt = tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:])
         fallen = fallen_ticks(log, tilt)
@@ -220,13 +220,3 @@ def _near(nearest: Nearest) -> str:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    if isinstance(value, Enum):
-        return value.value
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -22,7 +22,7 @@ class Gate(Settings):
     """
 
     steady_from_s: NonNegative = Field(
-        default=0.0, description="Time from which tracking errors and joint speeds are evaluated, s; itself no limit."
+        default=0.0, description="Time from which tracking errors and joint speeds are evaluated, s; not a limit."
     )
     max_tilt_deg: NonNegative | None = Field(default=20.0, description="Largest tilt of the base, degrees.")
     max_displacement_m: NonNegative | None = Field(
@@ -121,13 +121,13 @@ class Gate(Settings):
 
     max_falls: Number | None = Field(default=0, description="Falls; null: any number.")
     max_give_up_s: NonNegative | None = Field(
-        default=None, description="Time for which the robot has fallen and its joints are not damped, s."
+        default=None, description="Time after a fall until the joints are damped, s."
     )
     max_damped_rms_torque_nm: NonNegative | None = Field(
         default=None, description="RMS torque of all joints while they are damped, N.m."
     )
-    min_rises: Number | None = Field(default=None, description="How often the robot rises from its belly to standing.")
-    min_descents: Number | None = Field(default=None, description="How often it lies down from standing.")
+    min_rises: Number | None = Field(default=None, description="Number of transitions from lying to standing.")
+    min_descents: Number | None = Field(default=None, description="Number of transitions from standing to lying.")
     max_torque_step_nm: NonNegative | None = Field(
         default=None,
         description="Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m.",

@@ -16,7 +16,7 @@ _PACKAGES = ("lgmpc", "pin", "casadi", "mujoco", "proxsuite", "osqp", "piqp", "n
 
 @dataclass(frozen=True)
 class HostInfo:
-    """The machine.
+    """Properties of the machine.
 
     Attributes:
         system: operating system and its release.

@@ -1,4 +1,4 @@
-"""Quantities of a run that have limits, over time: how near each came to its limit, where and when."""
+"""Quantities of a run with limits, over time: margins, shares of the limit used, and their extremes."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ __all__ = [
 ]
 
 _SLID_M = 0.01
-"""A foot that moved further since its contact began has slid, if the gate has no limit of its own."""
+"""Displacement since the start of its contact, m, beyond which a foot has slid, if the gate has no limit on slip."""
 _OVER_TIME = ("max_tilt_deg", "max_displacement_m", "max_slip_m", "min_base_height_m", "min_base_height_fraction")
 """Limits of the gate that are examined at each tick."""
 _ROUNDING = 1e-9
 _LOADED = 0.02
-"""Share of the robot's weight above which the friction of a foot counts."""
+"""Share of the robot's weight above which the friction of a foot is evaluated."""
 
 
 class DriveLine(NamedTuple):
@@ -51,7 +51,7 @@ class DriveLine(NamedTuple):
     no_load: float
 
     def torque(self, driving: Array) -> Array:
-        """Return the largest driving torque at speeds in its direction, rad/s; that at rest where it brakes, N.m."""
+        """Return the largest torque, N.m, at speeds in its direction, rad/s; the stall torque at opposite ones."""
         available: Array = self.stall * np.clip(1.0 - driving / self.no_load, 0.0, 1.0)
         return available
 
@@ -66,13 +66,13 @@ class DriveLine(NamedTuple):
 
 
 class JointLimits(NamedTuple):
-    """Limits of the joints that the log does not hold.
+    """Limits of the joints that the log does not contain.
 
     Attributes:
         lower: (nu,) lowest positions, rad; -inf where there is none.
         upper: (nu,) highest positions, rad.
         speed: (nu,) highest speeds, rad/s.
-        line: of the drives; ``None`` if the plant has none, which leaves their power without a limit.
+        line: torque-speed line of the drives; ``None`` if the plant has none: their power then has no limit.
     """
 
     lower: Array
@@ -83,17 +83,17 @@ class JointLimits(NamedTuple):
 
 @dataclass(frozen=True)
 class Nearest:
-    """Where a quantity came nearest to its limit, or was furthest beyond.
+    """The smallest margin of a quantity.
 
     Attributes:
-        name: of the quantity.
-        subject: joint or foot; empty for the robot as a whole.
-        time_s: when; ``None`` for a figure of the whole run.
-        value: then.
-        limit: then.
+        name: name of the quantity.
+        subject: joint or foot; empty for a quantity of the robot.
+        time_s: time of the smallest margin, s; ``None`` for a figure of the whole run.
+        value: value at this time.
+        limit: limit at this time.
         margin: distance to the limit, negative beyond it.
-        unit: of the three.
-        used: share of the limit that was used, 1 at the limit; by it quantities of different units are ordered.
+        unit: unit of value, limit and margin.
+        used: share of the limit used, 1 at the limit; quantities of different units are ordered by it.
     """
 
     name: str
@@ -108,16 +108,16 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Limited:
-    """A quantity with a limit, at each tick, of each joint or foot.
+    """A quantity with a limit, at n ticks, of k joints or feet.
 
     Attributes:
-        name: in words.
-        unit: of values, limits and margins.
-        subjects: (k,) joints or feet; one empty name for the robot as a whole.
-        values: (n, k).
-        limits: (n, k).
-        margins: (n, k) distance to the limit, negative beyond it; NaN where the limit does not apply.
-        scale: (n, k) margin at which nothing of the limit is used.
+        name: name in words.
+        unit: unit of values, limits and margins.
+        subjects: (k,) joints or feet; one empty name for a quantity of the robot.
+        values: (n, k) values.
+        limits: (n, k) limits.
+        margins: (n, k) distances to the limits, negative beyond; NaN where the limit does not apply.
+        scale: (n, k) margins at which the share used is 0.
     """
 
     name: str
@@ -136,15 +136,15 @@ class Limited:
         return share
 
     def until(self, end: int) -> Limited:
-        """Return it at the first ``end`` ticks."""
+        """Return the quantity at the first ``end`` ticks."""
         arrays = (self.values[:end], self.limits[:end], self.margins[:end], self.scale[:end])
         return Limited(self.name, self.unit, self.subjects, *arrays)
 
     def nearest(self, time: Array) -> Nearest | None:
-        """Return where it came nearest to the limit; ``None`` if the limit never applied.
+        """Return the smallest margin; ``None`` if the limit never applied.
 
         Args:
-            time: (n,) of the ticks, s.
+            time: (n,) times of the ticks, s.
         """
         used = np.where(np.isfinite(self.used), self.used, -np.inf)
         tick, subject = np.unravel_index(int(np.argmax(used)), used.shape) if used.size else (0, 0)
@@ -164,22 +164,21 @@ class Limited:
 
 
 def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> tuple[Limited, ...]:
-    """Return what has a limit in a run: joints, friction cones, support, attitude, and what the gate limits.
+    """Return the quantities of a run with limits: joints, friction cones, capture point, attitude, gated figures.
 
     Args:
-        log: finite throughout.
-        gate: its limits on tilt, displacement, height and slip are used; without them those of a fall.
-        joints: positions and speeds are left out without it.
+        log: log, finite throughout.
+        gate: limits on tilt, displacement, height and slip; where it has none, those that define a fall.
+        joints: limits of positions and speeds; without them these are left out.
     """
     return tuple(_quantities(log, gate, joints))
 
 
 def joint_power(log: RunLog) -> Array:
-    """Return (n, nu) the mechanical power that drives give to joints, negative where they brake, W.
+    """Return (n, nu) mechanical power of the drives on the joints, negative where they brake, W.
 
-    The torque that is logged at a tick acted in the last step of the plant before it, which began at a speed between
-    those of the tick before and of the tick itself: the one with less power counts. Ticks after one that is not logged,
-    because computing took longer, have none.
+    The torque logged at a tick acted in the plant's last step before it, which began at a speed between those of the
+    previous and of this tick: the smaller of the two powers is returned. It is 0 at ticks whose predecessor was missed.
     """
     power = np.zeros_like(log.tau)
     before, after = log.tau[1:] * log.joint_velocity[:-1], log.tau[1:] * log.joint_velocity[1:]
@@ -188,7 +187,7 @@ def joint_power(log: RunLog) -> Array:
 
 
 def _consecutive(log: RunLog) -> BoolArray:
-    """Return (n - 1,) whether a tick has its usual distance from the one logged before it."""
+    """Return (n - 1,) flags of the ticks that follow the previously logged one without a gap."""
     gaps = np.diff(log.time)
     usual: BoolArray = gaps < 1.5 * gaps.min(initial=np.inf)
     return usual
@@ -218,7 +217,7 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
         yield _highest("slip", "mm", feet, 1e3 * _slide(log), 1e3 * (gate.max_slip_m or _SLID_M))
         if np.isfinite(log.mass_kg):
             margin = 1e3 * capture_margin(log)[:, None]
-            # At rest the capture point is the centre of mass: its margin at the start is what the support gives.
+            # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
             scale = margin[np.isfinite(margin)][:1]
             yield Limited(
                 "capture point",
@@ -244,7 +243,7 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
 
 
 def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:
-    """Return how near the figures of a whole run are to the gate's limits on them: final errors, RMS, fractions."""
+    """Return the margins of the gate's limits on figures of the whole run: final errors, RMS values, fractions."""
     return tuple(_figures(metrics, gate))
 
 
@@ -262,7 +261,7 @@ def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
 
 
 def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float) -> Limited:
-    """Return a quantity with a highest value."""
+    """Return a quantity with an upper limit."""
     limits = np.broadcast_to(np.asarray(limit, dtype=float), values.shape)
     return Limited(name, unit, subjects, values, limits, limits - values, limits)
 
@@ -280,7 +279,7 @@ def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Li
 
 
 def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
-    """Compare tangential forces with the cones of the feet that carry something; what is unloaded slides anywhere."""
+    """Return the tangential forces of loaded feet with the limits of their friction cones; NaN margins of others."""
     normal = log.contact_forces[:, :, 2]
     tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
     weight = 9.81 * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
@@ -290,7 +289,7 @@ def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
 
 
 def _slide(log: RunLog) -> Array:
-    """Return (n, nc) how far each foot is from where its present contact began, m, horizontally; 0 in the air."""
+    """Return (n, nc) horizontal displacements of the feet since the start of their present contact, m; 0 in the air."""
     points, closed = log.contact_points[:, :, :2], log.contact_forces[:, :, 2] > CONTACT_FORCE_N
     moved = np.zeros(closed.shape)
     for foot in range(closed.shape[1]):

@@ -33,7 +33,7 @@ CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
 """Contact states of a foot relative to the schedule; the channel ``contact_states`` consists of indices into this."""
 
 MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
-"""What a robot does as a whole: the channel ``mode`` holds indices into this."""
+"""Modes of the controller; the channel ``mode`` consists of indices into this."""
 
 
 @dataclass(frozen=True)
@@ -53,41 +53,36 @@ def single(name: str, array: NDArray[Any], kinds: str) -> Any:
     """Return the single value of an entry of a log file.
 
     Args:
-        name: of the entry.
+        name: name of the entry.
         array: the entry.
-        kinds: NumPy's letters of the allowed types: text, truth values, whole numbers, numbers.
+        kinds: NumPy's kind letters of the allowed types.
 
     Raises:
-        RunFolderError: it has several values, or another type.
+        RunFolderError: the entry has several values, or another type.
     """
     if array.shape != () or array.dtype.kind not in kinds:
         raise RunFolderError(f"entry '{name}' has shape {array.shape} and holds {array.dtype}, expected one value")
     return array.item()
 
 
-def _tick(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-    """Declare a channel with one entry per logged control tick."""
-    return field(metadata={"tick": Channel(axes, dtype)})
+class _Table:
+    """A table of channels: its call declares one of them as a field of :class:`RunLog`.
+
+    Args:
+        name: name of the table.
+        optional: whether some runs lack its channels, which are ``None`` then.
+    """
+
+    def __init__(self, name: str, *, optional: bool = False) -> None:
+        self._name, self._optional = name, optional
+
+    def __call__(self, *axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
+        metadata = {self._name: Channel(axes, dtype)}
+        return field(default=None, metadata=metadata) if self._optional else field(metadata=metadata)
 
 
-def _update(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-    """Declare a channel with one entry per MPC update; the axis ``nodes`` counts the horizon's states, N + 1."""
-    return field(metadata={"update": Channel(axes, dtype)})
-
-
-def _estimate(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-    """Declare a channel with one entry per logged control tick of runs with an estimator; absent otherwise."""
-    return field(default=None, metadata={"estimate": Channel(axes, dtype)})
-
-
-def _step(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-    """Declare a channel with one entry per logged control tick of runs whose steps are recorded; absent otherwise."""
-    return field(default=None, metadata={"step": Channel(axes, dtype)})
-
-
-def _friction(*axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-    """Declare a channel with one entry per logged control tick of runs that estimate joint friction."""
-    return field(default=None, metadata={"friction": Channel(axes, dtype)})
+_tick, _update = _Table("tick"), _Table("update")  # the axis "nodes" counts the horizon's states, N + 1
+_estimate, _step, _friction = (_Table(name, optional=True) for name in ("estimate", "step", "friction"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,20 +276,19 @@ class RunLog:
 
     def until(self, end: int) -> RunLog:
         """Return the log of the first ``end`` ticks, and the MPC updates before the next one."""
-        updates = int(np.searchsorted(self.mpc_time, self.time[end])) if end < self.ticks else len(self.mpc_time)
-        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
-        kept: dict[str, Any] = {name: getattr(self, name)[:end].copy() for name in names}
-        kept |= {name: getattr(self, name)[:updates].copy() for name in MPC_CHANNELS}
-        return replace(self, **kept)
+        return self._part(slice(end), slice(self._updates_before(end)))
 
     def since(self, start: int) -> RunLog:
-        """Return the log from that tick on, and the MPC updates from then on."""
-        if start == 0:
-            return self
-        updates = int(np.searchsorted(self.mpc_time, self.time[start])) if start < self.ticks else len(self.mpc_time)
+        """Return the log from tick ``start`` on, and the MPC updates from then on."""
+        return self._part(slice(start, None), slice(self._updates_before(start), None)) if start else self
+
+    def _updates_before(self, tick: int) -> int:
+        return int(np.searchsorted(self.mpc_time, self.time[tick])) if tick < self.ticks else len(self.mpc_time)
+
+    def _part(self, ticks: slice, updates: slice) -> RunLog:
         names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
-        kept: dict[str, Any] = {name: getattr(self, name)[start:].copy() for name in names}
-        kept |= {name: getattr(self, name)[updates:].copy() for name in MPC_CHANNELS}
+        kept: dict[str, Any] = {name: getattr(self, name)[ticks].copy() for name in names}
+        kept |= {name: getattr(self, name)[updates].copy() for name in MPC_CHANNELS}
         return replace(self, **kept)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -322,15 +316,15 @@ class RunLog:
         return cls(**values)
 
 
-def _table(name: str) -> Mapping[str, Channel]:
+def _channels(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
 CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS = map(
-    _table, ("tick", "update", "estimate", "step", "friction")
+    _channels, ("tick", "update", "estimate", "step", "friction")
 )
-"""Channels by table: of control ticks, MPC updates, control ticks of runs with an estimator, of runs whose steps are
-recorded, and of runs that estimate joint friction."""
+"""Channels by table, one entry per MPC update or per logged control tick; the last three tables are those of runs with
+an estimator, of runs whose steps are recorded, and of runs that estimate joint friction."""
 
 
 @dataclass(frozen=True)

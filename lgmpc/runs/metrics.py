@@ -77,11 +77,11 @@ class Metrics:
         real_time_factor: simulated over elapsed time.
         estimator_ms: duration of the estimator's ticks.
         estimator: errors of the controller's estimate.
-        min_base_height_fraction: lowest base height over the first; 1 for a base that is fixed.
+        min_base_height_fraction: lowest base height over the first; 1 for a fixed base.
         walking: metrics of commanded motion; None for a run without commands.
         falls: number of falls; a fall ends when the robot folds its legs again.
         joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
-        modes: metrics of giving up, lying and rising; None where modes were not recorded.
+        modes: metrics of falls, lying and rising; None where modes were not recorded.
     """
 
     survived_s: float

@@ -1,4 +1,4 @@
-"""Figures of merit of the modes: falls, giving up, lying and rising, from the log of a run."""
+"""Figures of merit of the modes: falls, damping after them, lying and rising, from the log of a run."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ FALL_HEIGHT_FRACTION = 0.5
 """A base below this fraction of its first height or, where modes were recorded, of its target has fallen."""
 
 LOW_MODES = ("lie", "rise", "sit")
-"""Modes in which a base is low on purpose."""
+"""Modes in which the base is low by design."""
 
 
 @dataclass(frozen=True)
 class ModeMetrics:
-    """How a robot fell, gave up and rose. ``None`` where there was nothing to measure.
+    """Metrics of falls, lying and rising. ``None`` where there was nothing to measure.
 
     Attributes:
-        give_up_s: longest time for which the robot has fallen and its joints are not damped.
+        give_up_s: longest time after a fall until the joints are damped.
         damped_rms_torque_nm: RMS torque of all joints while they are damped.
-        rises: how often the robot rose from its belly to standing.
-        descents: how often it lay down from standing.
+        rises: number of transitions from lying to standing.
+        descents: number of transitions from standing to lying.
         torque_step_nm: largest change of a joint's torque between two ticks while it lies, rises or lies down.
     """
 
@@ -42,7 +42,7 @@ class ModeMetrics:
 
 
 def fallen_ticks(log: RunLog, tilt: Array) -> BoolArray:
-    """Return (k,) whether the robot has fallen at each of the first k ticks, whose base tilts by ``tilt`` (k,), deg."""
+    """Return (k,) flags of a fallen robot at the first k ticks, from the tilt (k,) of its base, degrees."""
     ticks = len(tilt)
     fallen: BoolArray = tilt > FALL_TILT_DEG
     if log.floating_base:
@@ -59,7 +59,7 @@ def falls(log: RunLog, fallen: BoolArray) -> list[int]:
 
     Args:
         log: the log.
-        fallen: (k,) of the first k ticks, see :func:`fallen_ticks`.
+        fallen: (k,) flags of the first k ticks, see :func:`fallen_ticks`.
     """
     if log.mode is None:
         return [int(tick) for tick in np.flatnonzero(fallen)[:1]]
@@ -79,7 +79,7 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
 
     Args:
         log: the log, at the full control rate.
-        fallen: (k,) of the first k ticks, see :func:`fallen_ticks`.
+        fallen: (k,) flags of the first k ticks, see :func:`fallen_ticks`.
     """
     if log.mode is None:
         return None

@@ -1,4 +1,4 @@
-"""Where a run came from that continues another one: its entry ``from`` in ``run.json``."""
+"""The origin of a run that continues another one: the entry ``from`` of its ``run.json``."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ __all__ = ["Origin"]
 
 @dataclass(frozen=True)
 class Origin:
-    """The run that another one repeats up to some time, and continues from there.
+    """The run that another one repeats up to some time and continues from there.
 
     Attributes:
-        run: its folder.
-        time_s: the time from which on changed settings act, s.
+        run: folder of the repeated run.
+        time_s: time from which changed settings act, s.
         verified_ticks: ticks of its log that were repeated bit for bit.
-        changes: by key, value before and after; empty where the whole run was repeated.
-        begun_anew: what did not take over its state, because the changes gave it another structure.
+        changes: values before and after by key; empty where the whole run was repeated.
+        begun_anew: objects that were reset instead of taking over their state, because the changes gave them another
+            structure.
     """
 
     run: str
@@ -44,10 +45,10 @@ class Origin:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Origin:
-        """Return the origin of plain values.
+        """Return the origin from plain values, as returned by :meth:`content`.
 
         Raises:
-            KeyError, TypeError, ValueError: they are none.
+            KeyError, TypeError, ValueError: an entry is missing or has another type.
         """
         changes = {str(key): (before, after) for key, (before, after) in content["changes"].items()}
         anew = tuple(map(str, content["begun_anew"]))
@@ -56,7 +57,7 @@ class Origin:
     def __str__(self) -> str:
         text = f"{self.run}: {self.verified_ticks} logged ticks repeated bit for bit"
         if self.changes:
-            text += f"; from {self.time_s:.3f} s on changed: {self.differences}"
+            text += f"; changed at {self.time_s:.3f} s: {self.differences}"
         if self.begun_anew:
-            text += f"; begun anew: {', '.join(self.begun_anew)}"
+            text += f"; reset: {', '.join(self.begun_anew)}"
         return text

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from lgmpc.errors import InputError
@@ -27,8 +28,8 @@ class LogSettings(Settings):
 class Recorder:
     """Buffers for every channel of a run's log.
 
-    :meth:`record` costs one row assignment per channel. The buffers double when a run is longer than expected;
-    :meth:`log` may be called at any time, also after an interruption.
+    A tick is one row of numbers, written by one call. The rows double when a run is longer than expected; :meth:`log`
+    may be called at any time, also after an interruption.
 
     Args:
         nq: size of the configuration.
@@ -44,9 +45,9 @@ class Recorder:
         mpc_updates: expected number of MPC updates.
         floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered unless given.
-        estimated: whether the controller receives an estimate, recorded by :meth:`record_estimate`.
-        stepping: whether commands and steps are recorded, by :meth:`record_steps`.
-        friction_estimated: whether estimated joint friction is recorded, by :meth:`record_friction`.
+        estimated: whether the estimate that the controller receives is recorded.
+        stepping: whether commands and steps are recorded.
+        friction_estimated: whether estimated joint friction is recorded.
         mass: of the simulated robot, kg; NaN if unknown.
 
     Raises:
@@ -100,33 +101,43 @@ class Recorder:
             "nc": len(self._contact_frames),
             "nodes": mpc_nodes + 1,
         }
-        self._rows = _Rows(CHANNELS, sizes, ticks)
-        self._mpc_rows = _Rows(MPC_CHANNELS, sizes, mpc_updates)
-        self._estimate_rows = _Rows(ESTIMATE_CHANNELS, sizes, ticks) if estimated else None
-        self._step_rows = _Rows(STEP_CHANNELS, sizes, ticks) if stepping else None
-        self._friction_rows = _Rows(FRICTION_CHANNELS, sizes, ticks) if friction_estimated else None
+        optional = (
+            (stepping, STEP_CHANNELS),
+            (estimated, ESTIMATE_CHANNELS),
+            (friction_estimated, FRICTION_CHANNELS),
+        )
+        channels = dict(CHANNELS)
+        for included, table in optional:
+            channels |= table if included else {}
+        self._ticks = _Rows(channels, sizes, ticks)
+        self._updates = _Rows(MPC_CHANNELS, sizes, mpc_updates)
 
     @property
     def ticks(self) -> int:
         """Number of control ticks recorded so far."""
-        return self._rows.count
+        return self._ticks.count
 
     @property
     def mpc_updates(self) -> int:
         """Number of MPC updates recorded so far."""
-        return self._mpc_rows.count
+        return self._updates.count
 
     def record(self, **channels: ArrayLike) -> None:
         """Copy one control tick.
 
         Args:
-            channels: a value for each of :data:`~lgmpc.runs.log.CHANNELS`; shapes and units as in
-                :class:`~lgmpc.runs.log.RunLog`, without the first axis.
+            channels: a value for each of :data:`~lgmpc.runs.log.CHANNELS`, and for each of the optional channels that
+                are recorded; shapes and units as in :class:`~lgmpc.runs.log.RunLog`, without the first axis.
 
         Raises:
             InputError: a channel is missing or unknown.
+            ValueError: a value does not have the channel's shape.
         """
-        self._rows.append_all(channels)
+        self._ticks.append(channels)
+
+    def append(self, channels: Mapping[str, ArrayLike]) -> None:
+        """Copy one control tick, as :meth:`record`, from a mapping; fastest in the order of the channels."""
+        self._ticks.append(channels)
 
     def record_mpc(self, time: float, horizon_com: Array, forces: Array, status: int, ms: float) -> None:
         """Copy one MPC update.
@@ -138,36 +149,7 @@ class Recorder:
             status: 0 = solved.
             ms: its duration, ms.
         """
-        self._mpc_rows.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
-
-    def record_estimate(self, q: Array, v: Array, contacts: ArrayLike, ms: float) -> None:
-        """Copy the estimate that the controller received at a control tick; call it before :meth:`record`.
-
-        Args:
-            q: (nq,) configuration.
-            v: (nv,) velocity.
-            contacts: (nc,) the estimated contacts; 2 of those whose measurement was rejected.
-            ms: duration of the estimation, ms.
-
-        Raises:
-            InputError: the recorder has no channels for estimates.
-        """
-        if self._estimate_rows is None:
-            raise InputError("estimated", False, "True, for recording estimates")
-        self._estimate_rows.append(dict(zip(ESTIMATE_CHANNELS, (q, v, contacts, ms), strict=True)))
-
-    def record_steps(self, **channels: ArrayLike) -> None:
-        """Copy command and steps of a control tick; call it before :meth:`record`.
-
-        Args:
-            channels: a value for each of :data:`~lgmpc.runs.log.STEP_CHANNELS`, as in :meth:`record`.
-
-        Raises:
-            InputError: a channel is missing or unknown, or the recorder has no channels for steps.
-        """
-        if self._step_rows is None:
-            raise InputError("stepping", False, "True, for recording steps")
-        self._step_rows.append_all(channels)
+        self._updates.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
     def take_over(self, old: Recorder) -> None:
         """Begin with what another recorder of the same robot holds, which is of no use afterwards.
@@ -175,47 +157,24 @@ class Recorder:
         Raises:
             InputError: it has updates of an MPC with another number of nodes.
         """
-        self._rows, self._step_rows, self._estimate_rows = old._rows, old._step_rows, old._estimate_rows
-        if self._friction_rows is not None and old._friction_rows is not None:
-            self._friction_rows = old._friction_rows
-        elif self._friction_rows is not None:
-            for _ in range(old.ticks):  # nothing was estimated
-                self._friction_rows.append({"joint_friction": 0.0})
+        self._ticks.take_over(old._ticks)
         if not old.mpc_updates:
             return
-        nodes, before = (rows.buffers["mpc_horizon_com"].shape[1] - 1 for rows in (self._mpc_rows, old._mpc_rows))
+        nodes, before = (rows.shapes["mpc_horizon_com"][0] - 1 for rows in (self._updates, old._updates))
         if nodes and nodes != before:
             raise InputError("mpc.nodes", nodes, f"{before}, because a log has horizons of one length")
-        self._mpc_rows = old._mpc_rows
+        self._updates = old._updates
         self._mpc_period_s = self._mpc_period_s or old._mpc_period_s
-
-    def record_friction(self, friction: Array) -> None:
-        """Copy the estimated friction (nu,) of the joints at a control tick, N.m; call it before :meth:`record`.
-
-        Raises:
-            InputError: the recorder has no channel for it.
-        """
-        if self._friction_rows is None:
-            raise InputError("friction_estimated", False, "True, for recording estimated friction")
-        self._friction_rows.append({"joint_friction": friction})
 
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
-        optional = (self._estimate_rows, self._step_rows, self._friction_rows)
-        ticks = self._rows.bytes + sum(rows.bytes for rows in optional if rows)
-        return -(-ticks // every) + self._mpc_rows.bytes
+        return -(-self._ticks.log_bytes // every) + self._updates.log_bytes
 
     def log(self) -> RunLog:
         """Return a copy of all that has been recorded."""
-        estimate = {} if self._estimate_rows is None else self._estimate_rows.copies(self.ticks)
-        steps = {} if self._step_rows is None else self._step_rows.copies(self.ticks)
-        friction = {} if self._friction_rows is None else self._friction_rows.copies(self.ticks)
         return RunLog(
-            **self._rows.copies(),
-            **estimate,
-            **steps,
-            **friction,
-            **self._mpc_rows.copies(),
+            **self._ticks.columns(),
+            **self._updates.columns(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),
             effort_limit=self._effort_limit.copy(),
@@ -229,39 +188,78 @@ class Recorder:
 
 
 class _Rows:
-    """Growing buffers of one table of channels."""
+    """A growing table of numbers: a row for each record, and in it the channels one after the other.
 
-    def __init__(self, table: Mapping[str, Channel], sizes: Mapping[str, int], capacity: int) -> None:
+    Attributes:
+        count: rows that are complete.
+        shapes: of one value of each channel.
+    """
+
+    def __init__(self, channels: Mapping[str, Channel], sizes: Mapping[str, int], capacity: int) -> None:
         self.count = 0
-        self.capacity = max(capacity, 1)
-        self.buffers: dict[str, NDArray[Any]] = {}
-        for name, channel in table.items():
-            tail = tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
-            self.buffers[name] = np.zeros((self.capacity, *tail), dtype=channel.dtype)
-
-    def append_all(self, values: Mapping[str, ArrayLike]) -> None:
-        """Append a row, which must have every channel."""
-        if values.keys() != self.buffers.keys():
-            odd = sorted(values.keys() ^ self.buffers.keys())
-            raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
-        self.append(values)
+        self.shapes = {
+            name: tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
+            for name, channel in channels.items()
+        }
+        self._channels = channels
+        self._names = tuple(channels)
+        ends = accumulate(math.prod(shape) for shape in self.shapes.values())
+        self._places = {
+            name: slice(end - math.prod(self.shapes[name]), end) for name, end in zip(self._names, ends, strict=True)
+        }
+        width = self._places[self._names[-1]].stop
+        self._row = np.zeros(width)
+        self._values = [self._row[self._places[name]].reshape(shape) for name, shape in self.shapes.items()]
+        self._table = np.zeros((max(capacity, 1), width))
 
     def append(self, values: Mapping[str, ArrayLike]) -> None:
+        """Append a row.
+
+        Raises:
+            InputError: a channel is missing or unknown.
+            ValueError: a value does not have the channel's shape.
+        """
+        if tuple(values) != self._names:
+            values = self._in_order(values)
         i = self.count
-        if i == self.capacity:
-            self._grow()
-        for name, buffer in self.buffers.items():
-            buffer[i] = values[name]
+        if i == len(self._table):
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])
+        for place, value in zip(self._values, values.values(), strict=True):
+            place[...] = value
+        self._table[i] = self._row  # one copy into memory that no cache holds yet
         # Counted last: an interrupted row is not part of the log.
         self.count = i + 1
 
+    def take_over(self, old: _Rows) -> None:
+        """Begin with the rows of another table; what it has no channel for is zero there."""
+        if old._names == self._names:
+            self._table, self.count = old._table, old.count
+            return
+        self.count = old.count
+        self._table = np.zeros((max(len(old._table), len(self._table)), self._table.shape[1]))
+        for name in self._names:
+            if name in old._places:
+                self._table[: self.count, self._places[name]] = old._table[: self.count, old._places[name]]
+
+    def columns(self) -> dict[str, Any]:
+        """Return a copy of each channel, with its own axes and type."""
+        rows = self._table[: self.count]
+        return {
+            name: rows[:, self._places[name]].reshape(self.count, *shape).astype(self._channels[name].dtype)
+            for name, shape in self.shapes.items()
+        }
+
     @property
-    def bytes(self) -> int:
-        return sum(buffer.nbytes for buffer in self.buffers.values())
+    def log_bytes(self) -> int:
+        """Size of the channels' arrays if the table is filled as far as it was expected to be, B."""
+        sizes = (
+            math.prod(self.shapes[name]) * np.dtype(channel.dtype).itemsize for name, channel in self._channels.items()
+        )
+        return len(self._table) * sum(sizes)
 
-    def _grow(self) -> None:
-        self.buffers = {name: np.concatenate([buffer, np.zeros_like(buffer)]) for name, buffer in self.buffers.items()}
-        self.capacity *= 2
-
-    def copies(self, count: int | None = None) -> dict[str, Any]:
-        return {name: buffer[: self.count if count is None else count].copy() for name, buffer in self.buffers.items()}
+    def _in_order(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+        """Return the values in the order of the channels."""
+        odd = sorted(values.keys() ^ self.shapes.keys())
+        if odd:
+            raise InputError("channels", ", ".join(odd), "every channel of a tick, and no other")
+        return {name: values[name] for name in self._names}

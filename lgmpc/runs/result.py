@@ -1,4 +1,4 @@
-"""``run.json``: the result and the host of a run, in two kinds: closed loops and solved problems."""
+"""``run.json``: the result and the machine of a run, in two kinds: closed loops and solved problems."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any, ClassVar, TypeVar
 
 from lgmpc.errors import RunFolderError
 from lgmpc.notebook import html_table
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import figure_number, figure_words
@@ -60,7 +61,7 @@ class _Result:
 
     @property
     def when(self) -> str:
-        """The time of creation as text: ``2026-03-01 12:00:00 UTC``."""
+        """Time of creation as text: ``2026-03-01 12:00:00 UTC``."""
         return self.created.replace("T", " ").replace("+00:00", " UTC")
 
     def _repr_html_(self) -> str:
@@ -68,14 +69,14 @@ class _Result:
         return self.html()
 
     def html(self, folder: object = None) -> str:
-        """Return that table, with the run's folder if it is given."""
+        """Return the table of verdict and figures, with the run's folder if it is given."""
         rows: list[tuple[str, object]] = [("verdict", self.verdict.outcome.value.upper())]
         rows += [("because", reason) for reason in self.verdict.reasons]
         rows += [figure_cells(name, value) for name, value in self.shown().items()]
         return html_table(self.name, [*rows, *([("folder", folder)] if folder is not None else [])])
 
     def shown(self) -> dict[str, float]:
-        """Return the figures that the table has."""
+        """Return the figures that the table displays."""
         raise NotImplementedError
 
     def to_json(self) -> str:
@@ -145,7 +146,7 @@ class RunResult(_Result):
         return {name: value for name, value in values.items() if value is not None}
 
     def _own(self) -> dict[str, Any]:
-        metrics = None if self.metrics is None else _without_nan(asdict(self.metrics))
+        metrics = None if self.metrics is None else json_values(asdict(self.metrics))
         certificate = None if self.certificate is None else self.certificate.content()
         origin = {} if self.origin is None else {"from": self.origin.content()}
         return {"seed": self.seed, **origin, "metrics": metrics, "certificate": certificate}
@@ -182,7 +183,7 @@ class SolveResult(_Result):
         return dict(self.figures)
 
     def _own(self) -> dict[str, Any]:
-        figures = _without_nan(dict(self.figures))
+        figures = json_values(self.figures)
         return {"method": self.method, "status": self.status, "explanation": self.explanation, "figures": figures}
 
     @classmethod
@@ -193,7 +194,7 @@ class SolveResult(_Result):
 
 
 def figure_cells(name: str, value: float) -> tuple[str, str]:
-    """Return name and value of a figure as a table shows them."""
+    """Return name and value of a figure as a table displays them."""
     words, unit, scale = figure_words(name)
     return (f"{words} / {unit}" if unit else words), figure_number(scale * value, unit)
 
@@ -223,18 +224,6 @@ def _words(kind: object) -> str:
     return {"closed_loop": "closed loop", "solve": "solved problem"}.get(str(kind), f"kind unknown here ({kind})")
 
 
-def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace NaN and infinity, which JSON lacks, by null."""
-    return {
-        name: _without_nan(value)
-        if isinstance(value, dict)
-        else None
-        if isinstance(value, float) and not math.isfinite(value)
-        else value
-        for name, value in values.items()
-    }
-
-
 def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
     if content is None:
         return None
@@ -254,11 +243,11 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
 
 
 def _number(value: Any) -> Any:
-    """Return a metric as it is.
+    """Return a metric unchanged if its type is valid.
 
     Raises:
-        TypeError: it is neither a number nor a truth value, nor a group of metrics, nor None.
-        OverflowError: it is a whole number beyond all floating-point numbers.
+        TypeError: not a number, a boolean, a group of metrics, or None.
+        OverflowError: an integer beyond the range of floating-point numbers.
     """
     if isinstance(value, (int, float)):
         float(value)

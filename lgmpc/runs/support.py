@@ -1,4 +1,4 @@
-"""The capture point and the ground that it must stay above for a robot to come to rest without another step."""
+"""The capture point and its margin to the support, within which a robot can come to rest without a step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["capture_margin", "capture_point", "support_margin"]
 
 _GRAVITY = 9.81
-_LOWEST = 0.02  # m; below, the pendulum is no model of the robot
+_LOWEST = 0.02  # m; at lower heights the pendulum does not model the robot
 _TINY = 1e-9  # m
 
 
@@ -48,16 +48,16 @@ def capture_margin(log: RunLog) -> Array:
 def support_margin(points: Array, used: BoolArray, place: Array) -> Array:
     """Return the signed distance of a place from the edge of the convex hull of points, positive inside.
 
-    The least, over unit vectors, of how far the hull reaches beyond the place. It is least at the normal of an edge
-    or, from outside, at the direction from a corner to the place.
+    It is the minimum over unit vectors of the support function of the hull about the place, attained at the normal of
+    an edge or, from outside, at the direction from a vertex to the place.
 
     Args:
-        points: (n, k, 2) m.
-        used: (n, k) which of them count.
-        place: (n, 2) m.
+        points: (n, k, 2) points, m.
+        used: (n, k) flags of the points that the hull includes.
+        place: (n, 2) the place, m.
 
     Returns:
-        (n,) m; NaN where no point counts or the place is not known.
+        (n,) distances, m; NaN where the hull is empty or the place is NaN.
     """
     offsets = points - place[:, None]
     margin = np.full(len(points), np.inf)

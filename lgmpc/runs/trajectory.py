@@ -45,7 +45,7 @@ class TrajectoryLog:
         iteration_criterion: (i,) the measure compared with the tolerance; NaN where it is not reported.
         iteration_gap: (i,) largest gap of the dynamics at the start of each.
         iteration_step: (i,) length of the step; 0 where none was accepted, NaN where it is not reported.
-        iteration_regularization: (i,) of the backward sweep.
+        iteration_regularization: (i,) regularisation of the backward sweep.
         iteration_elapsed: (i,) s since the solver began.
         control_unit: of all controls.
         nq: size of the configuration.
@@ -139,5 +139,5 @@ class TrajectoryLog:
 
 
 def _kind(name: str) -> str:
-    """Return NumPy's letter for an array's type: text, truth values or numbers."""
+    """Return NumPy's kind letter of an array: text, booleans or numbers."""
     return "U" if name.endswith(("_names", "_frames")) else "b" if name.endswith("_flags") else "f"

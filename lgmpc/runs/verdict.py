@@ -103,7 +103,7 @@ def judge(metrics: Metrics, gate: Gate, *, interrupted: bool = False) -> Verdict
     Args:
         metrics: of the run.
         gate: the limits.
-        interrupted: whether the run was stopped before its end; then it neither passed nor failed.
+        interrupted: whether the run was stopped before its end: it has neither passed nor failed.
     """
     if interrupted:
         return Verdict(Outcome.INTERRUPTED, (f"interrupted after {metrics.survived_s:.3g} s",))

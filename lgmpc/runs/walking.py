@@ -1,9 +1,9 @@
 """Figures of merit of walking: pure functions from the log of a run with motion commands.
 
-Velocities are those of the centre of mass, in the horizontal frame that turns with the base, as commands are. A gait
-sways and heaves within each stride, and no command forbids it: so errors are taken of averages over one gait cycle, and
-beside them the raw ones. Both count on plateaus only: where the limited command, the gait's period and the push on the
-robot, mostly none, have been constant for half a second.
+Velocities are those of the centre of mass, in the horizontal frame that turns with the base, as commands are. The sway
+and heave within a stride are part of a gait: errors are evaluated for averages over one gait cycle, and for the
+instantaneous velocity beside them. Both are evaluated on plateaus only: where the limited command, the gait's period
+and the push have been constant for half a second.
 """
 
 from __future__ import annotations
@@ -21,47 +21,47 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["WalkingMetrics", "body_velocity", "heading", "stride_mean", "walking_metrics"]
 
 SETTLING_S = 0.5
-"""How long after a change of the command or of the push errors do not count, s."""
+"""Time after a change of the command or of the push in which errors are not evaluated, s."""
 
 RECOVERED_M_S = 0.05
-"""A robot whose velocity, averaged over a stride, is closer to the command than this has recovered from a push, m/s."""
+"""Error of the velocity averaged over a stride, m/s, below which a robot has recovered from a push."""
 
 STANDING_M_S = 0.02
-"""A robot with all feet in stance that is slower than this stands, m/s."""
+"""Speed below which a robot with all feet in stance stands, m/s."""
 
 IMPACT_S = 0.02
-"""How long after a touchdown a foot's force counts as that of the impact, s."""
+"""Duration of the impact after a touchdown, s."""
 
 _GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
 class WalkingMetrics:
-    """How a robot followed its motion commands. ``None`` where there was nothing to measure.
+    """Metrics of a robot that follows motion commands. ``None`` where there was nothing to measure.
 
     Attributes:
-        velocity_rmse_m_s: RMS size of the error of the planar velocity averaged over a stride, on plateaus.
-        raw_velocity_rmse_m_s: the same of the instantaneous velocity.
-        velocity_bias_m_s: size of the mean velocity error on a plateau, the largest of all plateaus.
+        velocity_rmse_m_s: RMS norm of the error of the planar velocity averaged over a stride, on plateaus.
+        raw_velocity_rmse_m_s: RMS norm of the error of the instantaneous planar velocity, on plateaus.
+        velocity_bias_m_s: norm of the mean velocity error on a plateau, the largest of all plateaus.
         yaw_rate_rmse_rad_s: RMS error of the yaw rate averaged over a stride, on plateaus.
         height_rmse_m: RMS error of the base's height, on plateaus.
         height_std_m: standard deviation of the base's height within a plateau, the largest of all plateaus.
-        cost_of_transport: sum of ``|torque x joint speed|`` over weight x way in the commanded direction, on plateaus
-            with a planar velocity.
-        steps: swings begun, of all feet.
-        lost_contacts: how often a foot lost its contact in the middle of a stance, of all feet.
-        walking_tilt_deg: largest tilt while the command moves or a foot swings.
-        max_scuff_m: longest way that a foot slides over the floor within one swing.
+        cost_of_transport: integral of ``|torque x joint speed|`` over weight x distance in the commanded direction, on
+            plateaus with a planar velocity.
+        steps: number of swings of all feet.
+        lost_contacts: number of contacts lost during a stance, of all feet.
+        walking_tilt_deg: largest tilt while the command is not zero or a foot swings.
+        max_scuff_m: largest distance that a foot slides over the floor within one swing.
         peak_impact_n: largest normal force of a foot within 20 ms from the end of a swing.
-        odometry_drift_percent: error of the estimated base position at the end over the way that the base went;
+        odometry_drift_percent: error of the estimated base position at the end over the distance travelled;
             None without an estimator.
         recovery_time_s: time from the end of a push until the velocity averaged over a stride stays within 0.05 m/s
             of the command (until the next push or change of the command); the largest of all pushes.
         ends_standing: whether the robot stands at the end: all feet in stance, slower than 2 cm/s. None if the last
-            command moves.
-        stop_strides: time from the command's coming to rest until the robot stands for good, in gait cycles.
-        final_foot_error_m: largest horizontal distance of a foot, at the end, from where it was relative to the base
-            at the start; of a robot that ends standing.
+            command is not zero.
+        stop_strides: time from the end of the command's motion until the robot stands for good, in gait cycles.
+        final_foot_error_m: largest horizontal distance of a foot at the end from its initial position relative to the
+            base; of a robot that ends standing.
     """
 
     velocity_rmse_m_s: float | None
@@ -84,11 +84,11 @@ class WalkingMetrics:
 
 
 def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
-    """Measure how a run followed its commands; ``None`` if none moved the robot and it never stepped.
+    """Return the metrics of a run with motion commands; ``None`` if all were zero and no foot swung.
 
     Args:
         log: the log.
-        tilt: (k,) of the base at the first k ticks, deg; later ticks, such as those after a fall, do not count.
+        tilt: (k,) tilt of the base at the first k ticks, deg; later ticks, such as those after a fall, are ignored.
     """
     if not (log.commanded or log.stepped) or len(tilt) < 2:
         return None
@@ -131,7 +131,7 @@ def stride_mean(values: Array, ticks: int) -> Array:
 
 
 class _Walk:
-    """The first ``ticks`` of a log in the form that the figures are measured in."""
+    """The first ``ticks`` of a log, with the quantities from which the metrics are computed."""
 
     def __init__(self, log: RunLog, ticks: int) -> None:
         assert log.command is not None and log.gait_period_s is not None
@@ -146,20 +146,29 @@ class _Walk:
 
     def constant(self) -> Iterator[tuple[int, int]]:
         """The stretches ``[a, b)`` of ticks in which command, gait period and push are constant."""
-        causes = np.column_stack((self.command, self.period, self.log.push[: self.ticks]))
-        changes = np.flatnonzero(np.any(np.diff(causes, axis=0) != 0.0, axis=1)) + 1
-        yield from zip([0, *changes.tolist()], [*changes.tolist(), self.ticks], strict=True)
+        yield from _stretches(self.command, self.period, self.log.push[: self.ticks])
+
+    def demanded(self) -> Iterator[tuple[int, int]]:
+        """The stretches ``[a, b)`` of ticks in which command and push are constant, whatever gait answers them."""
+        yield from _stretches(self.command, self.log.push[: self.ticks])
 
     def stride(self, tick: int) -> int:
-        """The ticks of one gait cycle."""
+        """Return the number of ticks of the gait cycle at a tick."""
         return max(1, round(float(self.period[tick]) / self.dt))
 
     def plateaus(self) -> Iterator[tuple[int, int]]:
-        """The settled parts of the stretches in which the robot is to move, at least one stride long."""
+        """Yield the settled parts of the intervals with a command that is not zero, at least one stride long."""
         for a, b in self.constant():
             begin = a + round(SETTLING_S / self.dt)
             if self.command[a].any() and b - begin >= self.stride(a):
                 yield begin, b
+
+
+def _stretches(*causes: Array) -> Iterator[tuple[int, int]]:
+    """The stretches ``[a, b)`` of rows in which arrays (n,) and (n, k) are constant."""
+    rows = np.column_stack(causes)
+    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
+    yield from zip([0, *changes.tolist()], [*changes.tolist(), len(rows)], strict=True)
 
 
 def _tracking(walk: _Walk) -> dict[str, Any]:
@@ -189,30 +198,30 @@ def _count(walk: _Walk, state: str) -> int:
 
 
 def _cost_of_transport(walk: _Walk) -> float | None:
-    log, work, way = walk.log, 0.0, 0.0
+    log, work, distance = walk.log, 0.0, 0.0
     for a, b in walk.plateaus():
         speed = float(np.hypot(*walk.command[a, :2]))
         if speed > 0.0:
             work += float(np.abs(log.tau[a:b] * log.joint_velocity[a:b]).sum()) * walk.dt
-            way += float((walk.velocity[a:b, :2] @ (walk.command[a, :2] / speed)).sum()) * walk.dt
-    return work / (log.mass_kg * _GRAVITY * way) if way > 0.0 and np.isfinite(log.mass_kg) else None
+            distance += float((walk.velocity[a:b, :2] @ (walk.command[a, :2] / speed)).sum()) * walk.dt
+    return work / (log.mass_kg * _GRAVITY * distance) if distance > 0.0 and np.isfinite(log.mass_kg) else None
 
 
 def _scuff(walk: _Walk) -> float:
-    """Sum the ways of each foot's contact point between ticks of one swing at which the floor pushes the foot."""
+    """Return the largest sum of a foot's displacements in one swing between ticks at which the floor pushes it, m."""
     touching = walk.log.contact_forces[: walk.ticks, :, 2] > CONTACT_FORCE_N
     sliding = (walk.states == CONTACT_STATES.index("swing")) & touching
-    way = np.linalg.norm(np.diff(walk.log.contact_points[: walk.ticks, :, :2], axis=0), axis=2)
-    way = np.where(sliding[1:] & sliding[:-1], way, 0.0)
+    distance = np.linalg.norm(np.diff(walk.log.contact_points[: walk.ticks, :, :2], axis=0), axis=2)
+    distance = np.where(sliding[1:] & sliding[:-1], distance, 0.0)
     longest = 0.0
-    for foot in range(way.shape[1]):
+    for foot in range(distance.shape[1]):
         swing = np.cumsum(np.concatenate(([False], np.diff(walk.stance[:, foot].astype(np.int8)) < 0)))
-        longest = max(longest, float(np.bincount(swing[1:], way[:, foot]).max(initial=0.0)))
+        longest = max(longest, float(np.bincount(swing[1:], distance[:, foot]).max(initial=0.0)))
     return longest
 
 
 def _peak_impact(walk: _Walk) -> float | None:
-    """Look for the peaks while each foot carries since no longer than the duration of an impact."""
+    """Return the largest normal force of a foot within the duration of an impact after its touchdown, N."""
     forces = walk.log.contact_forces[: walk.ticks, :, 2]
     peaks = []
     for foot in range(forces.shape[1]):
@@ -225,10 +234,10 @@ def _drift(walk: _Walk) -> float | None:
     if walk.log.estimate_q is None:
         return None
     true = walk.log.base_pose[: walk.ticks, :3]
-    # By strides: the sway within one is no way.
-    way = np.linalg.norm(np.diff(true[:: walk.stride(walk.ticks - 1), :2], axis=0), axis=1).sum()
+    # Stride by stride: the sway within one is not distance travelled.
+    distance = np.linalg.norm(np.diff(true[:: walk.stride(walk.ticks - 1), :2], axis=0), axis=1).sum()
     error = np.linalg.norm(walk.log.estimate_q[walk.ticks - 1, :3] - true[-1])
-    return float(1e2 * error / way) if way > 0.0 else None
+    return float(1e2 * error / distance) if distance > 0.0 else None
 
 
 def _recovery_time(walk: _Walk) -> float | None:
@@ -238,8 +247,8 @@ def _recovery_time(walk: _Walk) -> float | None:
     longest = 0.0
     for push in pushes:
         first = int(np.searchsorted(walk.time, push.end - 0.5 * walk.dt))
-        last = next(b for _, b in walk.constant() if first < b)
-        window = walk.stride(first)
+        last = next(b for _, b in walk.demanded() if first < b)
+        window = walk.stride(last - 1)  # of the gait that it comes back to; steps against pushes have their own
         begin = max(0, first + 1 - window)
         errors = stride_mean((walk.velocity - walk.command)[begin:last, :2], window)
         far = np.flatnonzero(np.linalg.norm(errors, axis=1) > RECOVERED_M_S)
@@ -278,5 +287,5 @@ def _foot_error(walk: _Walk) -> float:
 
 
 def _rms(errors: Array) -> float | None:
-    """RMS size of the vectors (n, k)."""
+    """Return the RMS norm of the vectors (n, k)."""
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if len(errors) else None

@@ -1,11 +1,12 @@
 """The base of all settings classes: strict and frozen, with types of bounded numbers and errors that name the key.
 
-Each room defines its settings as subclasses of :class:`Settings`: units in the names; bounds, defaults and descriptions
-in the fields. Python code constructs them directly; a config document composes the same classes.
+Each package defines its settings as subclasses of :class:`Settings`: units in the names; bounds, defaults and
+descriptions in the fields. Python code constructs them directly; a config document composes the same classes.
 """
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
@@ -66,6 +67,11 @@ class Settings(BaseModel, metaclass=_SettingsType):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
 
+    def reduce_to_structure(self) -> tuple[Any, ...]:
+        """Reduce to the values (see :mod:`lgmpc.compile.index`), whether they were given or are defaults."""
+        state = {**self.__getstate__(), "__pydantic_fields_set__": set()}
+        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
+
     def replace(self, changes: Mapping[str, Any]) -> Self:
         """Return a checked copy with some values changed.
 
@@ -90,7 +96,7 @@ class Settings(BaseModel, metaclass=_SettingsType):
         return html_table(type(self).__name__, rows or [("all values", "defaults")])
 
     def _changed(self, section: str = "") -> Iterator[tuple[str, Any]]:
-        """Yield dotted key and value of what differs from its default, nested settings included."""
+        """Yield dotted key and value of each entry that differs from its default, nested settings included."""
         for name, field in type(self).model_fields.items():
             value = getattr(self, name)
             default = None if field.is_required() else field.get_default(call_default_factory=True, validated_data={})

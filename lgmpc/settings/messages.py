@@ -122,7 +122,7 @@ def _translate(detail: ErrorDetails, root: type[Settings], data: Any) -> Iterato
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         field = _field(root, path, data)
         branches = list(_sections_of(field.annotation)) if field else []
-        tags = [tag for branch in branches for tag in _kinds(branch)]
+        tags = list(dict.fromkeys(tag for branch in branches for tag in _kinds(branch)))
         key = f"{key}.{_tag_key(branches[0]) if branches else 'kind'}"
         got = context.get("tag")
         yield Finding(key, show_value(got), f"one of {', '.join(tags)}", tuple(tags) if got else (), word=str(got))
@@ -141,7 +141,7 @@ def _words(kind: str, context: Mapping[str, Any], message: str) -> str:
 
 
 def _path_in_data(loc: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
-    """Remove from ``loc`` pydantic's names of union branches, which are no keys of the data."""
+    """Remove from ``loc`` pydantic's names of union branches, which are not keys of the data."""
     path: list[str] = []
     here = data
     for depth, part in enumerate(loc):

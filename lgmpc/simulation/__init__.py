@@ -1,6 +1,6 @@
-"""Simulated worlds: the plants, their parameters, sensors, disturbances, and the loop that drives them.
+"""Simulation: plants, their parameters, sensors, disturbances, and the closed loop.
 
-Two plants stand behind one protocol: :class:`PinocchioPlant`, and :class:`lgmpc.simulation.mujoco.MujocoPlant`, which
+Two plants implement one protocol: :class:`PinocchioPlant`, and :class:`lgmpc.simulation.mujoco.MujocoPlant`, which
 is not named here because it loads MuJoCo.
 """
 

@@ -16,8 +16,8 @@ def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Arra
     """Return the linear momentum and the mechanical energy of the simulated robot, rotors included.
 
     Args:
-        robot: of the controllers.
-        settings: what the simulated one differs in.
+        robot: the controllers' model.
+        settings: parameters in which the simulated robot differs.
         q: (k, nq) configurations.
         v: (k, nv) velocities.
 

@@ -1,8 +1,9 @@
-"""Pushes: impulses given to named bodies, spread over the steps of a plant."""
+"""Pushes: impulses on named bodies, distributed over the steps of a plant."""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated
@@ -20,13 +21,11 @@ _SNAP = 1e-6  # steps; a boundary this close to a step's is meant to be on it
 
 
 class Push(Settings):
-    """A constant force at a body's centre of mass, for a while."""
+    """A constant force at a body's centre of mass, for a limited time."""
 
     body: str = Field(min_length=1, description="Name of the pushed body (link).")
-    time_s: NonNegative = Field(description="When the push begins, s.")
-    duration_s: Annotated[Positive, Field(le=3600.0)] = Field(
-        default=0.2, description="How long it lasts, s, at most an hour."
-    )
+    time_s: NonNegative = Field(description="Start of the push, s.")
+    duration_s: Annotated[Positive, Field(le=3600.0)] = Field(default=0.2, description="Duration, s, at most an hour.")
     impulse_ns: Vector3 = Field(description="[x, y, z] force times duration, world axes, N.s.")
 
     @property
@@ -65,6 +64,7 @@ class PushSchedule:
         self.bodies = tuple(dict.fromkeys(push.body for push in pushes))
         self._dt = dt
         self._spans = [_span(push, dt) for push in pushes]
+        self._edges = _edges(self._spans)
         self._at_rest = self._freeze({body: np.zeros(6) for body in self.bodies})
 
     def wrenches(self, time: float) -> Mapping[str, Array]:
@@ -87,7 +87,7 @@ class PushSchedule:
 
     def is_active(self, time: float) -> bool:
         """Whether anything is pushed during the step that begins at ``time``."""
-        return bool(self._spans and self._active(round(time / self._dt)))
+        return bisect_right(self._edges, round(time / self._dt)) % 2 == 1
 
     def _active(self, step: int) -> list[int]:
         """Return the indices of the pushes that cover a part of a step."""
@@ -98,6 +98,17 @@ class PushSchedule:
         for wrench in wrenches.values():
             wrench.flags.writeable = False
         return MappingProxyType(wrenches)
+
+
+def _edges(spans: Sequence[tuple[float, float]]) -> list[int]:
+    """Return the steps at which pushing begins and ends, in turn: the union of the spans."""
+    edges: list[int] = []
+    for begin, end in sorted((math.floor(begin), math.ceil(end)) for begin, end in spans):
+        if edges and begin <= edges[-1]:
+            edges[-1] = max(edges[-1], end)
+        else:
+            edges += [begin, end]
+    return edges
 
 
 def _span(push: Push, dt: float) -> tuple[float, float]:

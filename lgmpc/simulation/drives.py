@@ -1,6 +1,7 @@
-"""What lies between controller and joints: a link that delays, drives that lag and saturate, time to compute.
+"""The path from controller to joints: a link with delays, drives with lag and saturation, computing time.
 
-The plant advances in steps: what arrives within a step acts from the next one on, so ``plant.rate_hz`` resolves delays.
+The plant advances in steps: commands that arrive within a step act from the next one on, so ``plant.rate_hz`` is the
+resolution of delays.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class ActuatorSettings(Settings):
         default=None, description="Corner frequency of the torque's first-order lag, Hz; null: none."
     )
     torque_limit_nm: Positive | None = Field(
-        default=None, description="Real torque limit, N.m; null: that of the robot, on which controllers rely."
+        default=None, description="Actual torque limit, N.m; null: that of the robot, which controllers assume."
     )
     stall_torque_nm: Positive | None = Field(
         default=None, description="Torque that the supply allows at rest, N.m; with no_load_speed_rad_s."
@@ -86,11 +87,11 @@ class ActuatorSettings(Settings):
 
 
 class TimingSettings(Settings):
-    """How long computing takes in simulated time. A tick that is due while an earlier one is computed is missed."""
+    """Simulated duration of the computations. A tick that is due while an earlier one is computed is missed."""
 
     computing: Literal["ideal", "measured", "modelled"] = Field(
         default="ideal",
-        description="ideal: none. measured: the time that it takes here. modelled: drawn from tick_ms and plan_ms.",
+        description="ideal: none. measured: measured on this machine. modelled: drawn from tick_ms and plan_ms.",
     )
     tick_ms: Milliseconds = Field(
         default=(0.08, 0.1, 0.11, 0.13, 0.4),
@@ -98,7 +99,7 @@ class TimingSettings(Settings):
     )
     plan_ms: Milliseconds = Field(
         default=(0.5, 0.7, 0.8, 1.0, 3.0),
-        description="Quantiles of planning, which comes on top in ticks that plan, ms.",
+        description="Quantiles of planning, in addition in ticks that plan, ms.",
     )
 
     @model_validator(mode="after")
@@ -138,6 +139,9 @@ class DelayLine(Generic[T]):
     def receive(self, time: float) -> T:
         """Return the newest value that has arrived at ``time``."""
         flying, now = self._flying, time + _SAME_TIME
+        if flying and flying[-1][0] <= now:
+            self._last = flying[-1][1]
+            flying.clear()
         for newest in range(len(flying) - 1, -1, -1):
             if flying[newest][0] <= now:
                 self._last = flying[newest][1]
@@ -202,15 +206,21 @@ class Drives:
             return
         self._line.send(command, time)
 
-    def torque(self, time: float, joints: Array, rates: Array) -> Array:
-        """Return the torque (nu,) of the step that begins now, before the limit that the plant clips at."""
-        torque = self._line.receive(time).torque(joints, rates)
+    def torque(self, time: float, q: Array, v: Array) -> Array:
+        """Return the torque (nu,) of the step that begins now, before the limit that the plant clips at.
+
+        Args:
+            time: s.
+            q: configuration, whose last nu elements are the joints'.
+            v: velocity, the same.
+        """
+        torque = self._line.receive(time).torque(q, v)
         if self._share < 1.0 and self._torque is not None:
             torque = self._torque + self._share * (torque - self._torque)
         self._torque = torque
         if self._stall is not None and self._no_load is not None:
             # A motor at constant voltage: its torque falls linearly with the speed that it drives.
-            driving = np.maximum(np.sign(torque) * rates, 0.0)
+            driving = np.maximum(np.sign(torque) * v[-torque.size :], 0.0)
             available = np.maximum(self._stall * (1.0 - driving / self._no_load), 0.0)
             torque = np.minimum(np.maximum(torque, -available), available)
         return torque

@@ -1,4 +1,4 @@
-"""The state that a simulated robot begins in."""
+"""The initial state of a simulated robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["initial_state"]
 
 
 def initial_state(robot: Robot, settings: PlantSettings) -> Array:
-    """Return (nq + nv,) the initial state that ``settings`` describe, the robot's lowest point on the floor.
+    """Return (nq + nv,) the initial state for ``settings``, with the robot's lowest point on the floor.
 
     Raises:
         InputError: a key of ``initial_posture`` matches no joint, or the robot has no feet to lie on.

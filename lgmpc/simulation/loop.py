@@ -169,7 +169,7 @@ class Loop:
         self._plant, self._controller, self._rates, self._sensing = plant, controller, rates, sensing
         self._hardware = _ideal(plant) if hardware is None else hardware
         self._disturber = _Disturber(plant, pushes)
-        self._ready, self._nu = -math.inf, 0
+        self._ready = -math.inf
 
     def run(self, on_tick: Callable[[Tick], bool], until: int | None = None) -> bool:
         """Simulate tick after tick.
@@ -188,21 +188,19 @@ class Loop:
             state = true_state(sample) if self._sensing is None else self._sensing.state(sample)
             disturbance = disturber.apply(sample.time)
             goes_on = True
-            if sample.time > self._ready - _SAME_TIME:  # else the computer is still at an earlier tick: a missed one
+            if sample.time > self._ready - _SAME_TIME:
                 command = self._controller.update(state)
-                nu = self._nu = command.tau.size
                 self._ready = sample.time + hardware.computing.spent(hardware.measured)
                 drives.send(command, self._ready)
-                torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
+                torque = drives.torque(sample.time, sample.q, sample.v)
                 goes_on = on_tick(Tick(self.index, sample, state, command, torque, disturbance))
-            else:
-                nu = self._nu
-                torque = drives.torque(sample.time, sample.q[-nu:], sample.v[-nu:])
+            else:  # the computer is still at an earlier tick: a missed one
+                torque = drives.torque(sample.time, sample.q, sample.v)
             plant.step(torque)
             for _ in range(rates.substeps - 1):
                 now = plant.sense()
                 disturber.apply(now.time)
-                plant.step(drives.torque(now.time, now.q[-nu:], now.v[-nu:]))
+                plant.step(drives.torque(now.time, now.q, now.v))
             self.index += 1
             if not goes_on:
                 return False

@@ -18,9 +18,8 @@ import pinocchio as pin
 
 from lgmpc.errors import ModelError
 from lgmpc.robot import Box, CollisionShape, Sphere
-from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
 from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
-from lgmpc.simulation.plant import PlantSample
+from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
 
 if TYPE_CHECKING:
@@ -72,12 +71,12 @@ class MujocoPlant:
         self._look_up()
         self._tau = np.zeros(self._nu)
         self._steps = 0
-        self._inverse = np.zeros(4)
         self.reset(robot.x_reference)
 
     def _look_up(self) -> None:
         """Keep views into the engine's memory, which stays where it is: looking them up costs more than using them."""
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._quaternion, self._velocity = self._qpos[3:7], self._qvel[:3]
         self._joint_force = self.data.qfrc_applied[self._robot.joint_v]
         self._applied = self.data.xfrc_applied
         self._contact_forces = self.data.sensordata.reshape(self._nc, 3)
@@ -111,7 +110,7 @@ class MujocoPlant:
         self._layout.write(q, self._qpos)
         self._qvel[:] = v
         if self._floating:
-            mujoco.mju_rotVecQuat(self._qvel[:3], v[:3], self._qpos[3:7])
+            mujoco.mju_rotVecQuat(self._velocity, v[:3], self._quaternion)
         self._wrenches.clear()
         self._tau = np.zeros(self._nu)
         self._steps = 0
@@ -125,7 +124,7 @@ class MujocoPlant:
         """
         check_torque(tau, self._nu)
         self._tau = np.minimum(np.maximum(tau, self._lowest_effort), self._effort)
-        self._joint_force[:] = self._tau
+        self._joint_force[...] = self._tau
         mujoco.mj_step(self.model, self.data)
         self._steps += 1
         check_speed(self._qvel, "MuJoCo plant", self._steps * self._dt)
@@ -134,8 +133,7 @@ class MujocoPlant:
         """Return the state reached by the last step."""
         q, v = self._layout.read(self._qpos), self._qvel.copy()
         if self._floating:
-            mujoco.mju_negQuat(self._inverse, self._qpos[3:7])
-            mujoco.mju_rotVecQuat(v[:3], self._qvel[:3], self._inverse)
+            v[0], v[1], v[2] = _turned_back(self._quaternion.tolist(), self._velocity.tolist())
         return PlantSample(self._steps * self._dt, q, v, self._tau, self._contact_forces.copy())
 
     def set_wrench(self, body: str, wrench: Array) -> None:
@@ -208,6 +206,13 @@ class _Layout:
     def write(self, q: Array, qpos: Array) -> None:
         qpos[self.theirs] = q[self.ours]
         qpos[self.angles] = np.arctan2(q[self.cosines + 1], q[self.cosines])
+
+
+def _turned_back(quaternion: list[float], vector: list[float]) -> tuple[float, float, float]:
+    """Return a vector turned by the inverse of a unit quaternion w x y z."""
+    (w, x, y, z), (a, b, c) = quaternion, vector
+    u, v, s = w * a - y * c + z * b, w * b - z * a + x * c, w * c - x * b + y * a
+    return a - 2.0 * (y * s - z * v), b - 2.0 * (z * u - x * s), c - 2.0 * (x * v - y * u)
 
 
 def _transpose(pairs: list[tuple[int, int]]) -> tuple[list[int], list[int]]:

@@ -1,4 +1,4 @@
-"""What a simulated world may have different from the controller's model, and the robot model that results."""
+"""Parameters in which a simulated world may differ from the controller's model, and the resulting robot model."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PlantSettings(Settings):
         default=1000.0, description="Steps of the engine per second, Hz, from 10 to 1e6."
     )
     integrator: Literal["implicitfast", "implicit", "euler", "rk4"] = Field(
-        default="implicitfast", description="Integrator of MuJoCo. The plant of Pinocchio has only its default."
+        default="implicitfast", description="Integrator of MuJoCo. The Pinocchio plant has only the default."
     )
     friction: Friction = Field(default=0.6, description="Coulomb friction coefficient between robot and floor.")
     joint_friction_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
@@ -65,10 +65,10 @@ class PlantSettings(Settings):
     )
 
     initial_velocity_m_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Velocity of the whole robot at the start, base axes, m/s."
+        default=(0.0, 0.0, 0.0), description="Initial velocity of the robot, base axes, m/s."
     )
     initial_rotation_rad_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Angular velocity of the whole robot at the start, base axes, rad/s."
+        default=(0.0, 0.0, 0.0), description="Initial angular velocity of the robot, base axes, rad/s."
     )
     link: LinkSettings = Field(default=LinkSettings(), description="Delays, losses and noise of the link to the robot.")
     actuators: ActuatorSettings = Field(default=ActuatorSettings(), description="The drives of the joints.")

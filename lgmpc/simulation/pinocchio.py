@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.simulation.boundary import BodyWrenches, check_speed, check_state, check_torque
 from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
-from lgmpc.simulation.plant import PlantSample
+from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What a simulated robot's sensors measure: an IMU at the base, joint encoders, and torques from motor currents."""
+"""Simulated sensors: an IMU at the base, joint encoders, and torques from motor currents."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ class SensorNoise(Settings):
         default=3.5e-5, description="Angle between two counts of a joint's encoder, rad; 0: no rounding."
     )
     joint_velocity_noise_rad_s: Noise = Field(
-        default=0.02, description="Standard deviation of a joint's speed as its drive measures it, rad/s."
+        default=0.02, description="Standard deviation of a joint's speed measured by its drive, rad/s."
     )
     torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.01, description="Standard deviation of a joint torque as its motor current measures it, N.m."
+        default=0.01, description="Standard deviation of a joint torque measured by its motor current, N.m."
     )
 
 
 class Sensors:
-    r"""The sensors of a robot in a plant, whichever engine moves it.
+    r"""The sensors of a simulated robot, for any plant.
 
-    The IMU integrates, as real ones do inside: it measures the constant body rates that would have led from the state
+    The IMU integrates between readings, as real ones do: it measures the constant body rates that lead from the state
     of the last reading to the present one,
     ``w = log(R^T R+) / dt`` and ``a = Gamma_1(w dt)^{-1} R^T (v+ - v - g dt) / dt`` (coning and sculling included;
-    Savage, J. Guidance and Control 1998), so the contact impulses of a time-stepping engine are in it, whole.
+    Savage, J. Guidance and Control 1998), so the contact impulses of a time-stepping engine are included.
 
     Args:
         robot: a robot with a floating base; the IMU is in its base frame.
@@ -105,7 +105,7 @@ class Sensors:
         return self._bias[3:]
 
     def read(self, sample: PlantSample) -> Measurement:
-        """Return the measurement at the plant's present state; the first one assumes that it was so before."""
+        """Return the measurement at the plant's present state; the first one assumes an unchanged state before."""
         rotation = quaternion.to_matrix.unchecked(sample.q[3:7])
         velocity = rotation @ sample.v[:3]
         rates = np.empty(6)

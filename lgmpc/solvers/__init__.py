@@ -2,7 +2,8 @@
 
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box_fddp import BoxFddp
-from lgmpc.solvers.fddp import Fddp, FddpSettings
+from lgmpc.solvers.fddp import Fddp
+from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings
 from lgmpc.solvers.methods import AnySolverSettings, Solver, make_solver

@@ -20,11 +20,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.actions import Action, NumericContactAction, PenalizedAction
+from lgmpc.actions import Action, NumericContactAction, PenalizedAction, PenalizedPythonAction, PythonAction
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
 from lgmpc.settings import Positive
-from lgmpc.solvers.fddp import Fddp, FddpSettings
+from lgmpc.solvers.fddp import Fddp
+from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.solution import Solution, Status
 
@@ -85,11 +86,11 @@ class AugmentedLagrangianFddp(IterativeSolver):
         self.settings = AugmentedLagrangianSettings() if settings is None else settings
         made: dict[int, Action] = {}
         for k, action in enumerate(problem.actions):
-            if isinstance(action, NumericContactAction) and action.value_function.size1_out("constraint"):
+            if isinstance(action, NumericContactAction) and action.path_rows:
                 expected = "an action of expressions (the SQP takes constraints of others)"
                 raise InputError(f"actions[{k}]", f"'{action.name}', a numeric action with path constraints", expected)
             if id(action) not in made:
-                made[id(action)] = PenalizedAction(action) if action.value_function.size1_out("constraint") else action
+                made[id(action)] = _penalized(action) if action.path_rows else action
         self._penalized = ShootingProblem([made[id(action)] for action in problem.actions], terminal=problem.terminal)
         least = FddpSettings(stationarity=self.settings.tolerance)
         self._fddp = Fddp(self._penalized, least, progress)
@@ -168,7 +169,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
 
     def _write(self) -> None:
         for k, action in enumerate(self._penalized.actions):
-            if isinstance(action, PenalizedAction):
+            if isinstance(action, (PenalizedAction, PenalizedPythonAction)):
                 row = self._penalized.parameters[k]
                 row[action.parameters["constraint_multipliers"]] = self._multipliers[k, : action.ng]
                 row[action.parameters["constraint_penalty"]] = self._penalty
@@ -200,3 +201,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
             found, problem=self.problem.copy(), multipliers=mu.copy(), cost=self._cost(), kkt=kkt,
             criterion=kkt.largest, timings=replace(found.timings, total=time.perf_counter() - start),
         )  # fmt: skip
+
+
+def _penalized(action: Action) -> PenalizedAction | PenalizedPythonAction:
+    return PenalizedPythonAction(action) if isinstance(action, PythonAction) else PenalizedAction(action)

@@ -18,9 +18,11 @@ typedef struct {
   const double *value_hessian, *value_gradient, *us, *u_lower, *u_upper, *regularization, *rounding;
   long long* held;
   double *fixed_jacobian, *fixed_hessian, *fixed_gradient, *fixed_gaps, *dxs, *dus, *costate, *expected;
+  long long* changed; /* whether the held controls of an interval have changed */
+  const double *last_hessian, *last_gradient;
   int (*sweep)(void**);
   void** sweep_frame;
-  long long* sweep_plan; /* N, whether all gaps are zero */
+  long long* sweep_plan; /* N, whether all gaps are zero, the interval to begin with */
 } Frame;
 
 static double dot(long n, const double* a, const double* b) {
@@ -40,19 +42,22 @@ static double move(const Frame* f, long at) {
   return f->held[at] > 0 ? f->u_upper[at] - f->us[at] : f->held[at] < 0 ? f->u_lower[at] - f->us[at] : 0;
 }
 
-/* Writes the model in which held controls change by their moves and nothing else; returns whether any moves. */
+/* Writes the model in which held controls change by their moves and nothing else, of the intervals that have changed;
+   returns whether any moves. */
 static int fix(const Frame* f) {
   const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
   long t, i, c;
   int any = 0;
-  memcpy(f->fixed_jacobian, f->jacobian, sizeof(double) * n * w * nx);
-  memcpy(f->fixed_hessian, f->hessian, sizeof(double) * n * w * w);
-  memcpy(f->fixed_gradient, f->gradient, sizeof(double) * n * w);
-  if (f->plan[3]) memset(f->fixed_gaps, 0, sizeof(double) * (n + 1) * nx);
-  else memcpy(f->fixed_gaps, f->gaps, sizeof(double) * (n + 1) * nx);
   for (t = 0; t < n; ++t) {
     double *jacobian = f->fixed_jacobian + t * w * nx, *hessian = f->fixed_hessian + t * w * w;
     double *gradient = f->fixed_gradient + t * w, *gap = f->fixed_gaps + (t + 1) * nx;
+    if (!f->changed[t]) continue;
+    f->changed[t] = 0;
+    memcpy(jacobian, f->jacobian + t * w * nx, sizeof(double) * w * nx);
+    memcpy(hessian, f->hessian + t * w * w, sizeof(double) * w * w);
+    memcpy(gradient, f->gradient + t * w, sizeof(double) * w);
+    if (f->plan[3]) memset(gap, 0, sizeof(double) * nx);
+    else memcpy(gap, f->gaps + (t + 1) * nx, sizeof(double) * nx);
     for (c = 0; c < nu; ++c) {
       const double by = move(f, t * nu + c);
       if (by == 0) continue;
@@ -98,10 +103,11 @@ static double slope(const Frame* f, long t, long c) {
     + *f->regularization * du[c] + dot(nx, f->jacobian + row * nx, f->costate);
 }
 
-/* Holds free controls beyond their bounds, frees held ones whose gradient points inwards; returns how many. */
+/* Holds free controls beyond their bounds, frees held ones whose gradient points inwards; returns the last interval that
+   has changed, -1 if none has. */
 static long exchange(const Frame* f) {
   const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2];
-  long t, i, c, changed = 0;
+  long t, i, c, changed = -1;
   for (t = 0; t < n; ++t) {
     int known = 0;
     for (c = 0; c < nu; ++c) {
@@ -111,7 +117,7 @@ static long exchange(const Frame* f) {
       if (f->held[at] == 0) {
         if (f->dus[at] > high + rounding) f->held[at] = 1;
         else if (f->dus[at] < low - rounding) f->held[at] = -1;
-        changed += f->held[at] != 0;
+        if (f->held[at]) f->changed[changed = t] = 1;
       } else if (low != high) {
         if (!known) { /* the sweep's gradients are those with closed gaps */
           const double *next = f->dxs + (t + 1) * nx, *gap = f->fixed_gaps + (t + 1) * nx;
@@ -121,7 +127,7 @@ static long exchange(const Frame* f) {
         }
         if (f->held[at] * slope(f, t, c) > 0) {
           f->held[at] = 0;
-          ++changed;
+          f->changed[changed = t] = 1;
         }
       }
     }
@@ -129,7 +135,7 @@ static long exchange(const Frame* f) {
   return changed;
 }
 
-/* Writes the linear and the quadratic part of the model's decrease along the minimiser, that of the last node excepted. */
+/* Writes the linear and the quadratic part of the model's decrease along the minimiser. */
 static void expect(const Frame* f) {
   const long n = f->plan[0], nx = f->plan[1], nu = f->plan[2], w = nx + nu;
   long t, i;
@@ -142,21 +148,31 @@ static void expect(const Frame* f) {
       quadratic += (i < nx ? dx[i] : du[i - nx]) * (dot(nx, row, dx) + dot(nu, row + nx, du));
     }
   }
+  const double* last = f->dxs + n * nx;
+  linear += dot(nx, f->last_gradient, last);
+  for (i = 0; i < nx; ++i) quadratic += last[i] * dot(nx, f->last_hessian + i * nx, last);
   f->expected[0] = -linear;
   f->expected[1] = -quadratic;
 }
 
 /* Returns 0 if the active set converged. */
 EXPORT int lgmpc_box(const Frame* f) {
-  const long long all = f->plan[0] * f->plan[2];
+  const long n = f->plan[0], all = n * f->plan[2];
   long long i, round;
+  long last = n - 1;
+  int moved = 0;
   for (i = 0; i < all; ++i)
     if (f->u_lower[i] == f->u_upper[i]) f->held[i] = 1;
+  for (i = 0; i < n; ++i) f->changed[i] = 1;
+  if (f->plan[3]) memset(f->fixed_gaps, 0, sizeof(double) * f->plan[1]);
+  else memcpy(f->fixed_gaps, f->gaps, sizeof(double) * f->plan[1]);
   for (round = 0; round < f->plan[4]; ++round) {
-    const int moved = fix(f);
+    moved |= fix(f);
     f->sweep_plan[1] = f->plan[3] && !moved;
+    f->sweep_plan[2] = last + 1 < n ? last + 1 : n - 1; /* the gap behind the changed interval has changed too */
     if (f->sweep(f->sweep_frame) || !follow(f)) return 1;
-    if (!exchange(f)) {
+    last = exchange(f);
+    if (last < 0) {
       expect(f);
       return 0;
     }

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action
+from lgmpc.actions import Action, PythonAction
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
 from lgmpc.ocp.shooting import runs_of
@@ -22,36 +23,67 @@ ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to 
 EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 
 
+class _Limits:
+    """Bounds of the rows of consecutive intervals of one action, evaluated in memory of numpy's.
+
+    Args:
+        intervals: which.
+        rows: (ng,) the controls that the rows bound.
+        limits: ``p -> (lower, upper)`` of the rows.
+
+    Attributes:
+        controls: the controls that have a row, in increasing order.
+        first: the first row of each.
+    """
+
+    def __init__(self, intervals: slice, rows: IntArray, limits: ca.Function) -> None:
+        length = intervals.stop - intervals.start
+        self.intervals, self.rows = intervals, rows
+        self.controls, self.first = np.unique(rows, return_index=True)
+        self._given = np.zeros((length, limits.numel_in(0)))
+        self._found = np.zeros((2, length, rows.size))
+        buffer: Any
+        buffer, self._evaluate = limits.map(length).buffer()
+        if self._given.size:
+            buffer.set_arg(0, self._given.data)
+        for i, found in enumerate(self._found):
+            buffer.set_res(i, found.data)
+        self._buffer = buffer  # which the call refers to
+
+    def __call__(self, parameters: Array) -> tuple[Array, Array]:
+        """Return lower and upper bounds (intervals, ng) for the parameters (N+1, np) of all intervals."""
+        self._given[...] = parameters[self.intervals, : self._given.shape[1]]
+        self._evaluate()
+        return self._found[0], self._found[1]
+
+
 @dataclass(frozen=True)
 class ControlBounds:
     """The control that each row of each action's path constraint bounds.
 
     Attributes:
         problem: the problem.
-        rows: for each run of intervals with one action the intervals, the indices (ng,) of the controls of their rows,
-            and the function ``p -> (lower, upper)`` of the rows, with a column an interval.
+        runs: of consecutive intervals of one action.
     """
 
     problem: ShootingProblem
-    rows: tuple[tuple[slice, IntArray, ca.Function], ...]
+    runs: tuple[_Limits, ...]
 
     def write(self, parameters: Array, lower: Array, upper: Array) -> None:
         """Write the bounds of all controls (N, nu): infinite where there is none, the tightest of several."""
         lower[...], upper[...] = -np.inf, np.inf
-        for nodes, rows, limits in self.rows:
-            if rows.size:
-                # One column an interval.
-                low, high = (value.full() for value in limits(parameters[nodes, : limits.size1_in(0)].T))
-                for i, row in enumerate(rows):
-                    np.maximum(lower[nodes, row], low[i], out=lower[nodes, row])
-                    np.minimum(upper[nodes, row], high[i], out=upper[nodes, row])
+        for run in self.runs:
+            if run.rows.size:
+                low, high = run(parameters)
+                for i, row in enumerate(run.rows):
+                    np.maximum(lower[run.intervals, row], low[:, i], out=lower[run.intervals, row])
+                    np.minimum(upper[run.intervals, row], high[:, i], out=upper[run.intervals, row])
 
     def multipliers(self, of_controls: Array) -> Array:
         """Return each row's (N, ng) multiplier, that of its control (N, nu); of several rows the first has it."""
-        out = np.zeros((len(of_controls), max(rows.size for _, rows, _ in self.rows)))
-        for nodes, rows, _ in self.rows:
-            controls, first = np.unique(rows, return_index=True)
-            out[nodes, first] = of_controls[nodes, controls]
+        out = np.zeros((len(of_controls), max(run.rows.size for run in self.runs)))
+        for run in self.runs:
+            out[run.intervals, run.first] = of_controls[run.intervals, run.controls]
         return out
 
 
@@ -64,13 +96,11 @@ def control_bounds(problem: ShootingProblem) -> ControlBounds:
     known: dict[int, tuple[IntArray, ca.Function]] = {}
     for k, action in enumerate(problem.actions):
         if id(action) not in known:
-            known[id(action)] = _rows(action, k)
+            known[id(action)] = _python_rows(action, k) if isinstance(action, PythonAction) else _rows(action, k)
     runs = runs_of(problem.actions)
-    found = []
-    for action, start, stop in runs:
-        rows, limits = known[id(action)]
-        found.append((slice(start, stop), rows, limits.map(stop - start)))
-    return ControlBounds(problem, tuple(found))
+    return ControlBounds(
+        problem, tuple(_Limits(slice(start, stop), *known[id(action)]) for action, start, stop in runs)
+    )
 
 
 def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
@@ -85,13 +115,34 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
         row = slope[i, :]
         of_state = ca.jacobian(value[i], x).nnz() > 0
         if of_state or row.nnz() != 1 or not ca.SX(row.nz[0]).is_one():
-            expected = "bounds on controls only (the SQP and the NLP take any constraint)"
-            raise InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {i} is no control", expected)
+            raise _no_bound(action, node, i)
         rows.append(int(row.sparsity().get_triplet()[1][0]))
     # A row is a control plus an expression in the parameters, a reference for instance.
     offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(action.state.nx + action.nu))
     edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
     return np.array(rows, dtype=np.int64), ca.Function("limits", [p], edges)
+
+
+def _python_rows(action: PythonAction, node: int) -> tuple[IntArray, ca.Function]:
+    """Return the same of an action of Python, whose derivatives at two points determine the rows."""
+    state, rng, p = action.state, np.random.default_rng(0), action.parameters.default.copy()
+    rows = np.zeros(0, dtype=np.int64)
+    for scale in (0.0, 0.1):
+        x = state.integrate(state.neutral(), scale * rng.standard_normal(state.ndx))
+        d = action.checked_derivatives(x, scale * rng.standard_normal(action.nu), p)
+        rows = np.abs(d.limits_u).argmax(axis=1) if len(d.limits_u) else rows
+        beside = np.hstack([d.limits_x, d.limits_u - np.eye(action.nu)[rows]])
+        wrong = np.flatnonzero(np.abs(beside).max(axis=1, initial=0.0) > 1e-6)
+        if wrong.size:
+            raise _no_bound(action, node, int(wrong[0]))
+    given = ca.MX.sym("p", action.parameters.size)
+    _, _, value, lower, upper = action.value_function.call([state.neutral(), ca.DM.zeros(action.nu), given])
+    return rows, ca.Function("limits", [given], [lower - value, upper - value])
+
+
+def _no_bound(action: Action, node: int, row: int) -> InputError:
+    expected = "bounds on controls only (the SQP and the NLP take any constraint)"
+    return InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {row} is no control", expected)
 
 
 @dataclass(frozen=True)

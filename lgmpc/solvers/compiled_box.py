@@ -38,6 +38,7 @@ class CompiledBoxSweep(BoxSweep):
             self._plan, f.jacobian, f.hessian, f.gradient, f.gaps, f.feedback, f.feedforward, self.value_hessian,
             self.value_gradient, f.us, f.u_lower, f.u_upper, sweep.shift, np.array([ROUNDING]), self.held, m.jacobian,
             m.hessian, m.gradient, m.gaps, self.dxs, self.dus, np.zeros(ndx), self._expected,
+            np.zeros(n, dtype=np.int64), f.last_hessian, f.last_gradient,
         )  # fmt: skip
         self._memory = arrays  # the frame contains addresses only
         addresses = [array.ctypes.data for array in arrays]
@@ -53,10 +54,9 @@ class CompiledBoxSweep(BoxSweep):
         return self._call(self._frame) == 0
 
     def expected(self, *, closed: bool) -> tuple[float, float]:
-        """Return slope and curvature of the model's decrease along its step."""
-        f, last = self._functions, self.dxs[-1]
+        """Return slope and curvature of the model's decrease along its step, as the last run computed them."""
         slope, curvature = self._expected.tolist()
-        return slope - float(f.last_gradient @ last), curvature - float(last @ f.last_hessian @ last)
+        return slope, curvature
 
 
 def make_box_sweep(functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> BoxSweep:

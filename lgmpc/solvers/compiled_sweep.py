@@ -27,7 +27,7 @@ class CompiledSweep(BackwardSweep):
         library: the machine code.
 
     Attributes:
-        plan: (2,) number of stages, and whether all gaps are zero.
+        plan: (3,) number of stages, whether all gaps are zero, and the interval that the sweep begins with.
         shift: (1,) regularisation.
         frame: the machine code's argument, of addresses.
         address: of the machine code.
@@ -36,7 +36,7 @@ class CompiledSweep(BackwardSweep):
     def __init__(self, functions: Expansion, library: ctypes.CDLL) -> None:
         super().__init__(functions)
         n = len(functions.jacobian)
-        self.plan = np.array([n, 0], dtype=np.int64)
+        self.plan = np.array([n, 0, n - 1], dtype=np.int64)
         self.shift = np.zeros(1)
         f = functions
         arrays = (
@@ -88,7 +88,7 @@ def compile_stages(
 
 
 def work_size(library: ctypes.CDLL, function: str, *sizes: int) -> int:
-    """Return the numbers of memory that a library's function asks for, of integers."""
+    """Return the size of the work memory that a library's function reports for given integers."""
     measure = library[function]
     measure.restype, measure.argtypes = ctypes.c_longlong, [ctypes.c_longlong] * len(sizes)
     return int(measure(*sizes))

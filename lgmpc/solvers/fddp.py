@@ -6,95 +6,34 @@ Mastalli et al., "Crocoddyl: an efficient and versatile framework for multi-cont
 
 Acceptance and regularisation are those of Crocoddyl 3, with the same settings and iteration counts, but for two points.
 An increase of the cost, which closing gaps may require, is bounded by that of the model: the increase expected along a
-trial's own states grows with a trial that diverges. A solution must also be stationary
-(:class:`FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or two more.
+trial's own states grows with a trial that diverges. A solution must also be stationary (see
+:class:`~lgmpc.solvers.FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or
+two more.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from lgmpc.errors import InputError
-from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.settings import NonNegative, Positive, problem
+from lgmpc.ocp import KktResidual, LagrangianHessians, ShootingFunctions, ShootingProblem, Trajectory
 from lgmpc.solvers.box import BoxSweep
 from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.curvature import CURVATURES
+from lgmpc.solvers.fddp_settings import FddpSettings
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress
 from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.typing import Array
 
-__all__ = ["Fddp", "FddpSettings"]
+__all__ = ["Fddp"]
 
-_StepLength = Annotated[float, Field(strict=True, gt=0.0, le=1.0, allow_inf_nan=False)]
 _UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
-
-
-class FddpSettings(SolverSettings):
-    """Tolerances and schedules of :class:`Fddp` and ``BoxFddp``; the defaults are Crocoddyl's.
-
-    A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
-    is independent of the scaling of states and controls, but insensitive to directions in which the cost hardly varies.
-    The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review 47,
-    2005), since it is a difference of them.
-    """
-
-    method: Literal["fddp", "box_fddp"] = Field(
-        default="fddp", description="fddp: no constraints; box_fddp: bounds on controls."
-    )
-    tolerance: Positive = Field(default=1e-9, description="Largest expected reduction of the cost of a solution.")
-    stationarity: Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=True)] = Field(
-        default=1e-6,
-        description="Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
-        ".inf: of any size, as in Crocoddyl.",
-    )
-    step_lengths: Annotated[tuple[_StepLength, ...], Field(min_length=1)] = Field(
-        default=tuple(2.0**-i for i in range(10)), description="Step lengths, tried in this order."
-    )
-    acceptance: NonNegative = Field(
-        default=0.1, description="Least fraction of the expected reduction of the cost of an accepted step."
-    )
-    ascent_acceptance: NonNegative = Field(
-        default=2.0,
-        description="Largest multiple of an expected increase of the cost, by closing gaps, of an accepted step.",
-    )
-    least_slope: NonNegative = Field(
-        default=1e-12, description="Slope of the cost below which any step that does not increase it is accepted."
-    )
-    rounding: NonNegative = Field(default=1e-12, description="Largest gap of a feasible guess.")
-    regularization: tuple[Positive, Positive] = Field(
-        default=(1e-9, 1e9), description="[lowest, highest] regularisation."
-    )
-    initial_regularization: Positive | None = Field(
-        default=None, description="Regularisation that a solve starts from. null: the lowest."
-    )
-    regularization_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e9, allow_inf_nan=False)] = Field(
-        default=10.0, description="Factor by which the regularisation changes."
-    )
-    decrease_above: NonNegative = Field(
-        default=0.5, description="Step length above which the regularisation decreases."
-    )
-    increase_below: NonNegative = Field(
-        default=0.01, description="Step length up to which the regularisation increases."
-    )
-
-    @model_validator(mode="after")
-    def _regularization_is_ordered(self) -> FddpSettings:
-        if self.regularization[0] > self.regularization[1]:
-            raise problem(
-                "[lowest, highest] with lowest not above highest", "regularization", list(self.regularization)
-            )
-        lowest, highest = self.regularization
-        start = self.initial_regularization
-        if start is not None and not lowest <= start <= highest:
-            raise problem(f"a number between {lowest:g} and {highest:g}", "initial_regularization", start)
-        return self
 
 
 class Fddp(IterativeSolver):
@@ -127,14 +66,16 @@ class Fddp(IterativeSolver):
         self._check_constraints()
         self.functions = ShootingFunctions(problem, progress)
         self.sweep = self._make_sweep(progress)
+        f = self.functions
+        self._exact = LagrangianHessians(problem, f.xs, f.us, progress) if self.settings.hessian == "exact" else None
         self._clock = [0.0, 0.0, 0.0]
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
-        self._finite = False  # whether the expansion is
+        self._finite = self._curved = False  # whether the expansion is, and whether exact Hessians were tried in it
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
 
     def _check_constraints(self) -> None:
         for k, action in enumerate(self.problem.actions):
-            if action.value_function.size1_out("constraint"):
+            if action.path_rows:
                 expected = "an action without constraints (BoxFddp takes bounds on controls; the NLP and SQP take all)"
                 raise InputError(f"actions[{k}]", f"'{action.name}', which has path constraints", expected)
 
@@ -189,7 +130,7 @@ class Fddp(IterativeSolver):
         for alpha in s.step_lengths:
             self._step_length = alpha
             cost = self._try(alpha)
-            if not np.isfinite(cost):
+            if not math.isfinite(cost):
                 continue
             diverged = False
             correction = 0.0 if self._closed else self._expected_from_gaps()
@@ -296,11 +237,11 @@ class Fddp(IterativeSolver):
         start = time.perf_counter()
         f = self.functions
         f.expand()
-        self._cost = float(f.costs.sum()) if all_finite(f.costs) else np.nan
+        self._cost = _sum(f.costs)
         self._gap = float(np.abs(f.gaps).max())
         # Matrices are read by the sweep, whose result is not finite if they are not.
-        self._finite = all_finite(f.gradient, f.gaps, f.costs, f.last_hessian, f.last_gradient)
-        self._fresh, self._swept = True, False
+        self._finite = math.isfinite(self._cost) and all_finite(f.gradient, f.gaps, f.last_hessian, f.last_gradient)
+        self._fresh, self._swept, self._curved = True, False, False
         self._clock[0] += time.perf_counter() - start
 
     def _sweep(self) -> bool:
@@ -314,8 +255,24 @@ class Fddp(IterativeSolver):
         while self._finite and not self._swept and self._regularization < self.settings.regularization[1]:
             self._increase()
             self._swept = self.sweep.run(self._regularization, closed=self._closed)
+        if self._swept and self._exact is not None and not self._curved:
+            self._swept = self._curve(self._exact)
         self._clock[1] += time.perf_counter() - start
         return self._swept
+
+    def _curve(self, exact: LagrangianHessians) -> bool:
+        """Sweep with exact Hessians of the last sweep's multipliers, or with what part of them is convex."""
+        f = self.functions
+        exact.costates[...] = self.sweep.value_gradient[1:]
+        exact.evaluate()
+        self._curved = True
+        convex, last = f.hessian.copy(), f.last_hessian.copy()
+        for part in CURVATURES:
+            f.hessian[...] = convex + part * (exact.hessian - convex)
+            f.last_hessian[...] = last + part * (exact.last_hessian - last)
+            if self.sweep.run(self._regularization, closed=self._closed):
+                return True
+        return False
 
     def _try(self, alpha: float) -> float:
         """Roll out with a step length and return the cost, NaN where it diverges."""
@@ -325,7 +282,7 @@ class Fddp(IterativeSolver):
         if self._closed:
             f.gaps[...] = 0.0
         f.roll_out()
-        cost = float(f.costs_try.sum()) if all_finite(f.xs_try, f.us_try, f.costs_try) else np.nan
+        cost = _sum(f.costs_try) if all_finite(f.xs_try, f.us_try) else np.nan
         self._clock[2] += time.perf_counter() - start
         return cost
 
@@ -349,3 +306,9 @@ class Fddp(IterativeSolver):
         f = self.functions
         f.measure_move()
         return -bilinear(f.gaps, self.sweep.value_hessian, f.moved)
+
+
+def _sum(costs: Array) -> float:
+    """Return the sum, NaN if it is not finite."""
+    total = float(costs.sum())
+    return total if math.isfinite(total) else math.nan

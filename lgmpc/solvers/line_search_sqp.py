@@ -32,6 +32,7 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.settings import Count
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
+from lgmpc.solvers.curvature import Hessians, solve_curved
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.qp import (
     QpSolver,
@@ -66,6 +67,7 @@ class LineSearchSqpSettings(SolverSettings):
     tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = Field(
         default=1e-6, description="Largest residual of the optimality conditions of a solution."
     )
+    hessian: Hessians = "gauss_newton"
     acceptance: Annotated[float, Field(strict=True, gt=0.0, lt=0.5)] = Field(
         default=1e-4, description="Least fraction of the expected decrease of an accepted step."
     )
@@ -109,7 +111,8 @@ class LineSearchSqp(IterativeSolver):
     ) -> None:
         self.problem = problem
         self.settings = LineSearchSqpSettings() if settings is None else settings
-        self.functions = SubproblemFunctions(problem, progress)
+        self._exact = self.settings.hessian == "exact"
+        self.functions = SubproblemFunctions(problem, progress, exact=self._exact)
         self._report = progress
         self._globaliser: AugmentedLagrangianFddp | None = None  # made when it is first needed
         self._global = self._was_global = False  # whether it is working, and whether it has been in this solve
@@ -223,7 +226,11 @@ class LineSearchSqp(IterativeSolver):
     def _step(self) -> Status | None:
         """Take one step of the SQP; return a status if it was the last."""
         f, s = self.functions, self.settings
-        status, kept = self._subproblem()
+        if self._exact:
+            known = self._costates, self._multipliers
+            status, kept = solve_curved(f, self.qp_solver, *known, self._subproblem)
+        else:
+            status, kept = self._subproblem()
         if status in _FAILED:
             return _FAILED[status]
         step = self.qp_solver.solution

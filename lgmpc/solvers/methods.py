@@ -14,7 +14,8 @@ from pydantic import Discriminator, Tag
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box_fddp import BoxFddp
-from lgmpc.solvers.fddp import Fddp, FddpSettings
+from lgmpc.solvers.fddp import Fddp
+from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver

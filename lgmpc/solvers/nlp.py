@@ -62,6 +62,9 @@ class NlpSolver:
         settings: which solver, its tolerance and limits.
         compiled: whether to evaluate machine code, which is compiled once (then cached) and several times faster.
         progress: called with a description of what is being compiled.
+
+    Raises:
+        InputError: fatrop, for a problem with actions of Python.
     """
 
     def __init__(
@@ -77,6 +80,9 @@ class NlpSolver:
         self.problem = problem
         self._shooting = transcribe(problem)
         self._watch = _Watch(self._shooting)
+        if self._shooting.differences and self.name != "ipopt":
+            expected = "ipopt, FDDP or SQP: fatrop requires second derivatives, which an action of Python lacks"
+            raise InputError("method", self.name, expected)
         options = _ipopt if self.name == "ipopt" else _fatrop
         chosen = options(self._shooting, self.settings)
         if self.name == "ipopt":
@@ -243,6 +249,7 @@ def _ipopt(shooting: MultipleShooting, settings: NlpSettings) -> dict[str, Any]:
             "dual_inf_tol": 1e2 * settings.tolerance,
             "max_iter": settings.max_iterations,
             "bound_relax_factor": 0.0,  # else active bounds are off by 1e-8 of their value
+            **({"hessian_approximation": "limited-memory"} if shooting.differences else {}),
         },
     }
 

@@ -27,7 +27,7 @@ __all__ = ["RealTimeResult", "RealTimeSqp", "RealTimeStatus", "RealTimeTimings"]
 
 
 class RealTimeStatus(Enum):
-    """How the iterations ended; the value is the remedy."""
+    """Outcome of the iterations; the value is the remedy."""
 
     CONVERGED = "nothing to do"
     STEPPED = "nothing to do: the requested iterations were taken"
@@ -44,7 +44,7 @@ class RealTimeStatus(Enum):
 
 @dataclass(frozen=True)
 class RealTimeTimings:
-    """Where the time went, s.
+    """Computing times of the two phases, s.
 
     Attributes:
         preparation: expansion, matrices, factorisation.
@@ -192,7 +192,7 @@ class RealTimeSqp:
         while True:
             self.prepare()
             preparation += self._preparation
-            start += self._preparation  # what is left is the feedback's share
+            start += self._preparation  # the rest is the feedback's share
             kkt = self._residual(at_step=False)
             if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
                 return self._result(RealTimeStatus.CONVERGED, taken, inner, kkt, start, preparation)

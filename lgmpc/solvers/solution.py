@@ -15,11 +15,13 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.files import read_arrays, write_arrays
+from lgmpc.ocp.numdiff import MEANINGS
 from lgmpc.typing import Array
 
 __all__ = ["Solution", "Status", "Timings"]
 
 _SCHEMA = "lgmpc solution 1"
+_DERIVATIVES = ("A", "B", "C", "D", "q", "r")
 _ARRAYS = ("xs", "us", "feedback", "feedforward", "costates", "multipliers", "gaps")
 
 
@@ -203,11 +205,8 @@ class Solution:
         """
         problem, ndx = self.problem, self.problem.state.ndx
         out = np.zeros((problem.nodes + 1, ndx + problem.nu))
-        for k, (x, u) in enumerate(self._nodes()):
-            action = problem.actions[k]
-            p = problem.parameters[k, : action.parameters.size]
-            found = action.quadratic_function(x=x, u=u[: action.nu], x_next=self.xs[k + 1], p=p)
-            m = {name: found[name].full() for name in ("A", "B", "C", "D", "q", "r")}
+        for k in range(problem.nodes):
+            action, m = problem.actions[k], self._derivatives(k)
             mu = self.multipliers[k, : m["C"].shape[0]]
             out[k, :ndx] += m["q"][:, 0] + m["A"].T @ self.costates[k] + m["C"].T @ mu
             out[k, ndx : ndx + action.nu] = m["r"][:, 0] + m["B"].T @ self.costates[k] + m["D"].T @ mu
@@ -217,6 +216,14 @@ class Solution:
         out[-1, :ndx] += terminal.terminal_quadratic_function(x=self.xs[-1], p=p)["q"].full()[:, 0]
         out[0, :ndx] = 0.0
         return out
+
+    def _derivatives(self, node: int) -> dict[str, Array]:
+        """Return the first derivatives of a node; see :attr:`lgmpc.actions.Action.quadratic_function`."""
+        action = self.problem.actions[node]
+        p = self.problem.parameters[node, : action.parameters.size]
+        u = self.us[node, : action.nu]
+        found = action.quadratic_function(x=self.xs[node], u=u, x_next=self.xs[node + 1], p=p)
+        return {name: found[name].full() for name in _DERIVATIVES}
 
     def complementarity(self) -> Array:
         """Recompute each node's (N,) largest complementarity residual; see :class:`~lgmpc.ocp.KktResidual`."""
@@ -261,9 +268,7 @@ class Solution:
         beyond = self.problem.first_violation()
         if beyond is not None:
             row, size = beyond
-            owner = _row_name(
-                self.problem.actions[0], row, self.problem.actions[0].value_function.size1_out("constraint")
-            )
+            owner = _row_name(self.problem.actions[0], row, self.problem.actions[0].path_rows)
             lines.append(f"The first state violates {owner} of node 0 by {size:.4g}, which no control changes.")
         ndx = self.problem.state.ndx
         defects, gradient, violation = np.abs(self.defects()), np.abs(self.stationarity()), self.constraint_violation()
@@ -323,13 +328,15 @@ class Solution:
         """Return the cost item with the largest value at a node, if the action names its items."""
         action, p = self.problem.action_at(node), self.problem.parameters[node]
         names = [item.name for item in getattr(action, "costs", ())]
+        if not names:
+            return ""
         symbols = [
             ca.SX.sym(name, size)
             for name, size in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
         ]
         last = node == self.problem.nodes
         cost = action.terminal_cost(symbols[0], symbols[2]) if last else action.cost(*symbols)
-        if not names or len(cost.terms) != len(names):
+        if len(cost.terms) != len(names):
             return ""  # the last node omits the items that need a control, as determined by the action
         terms = ca.Function("terms", symbols, [ca.vertcat(*(Cost((term,)).value for term in cost.terms))])
         u = np.zeros(action.nu) if last else self.us[node, : action.nu]
@@ -353,6 +360,11 @@ class Solution:
             for name, value in parts.items():
                 if not np.isfinite(value).all():
                     return f"The {name} of node {k} ('{problem.actions[k].name}') contains NaN or infinity."
+            found = self._derivatives(k)
+            bad = [MEANINGS[name] for name, matrix in found.items() if not np.isfinite(matrix).all()]
+            if failed and bad:
+                name = problem.actions[k].name
+                return f"The derivatives of node {k} ('{name}'), {bad[0]}, contain NaN or infinity."
         if not np.isfinite(self._costs()[-1]):
             return f"The cost of the last node ('{problem.terminal.name}') contains NaN or infinity."
         return None

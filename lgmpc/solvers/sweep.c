@@ -2,27 +2,34 @@
 
 EXPORT long long lgmpc_sweep_work(void) { return X * NX + W * NX + X * NW + W * (NW + LANES) + X * NU + W + X + 2 * W; }
 
-/* Returns 0, or 1 + the stage whose Quu is not positive definite. */
+/* The plan: N, whether all gaps are zero, and the interval to begin with: the last one, or an earlier one to continue a
+   sweep whose cost-to-go behind it still holds. Returns 0, or 1 + the stage whose Quu is not positive definite. */
 EXPORT int lgmpc_sweep(void** frame) {
   const long long* plan = (const long long*) frame[0];
   const double reg = *(const double*) frame[1];
   double *jacobian = frame[2], *hessian = frame[3], *gradient = frame[4], *gaps = frame[5];
   double *last_hessian = frame[6], *last_gradient = frame[7], *feedback = frame[8], *feedforward = frame[9];
   double *value = frame[10], *slope = frame[11], *control = frame[12], *work = frame[13];
-  const long n = plan[0], closed = plan[1];
+  const long n = plan[0], closed = plan[1], first = plan[2];
   double *v = work, *ft = v + X * NX, *p = ft + W * NX, *q = p + X * NW, *gain = q + W * (NW + LANES);
   double *g = gain + X * NU, *s = g + W, *k = s + X, *reciprocal = k + W;
   long t, i, j;
 
-  for (j = 0; j < NX; ++j) {
-    memcpy(v + j * X, last_hessian + j * NX, sizeof(double) * NX);
-    v[j + j * X] += reg;
-    memcpy(value + (n * NX + j) * NX, v + j * X, sizeof(double) * NX);
+  if (first == n - 1) {
+    for (j = 0; j < NX; ++j) {
+      memcpy(v + j * X, last_hessian + j * NX, sizeof(double) * NX);
+      v[j + j * X] += reg;
+      memcpy(value + (n * NX + j) * NX, v + j * X, sizeof(double) * NX);
+    }
+    memcpy(s, last_gradient, sizeof(double) * NX);
+  } else {
+    for (j = 0; j < NX; ++j) memcpy(v + j * X, value + ((first + 1) * NX + j) * NX, sizeof(double) * NX);
+    memcpy(s, slope + (first + 1) * NX, sizeof(double) * NX);
   }
-  memcpy(s, last_gradient, sizeof(double) * NX);
-  for (t = n - 1;; --t) {
+  for (t = first;; --t) {
     /* s: gradient of the cost-to-go behind the interval, where the gap in front of it is closed. */
-    if (!closed) strip(1, X, NX, 1.0, v, X, columns(gaps + (t + 1) * NX, NX), s, X);
+    const int known = t == first && first < n - 1;
+    if (!closed && !known) strip(1, X, NX, 1.0, v, X, columns(gaps + (t + 1) * NX, NX), s, X);
     memcpy(slope + (t + 1) * NX, s, sizeof(double) * NX);
     if (t < 0) return 0;
     const double *f = jacobian + t * NW * NX, *h = hessian + t * NW * NW;

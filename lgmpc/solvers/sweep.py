@@ -66,8 +66,11 @@ class Expansion(Protocol):
 
 def all_finite(*arrays: Array) -> bool:
     """Return whether no entry is NaN or infinite (or too large to square), in one pass."""
-    # The dot product would copy rows that are not contiguous.
-    return all(math.isfinite(np.vdot(array, array) if array.flags.c_contiguous else array.sum()) for array in arrays)
+    # The dot product would copy rows that are not contiguous. A loop takes half the time of all() of a generator.
+    for array in arrays:
+        if not math.isfinite(np.vdot(array, array) if array.flags.c_contiguous else array.sum()):
+            return False
+    return True
 
 
 def products(matrices: Array, vectors: Array) -> Array:

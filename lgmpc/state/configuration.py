@@ -1,6 +1,6 @@
 """The configuration space of a ``pin.Model`` as a product of groups: blocks, and their CasADi integrate and difference.
 
-One block a joint for the free-flyer, spherical and continuous (unbounded revolute) joints; neighbouring revolute and
+Free-flyer, spherical and continuous (unbounded revolute) joints have one block each; neighbouring revolute and
 prismatic joints, whose coordinates add, share one block. Tangent vectors are Pinocchio's: body frame, linear
 first. Values agree with ``pin.integrate`` and ``pin.difference``, the sign of the resulting quaternions included.
 """

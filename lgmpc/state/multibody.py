@@ -48,6 +48,7 @@ class StateMultibody(State):
         nq: size of a configuration.
         nv: size of a velocity.
         blocks: the groups whose product is the configuration space.
+        curved: the rotations and placements among them.
 
     Raises:
         ModelError: joints of other types, all listed.
@@ -65,9 +66,9 @@ class StateMultibody(State):
         super().__init__(self.nq + self.nv, 2 * self.nv, np.r_[lower, -speed], np.r_[upper, speed])
         self._neutral = np.concatenate((pin.neutral(model), np.zeros(self.nv)))
         self._circles = tuple(block for block in self.blocks if block.kind is BlockKind.CIRCLE)
-        self._curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
+        self.curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
         self._placements = tuple(block for block in self.blocks if block.kind is BlockKind.PLACEMENT)
-        self._quaternions = tuple((b, slice(b.q.stop - 4, b.q.stop)) for b in self._curved)
+        self._quaternions = tuple((b, slice(b.q.stop - 4, b.q.stop)) for b in self.curved)
         self._eye = np.eye(self.ndx)
 
     def neutral(self) -> Array:
@@ -116,7 +117,7 @@ class StateMultibody(State):
         """Return the derivatives of ``integrate``: identities except for the blocks of rotations and placements."""
         self._check_shapes(x, dx, self.ndx, ("x", "dx"))
         jx, jdx = self._identity(x), self._identity(x)
-        for block in self._curved:
+        for block in self.curved:
             i = block.v
             jx[..., i, i], jdx[..., i, i] = blocks.integrate_jacobians(block.kind, dx[..., i])
         return jx, jdx
@@ -125,7 +126,7 @@ class StateMultibody(State):
         """Return the derivatives of ``diff``; the rotations between the two points must stay below half a turn."""
         d = self.diff(x0, x1)
         j0, j1 = -self._identity(x0), self._identity(x0)
-        for block in self._curved:
+        for block in self.curved:
             i = block.v
             j0[..., i, i], j1[..., i, i] = blocks.difference_jacobians(block.kind, d[..., i])
         return j0, j1
@@ -173,7 +174,7 @@ class StateMultibody(State):
 
     def _sample(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
         lower, upper = lower.copy(), upper.copy()
-        turning = [block.v for block in self._circles] + [slice(b.v.stop - 3, b.v.stop) for b in self._curved]
+        turning = [block.v for block in self._circles] + [slice(b.v.stop - 3, b.v.stop) for b in self.curved]
         for i in turning:
             lower[i], upper[i] = np.maximum(lower[i], -np.pi), np.minimum(upper[i], np.pi)
             nearest = np.clip(0.0, lower[i], upper[i])

@@ -1,4 +1,4 @@
-"""Sweeps: many runs of varied configs over worker processes, what they show together, and comparisons in pairs."""
+"""Sweeps: many runs of varied configs over worker processes, their statistics, and paired comparisons."""
 
 from lgmpc.sweeps.cluster import dask_client
 from lgmpc.sweeps.design import Point, Sweep, load_sweep, parse_sweep

@@ -1,4 +1,4 @@
-"""What each part of a controller is worth: a sweep with each of them off, or at its neutral value, in pairs."""
+"""Ablation: the effect of each part of a controller, by a sweep with each of them off or neutral, in pairs."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from lgmpc.sweeps.values import parse_assignments, value_at
 __all__ = ["COMPLETE", "PARTS", "Change", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
 
 COMPLETE = "complete"
-"""Name of the variant from which nothing is taken."""
+"""Name of the variant with all parts."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part that can be taken away.
+    """A part that can be removed.
 
     Attributes:
-        key: of the config.
+        key: key of the config.
         neutral: value at which it has no effect.
-        words: what it is.
+        words: description.
     """
 
     key: str
@@ -51,31 +51,31 @@ class Part:
 PARTS = (
     Part("mpc.enabled", False, "model-predictive control"),
     Part("mpc.wrench_decay_s", 1e-3, "prediction of the observed wrench"),
-    Part("mpc.uprighting_rate_hz", 0.0, "angular momentum that turns the base upright"),
+    Part("mpc.uprighting_rate_hz", 0.0, "angular momentum that rights the base"),
     Part("mpc.weights.angular_momentum", 0.0, "angular momentum in the plan"),
-    Part("wbc.joint_horizon_s", 1e-4, "limits of the joints ahead of time"),
+    Part("wbc.joint_horizon_s", 1e-4, "look-ahead of the joint limits"),
     Part("wbc.weights.angular_momentum", 0.0, "task of the angular momentum"),
     Part("wbc.weights.base_orientation", 0.0, "task of the base's orientation"),
     Part("wbc.weights.posture", 0.0, "task of the posture"),
-    Part("wbc.gains.stance_damping", 0.0, "damping of feet that slide"),
-    Part("locomotion.footholds.feedback", 0.0, "feedback of the velocity in footholds"),
-    Part("locomotion.footholds.centrifugal", 0.0, "footholds further out in turns"),
-    Part("locomotion.contacts.ramp_s", 0.0, "forces that grow after touchdown"),
+    Part("wbc.gains.stance_damping", 0.0, "damping of sliding feet"),
+    Part("locomotion.footholds.feedback", 0.0, "velocity feedback of the footholds"),
+    Part("locomotion.footholds.centrifugal", 0.0, "outward shift of the footholds in turns"),
+    Part("locomotion.contacts.ramp_s", 0.0, "ramp of the forces after touchdown"),
     Part("locomotion.reaction.enabled", False, "steps against pushes"),
 )
-"""Parts that are taken away if none is named, as far as a config has them."""
+"""Parts that are removed if none is named, as far as a config has them."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """How a quantity changes without a part, in the mean over the pairs.
+    """The mean change of a quantity without a part, over the pairs.
 
     Attributes:
         quantity: a metric or ``boundary``.
-        complete: with the part.
-        without: without it.
-        limit: of the gate; ``None`` if it has none.
-        worsening: as a share of the limit, or of the complete value; negative for an improvement.
+        complete: mean with the part.
+        without: mean without it.
+        limit: limit of the gate; ``None`` if it has none.
+        worsening: share of the limit, or of the complete value; negative for an improvement.
     """
 
     quantity: str
@@ -87,13 +87,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Worth:
-    """What a part is worth.
+    """The effect of removing a part.
 
     Attributes:
-        part: which.
+        part: the part.
         passed: share of the points that pass without it.
-        lost: mean of what passes with it and not without it, minus the converse; of the pairs.
-        changes: those of what the gate limits first, of each kind the largest worsening first.
+        lost: share of the pairs that pass only with the part, minus the share that pass only without it.
+        changes: changes of the metrics, those that the gate limits first, each group by decreasing worsening.
     """
 
     part: Part
@@ -103,20 +103,20 @@ class Worth:
 
     @property
     def limited_worsening(self) -> float:
-        """The largest worsening of what the gate limits, as a share of the limit."""
+        """Largest worsening of a metric that the gate limits, as a share of the limit."""
         return max((each.worsening for each in self.changes if each.limit is not None), default=0.0)
 
 
 def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
-    """Return the parts that are to be taken away.
+    """Return the parts to remove.
 
     Args:
-        config: of the complete controller.
+        config: config of the complete controller.
         wanted: keys, each at its neutral value (a switch off, a table with a switch off, a number 0), or
             ``key=value``; all of :data:`PARTS` that have an effect in the config if empty.
 
     Raises:
-        InputError: a key does not exist, has no neutral value that the config accepts, or has it already.
+        InputError: a key does not exist, has no neutral value that the config accepts, or has its neutral value.
     """
     if wanted:
         return tuple(_part(config, text) for text in wanted)
@@ -192,18 +192,18 @@ def ablation_sweep(
         config: a config's file or the name of a shipped one.
         wanted: see :func:`parts_of`.
         overrides: changes ``key=value`` of the config.
-        seeds: how many seeds are run, from the config's own on.
+        seeds: number of seeds, from the config's own on.
 
     Raises:
         ConfigError: the config cannot be read or used.
-        InputError: a part cannot be taken away, the config has none, or ``seeds`` is below 1.
+        InputError: a part cannot be removed, the config has none, or ``seeds`` is below 1.
     """
     if seeds < 1:
         raise InputError("seeds", seeds, "at least 1")
     loaded = load_config(config, list(overrides))
     parts = parts_of(loaded, wanted)
     if not parts:
-        raise InputError("KEY", "none, and the config has none of the usual parts", "keys of parts to take away")
+        raise InputError("KEY", "none, and the config has none of the usual parts", "keys of parts to remove")
     document: dict[str, Any] = {
         "name": "ablation-" + re.sub(r"[^A-Za-z0-9._-]+", "-", loaded.name)[:60],
         "base": str(config_file(config).resolve()),
@@ -215,12 +215,12 @@ def ablation_sweep(
 
 
 def worths(sweep: Sweep, rows: Mapping[str, Row], parts: Sequence[Part]) -> tuple[Worth, ...]:
-    """Return what each part is worth, the most valuable first.
+    """Return the effects of removing the parts, the largest first.
 
     Args:
-        sweep: of :func:`ablation_sweep`.
+        sweep: sweep of :func:`ablation_sweep`.
         rows: the finished points by their keys.
-        parts: that were taken away.
+        parts: the removed parts.
     """
     found = [_worth(sweep, rows, part) for part in parts]
     return tuple(sorted(found, key=lambda each: (-each.lost, -each.limited_worsening)))
@@ -251,7 +251,7 @@ _NOT_JUDGED = ("_ms", "_ms.", "real_time_factor", "deadline_misses", "fell", "fa
 
 
 def _change(name: str, pairs: Sequence[tuple[Row, Row]], limits: Mapping[str, float]) -> Change | None:
-    """Return the change of a metric; ``None`` if it was not measured everywhere, or says nothing about control."""
+    """Return the change of a metric; ``None`` if it was not measured in all pairs, or is not one of control."""
     values = [(complete.metrics.get(name), without.metrics.get(name)) for complete, without in pairs]
     both = [(a, b) for a, b in values if a is not None and b is not None]
     if len(both) < len(pairs) or not both or any(each in name for each in _NOT_JUDGED):

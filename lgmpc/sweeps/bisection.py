@@ -14,10 +14,10 @@ __all__ = ["Boundary", "bisect", "scaled"]
 
 @dataclass(frozen=True)
 class Boundary:
-    """What a bisection found.
+    """The result of a bisection.
 
     Attributes:
-        value: the largest value that passed; ``None`` if both ends of the range agree.
+        value: the largest value that passed; ``None`` if both ends of the range have the same verdict.
         trials: each value that was tried, in order, and whether it passed.
         violations: values below ``value`` that failed: there the verdict is not monotonic.
         reason: why there is no value; empty if there is one.
@@ -30,10 +30,10 @@ class Boundary:
 
 
 def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boundary:
-    """Find where ``passes`` changes from true to false, to within ``settings.tolerance``.
+    """Find the value at which ``passes`` changes from true to false, to within ``settings.tolerance``.
 
-    The verdict is assumed monotonic; if it is not, the value found is one of its changes, as ``settings.probes`` runs
-    below it show.
+    The verdict is assumed monotonic; otherwise the value found is one of several changes, which ``settings.probes``
+    runs below it can detect.
 
     Args:
         passes: the verdict at a value.
@@ -63,10 +63,10 @@ def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boun
 
 
 def scaled(config: Config, key: str, value: float) -> Config:
-    """Return the config with ``value`` at ``key``; where that holds a vector, with the vector times ``value``.
+    """Return the config with ``value`` at ``key``; if the key is a vector, with the vector times ``value``.
 
     Raises:
-        InputError: no such key, it holds neither a number nor a vector, or the value is refused.
+        InputError: no such key, it is neither a number nor a vector, or the value is invalid.
     """
     present = value_at(config, key)
     if isinstance(present, (list, tuple)) and present and all(isinstance(each, (int, float)) for each in present):

@@ -28,7 +28,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 LOCAL = "local"
-"""The address that stands for a cluster on this machine, made for the sweep."""
+"""The address that selects a cluster on this machine, created for the sweep."""
 
 _POLL_S = 0.5
 _CONNECT_S = 5
@@ -39,8 +39,8 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
     """Connect to a Dask scheduler for the duration of a block.
 
     Args:
-        address: of the scheduler, such as ``tcp://host:8786``; ``local`` makes a cluster on this machine.
-        workers: of the cluster on this machine; one for each processor unless given.
+        address: address of the scheduler, such as ``tcp://host:8786``; ``local`` creates a cluster on this machine.
+        workers: number of workers of the cluster on this machine; one for each processor unless given.
 
     Raises:
         InputError: no scheduler answers, or ``workers`` is below 1 or given with an address.
@@ -57,7 +57,7 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
         cluster = distributed.LocalCluster(
             n_workers=workers or available_cores(),
             threads_per_worker=1,
-            memory_limit=0,  # that of the tasks' own processes is limited
+            memory_limit=0,  # the memory of the tasks' own processes is limited instead
             dashboard_address="127.0.0.1:0",  # any free port: several clusters may be on a machine
             silence_logs=logging.CRITICAL,
             preload=[__name__],
@@ -75,17 +75,17 @@ def dask_client(address: str, workers: int | None = None) -> Iterator[distribute
 
 
 def dask_setup(worker: distributed.Worker) -> None:
-    """Make a worker of a cluster on this machine deaf to Ctrl-C, which ends the sweep; Dask calls it by this name."""
+    """Ignore Ctrl-C, which ends the sweep, in a worker on this machine; the name is that of Dask's hook."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @dataclass(frozen=True)
 class Machine:
-    """What a worker of another machine must have in common with the process that runs the sweep.
+    """Properties that a worker must share with the process that runs the sweep.
 
     Attributes:
-        folder: of the sweep, which is on a file system of both.
-        versions: of packages, by name.
+        folder: folder of the sweep, on a file system of both.
+        versions: versions of packages by name.
     """
 
     folder: Path
@@ -93,14 +93,14 @@ class Machine:
 
     @classmethod
     def of(cls, folder: Path) -> Machine:
-        """Return what this process has."""
+        """Return the properties of this process."""
         return cls(folder.resolve(), tuple(sorted(versions().items())))
 
     def check(self) -> None:
-        """Check that this process has it too.
+        """Check that this process has the same properties.
 
         Raises:
-            ClusterError: naming what differs.
+            ClusterError: names the folder or the versions that differ.
         """
         worker = f"the worker on {socket.gethostname()}"
         if not self.folder.is_dir():
@@ -118,16 +118,16 @@ class Machine:
 class DaskPool:
     """Applies functions to tasks on Dask's workers; the same interface as :class:`lgmpc.sweeps.pool.Pool`.
 
-    Each thread of a worker computes in a process of its own below it, so that a task that raises, hangs or ends its
-    process has the same consequence as on one machine: itself. If the worker ends, or its machine, Dask computes the
-    task again on another one; after the number of ends that the scheduler allows (``distributed.scheduler
-    .allowed-failures``, 3) it has :class:`lgmpc.sweeps.pool.Died`.
+    Each thread of a worker computes in a child process of its own, so that a task that raises, hangs or ends its
+    process affects no other one, as on one machine. If a worker or its machine ends, Dask computes the task again on
+    another one; after the number of failures that the scheduler allows (``distributed.scheduler.allowed-failures``, 3)
+    the result is :class:`lgmpc.sweeps.pool.Died`.
 
     Args:
-        client: connected.
+        client: connected client.
         initialize: called first in each process; importable by name.
         time_limit_s: longest time of a task, s.
-        machine: what workers are checked for, before their first task.
+        machine: properties checked on each worker before its first task.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class DaskPool:
         """Yield each task with what the function returned or raised, as they finish; see :meth:`Pool.map`.
 
         Raises:
-            ClusterError: the scheduler is gone, or a worker cannot be used.
+            ClusterError: the connection to the scheduler is lost, or a worker cannot be used.
         """
         waiting = iter(tasks)
         running: dict[distributed.Future, T] = {}
@@ -176,7 +176,7 @@ class DaskPool:
                 self._client.cancel(list(running), force=True)
 
     def _threads(self) -> int:
-        """Return how many tasks the present workers compute at once; 1 while none has come."""
+        """Return the number of tasks that the present workers compute at once; 1 before the first worker."""
         return max(1, sum(self._client.nthreads().values())) if self._connected() else 1
 
     def _connected(self) -> bool:
@@ -186,7 +186,7 @@ class DaskPool:
         import distributed
 
         if future.status in ("cancelled", "lost"):
-            raise ClusterError("the Dask scheduler is gone: the same command with --resume goes on")
+            raise ClusterError("the connection to the Dask scheduler is lost: the same command with --resume continues")
         if future.status == "finished":
             return future.result()
         error = future.exception()
@@ -199,7 +199,7 @@ class DaskPool:
 
 @dataclass(frozen=True)
 class _Remote:
-    """What a worker requires to compute tasks: the name of the session, and the arguments of its pool."""
+    """The data that a worker requires to compute tasks: the name of the session and the arguments of its pool."""
 
     session: str
     initialize: Callable[[], None]
@@ -216,13 +216,13 @@ def _apply(remote: _Remote, function: Callable[[T], R], task: T) -> R | Exceptio
     key = (remote.session, get_ident())
     if key not in _pools:
         remote.machine.check()
-        multiprocessing.current_process().daemon = False  # Dask's workers are; then they could start no process
+        multiprocessing.current_process().daemon = False  # Dask's workers are daemons, which could start no process
         _pools[key] = Pool(1, remote.initialize, remote.time_limit_s)
     ((_, result),) = _pools[key].map(function, [task])
     return result
 
 
 def _end_processes(session: str) -> None:
-    """End the processes of a session in this worker, whatever they compute."""
+    """Kill the processes of a session in this worker."""
     for key in [each for each in _pools if each[0] == session]:
         _pools.pop(key).__exit__()

@@ -13,6 +13,7 @@ from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.config.yaml_text import parse_yaml
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.settings.dotted import differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS
@@ -38,16 +39,16 @@ class Difference:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something that was measured on both sides.
+    """A quantity that was measured on both sides.
 
     Attributes:
         name: a metric, a limit of the gate, ``passed`` or ``boundary``.
-        first: value of the first; of sweeps the mean over the pairs.
-        second: value of the second.
-        difference: of sweeps, the mean difference in pairs.
-        worsening: how much worse the second is, as a share: of the gate's limit for runs, of the first mean for
-            sweeps. Negative if it is better; ``None`` where it is not judged.
-        worse: whether that exceeds the margin and, for sweeps, chance.
+        first: value of the first side; for sweeps the mean over the pairs.
+        second: value of the second side.
+        difference: for sweeps the mean difference in pairs.
+        worsening: worsening from first to second as a share of the gate's limit (runs) or of the first mean (sweeps).
+            Negative for an improvement; ``None`` where it is not judged.
+        worse: whether the worsening exceeds the margin and, for sweeps, is significant.
     """
 
     name: str
@@ -63,12 +64,12 @@ class Comparison:
     """Two runs or sweeps.
 
     Attributes:
-        first: folder.
-        second: folder.
-        margin: the share by which the second may be worse.
+        first: folder of the first.
+        second: folder of the second.
+        margin: share by which the second may be worse.
         differences: keys of the configs, or of the documents of the sweeps, that differ.
-        quantities: what was measured on both sides.
-        reasons: why the second is worse; empty if it is not.
+        quantities: quantities measured on both sides.
+        reasons: sentences on why the second is worse; empty if it is not.
     """
 
     first: str
@@ -85,7 +86,7 @@ class Comparison:
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        return {"worse": self.worse, **_plain(asdict(self))}
+        return {"worse": self.worse, **json_values(asdict(self))}
 
 
 def is_sweep(path: Path) -> bool:
@@ -102,14 +103,14 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
     worsened by more than ``margin`` times the first's, and a 95 % bootstrap interval of the differences excludes zero.
 
     Args:
-        first: folder of the one to compare with.
-        second: folder of the other.
+        first: folder of the reference.
+        second: folder of the candidate.
         margin: share, at least 0.
-        metrics: others that are judged: relative to the first's value.
+        metrics: further metrics to judge, relative to the first's value.
 
     Raises:
         InputError: a margin below 0, an unknown metric, or a run against a sweep.
-        RunFolderError: one is no folder of a run or of a sweep, or two sweeps have no point in common.
+        RunFolderError: a folder is not that of a run or of a sweep, or two sweeps have no point in common.
     """
     if not 0.0 <= margin < math.inf:
         raise InputError("margin", margin, "a number, 0 or above")
@@ -153,7 +154,7 @@ def _compare_runs(
 def _judged(
     name: str, first: float | None, second: float | None, scale: float, margin: float, *, higher: bool
 ) -> Quantity:
-    """Judge a value against another one; where the scale is zero, every worsening exceeds every margin."""
+    """Return the comparison of two values; where the scale is zero, any worsening exceeds the margin."""
     if name.endswith(("_ms", "real_time_factor")) or "_ms." in name or first is None or second is None:
         return Quantity(name, first, second)
     worsening = first - second if higher else second - first
@@ -214,7 +215,7 @@ def _paired(name: str, values: Sequence[tuple[_Values, _Values]], margin: float,
 
 
 def _rows(folder: Path) -> dict[str, Row]:
-    """Return the rows that have a verdict, by what they are points of."""
+    """Return the rows that have a verdict, by base, variant, levels and draw."""
     rows = Results(folder / ROWS).rows().values()
     return {repr((row.base, row.variant, row.levels, row.draw)): row for row in rows if row.ending.computed}
 
@@ -231,7 +232,7 @@ def _quantities(row: Row) -> _Values:
 
 
 def higher_is_better(name: str) -> bool:
-    """Return whether a larger value of a metric is the better one."""
+    """Return whether larger values of a metric are better."""
     return name in _HIGHER_IS_BETTER or name.rpartition(".")[2].startswith("min_")
 
 
@@ -244,11 +245,3 @@ def _sentence(quantity: Quantity) -> str:
     much = "" if share is None or math.isinf(share) else f", worse by {100.0 * share:.3g} %"
     interval = "" if quantity.difference is None else f" (mean difference in pairs {quantity.difference})"
     return f"{quantity.name}: {quantity.first:.4g} became {quantity.second:.4g}{much}{interval}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -32,12 +32,12 @@ class Point:
     """One point of a sweep.
 
     Attributes:
-        key: identifies what is computed: a hash of the resolved config, the search, and the versions of packages.
+        key: identifier of the computation: a hash of the resolved config, the search, and the versions of packages.
         base: name of the base config.
         variant: name of the variant; empty if there are none.
         levels: value of each factor and draw, by the first of its keys.
         draw: number of the random draw; ``None`` if nothing is drawn.
-        config: resolved.
+        config: the resolved config.
     """
 
     key: str
@@ -54,7 +54,7 @@ class Sweep:
 
     Attributes:
         settings: its document.
-        points: in the order in which they are computed: variants next to each other.
+        points: points in the order of computation: variants next to each other.
     """
 
     settings: SweepSettings
@@ -70,7 +70,7 @@ def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) ->
 
     Raises:
         ConfigError: if the file cannot be read, is not YAML, or has keys or values that cannot be used; if a factor,
-            draw, variant or search is of a key that the base configs do not have, or gives it a value they refuse.
+            draw, variant or search is of a key that the base configs do not have, or gives it an invalid value.
     """
     file = sweep_file(path)
     try:
@@ -91,8 +91,8 @@ def parse_sweep(
 
     Args:
         text: the YAML document.
-        name: what to call it in messages.
-        folder: where files of base configs are looked for; the working directory unless given.
+        name: name of the document in messages.
+        folder: folder for relative paths of base configs; the working directory unless given.
         overrides: changes ``key=value``.
     """
     data, places = parse_yaml(text, name)
@@ -148,7 +148,7 @@ def _points(settings: SweepSettings, source: ConfigSource, folder: Path) -> Iter
 
 
 def _resolve(config: Config, changes: list[_Change], source: ConfigSource) -> Config:
-    """Return the config with all changes; an error names the part of the document that a refused value came from."""
+    """Return the config with all changes; an error names the part of the document with the invalid value."""
     # Copied, because a later key may reach into an earlier value: pushes, then pushes.0.impulse_ns.
     values = copy.deepcopy({key: value for change in changes for key, value in change.values.items()})
     try:

@@ -33,16 +33,16 @@ __all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """Where a sweep is.
+    """Progress of a sweep.
 
     Attributes:
-        total: points.
-        done: points that are finished, those of earlier sessions included.
+        total: number of points.
+        done: finished points, those of earlier sessions included.
         failed: finished points that did not pass.
         new: points finished in this session.
         simulated_s: simulated time in this session, s.
-        computed_s: time of all workers together that it took, s.
-        elapsed_s: since this session began, s.
+        computed_s: computing time of all workers in this session, s.
+        elapsed_s: time since this session began, s.
     """
 
     total: int
@@ -78,14 +78,14 @@ class SweepProgress:
 
 @dataclass(frozen=True)
 class FinishedSweep:
-    """A sweep that is over, or was stopped.
+    """A sweep that is finished or was stopped.
 
     Attributes:
-        sweep: its document and points.
-        folder: where it is saved.
+        sweep: document and points.
+        folder: the sweep's folder.
         rows: finished points by their keys.
-        progress: at the end.
-        signal: what ended it early.
+        progress: progress at the end.
+        signal: the signal that ended it early, if any.
     """
 
     sweep: Sweep = field(repr=False)
@@ -113,23 +113,23 @@ def run_sweep(
 ) -> FinishedSweep:
     """Compute the points of a sweep that are not finished yet, and save each.
 
-    Ctrl-C, SIGTERM or SIGHUP end it at once: what is finished is saved, points in flight are given up. Scripts that
-    call this need the usual ``if __name__ == "__main__":`` around it, because worker processes import them.
+    Ctrl-C, SIGTERM or SIGHUP end it at once: finished points are saved, points being computed are abandoned. Scripts
+    that call this require the usual ``if __name__ == "__main__":``, because worker processes import them.
 
     Args:
-        sweep: what to compute.
+        sweep: the sweep.
         folder: its folder.
         workers: number of processes; that of the processors unless given.
-        cluster: of Dask, which computes the points instead of processes of this machine; called with the folder:
-            ``lambda folder: dask_client("tcp://host:8786")``, say.
-        resume: whether to take up a folder that is there; other processes may work on it at the same time.
-        notify: called with what is being prepared.
+        cluster: connection to a Dask cluster that computes the points instead of processes of this machine; called
+            with the folder, for example ``lambda folder: dask_client("tcp://host:8786")``.
+        resume: whether to continue in an existing folder; other processes may work on it at the same time.
+        notify: called with a description of what is being prepared.
         progress: called after every point. In a notebook a bar displays both unless either is given.
 
     Raises:
         InputError: ``workers`` is below 1, or given with a cluster, which has its own.
         RunFolderError: as :meth:`SweepFolder.open`, or if results cannot be written.
-        ClusterError: the cluster cannot be used, or is gone.
+        ClusterError: the cluster cannot be used, or the connection to it is lost.
     """
     if workers is not None and (workers < 1 or cluster is not None):
         raise InputError("workers", workers, "at least 1" if cluster is None else "none: the cluster has its own")
@@ -178,29 +178,29 @@ class _Session:
         return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
 
     def run(self, executor: Executor, stop: StopSignals, notify: Callable[[str], None]) -> None:
-        """Compute and save every point that no other process has finished or computes."""
+        """Compute and save every point that no other process has finished or is computing."""
         if self.now.done == self.now.total:
             return
         self._progress(self.now)
         notify("starting, and compiling what is not in the cache")
         for _ in executor.map(warm, self._typical(), workers=1):
-            pass  # what cannot be built is the reason of its points' rows
+            pass  # reported in the rows of the points that cannot be built
         self._started = perf_counter()
         notify("running")
         for task, result in executor.map(compute, self._tasks(stop)):
-            with stop.held():  # all of it or nothing: a row whose claim stays, say, would belong to no process
+            with stop.held():  # atomic: a claim without its row would belong to no process
                 self._save(task, result)
             self._progress(self.now)
 
     def close(self) -> None:
-        """Cancel what is not finished."""
+        """Release the claims of unfinished points."""
         for key, claim in self._claims.items():
             shutil.rmtree(self._folder.scratch(key), ignore_errors=True)
             claim.release()
         self._claims.clear()
 
     def _typical(self) -> Iterator[Config]:
-        """Yield a config of each base and variant: what their points share is compiled once, not by every worker."""
+        """Yield a config of each base and variant, whose functions are compiled once instead of by every worker."""
         seen = set()
         for point in self._points.values():
             if (point.base, point.variant) not in seen:
@@ -217,7 +217,7 @@ class _Session:
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
     def _claim(self, key: str) -> bool:
-        """Return whether this process computes the point: no other one does, or has."""
+        """Return whether this process computes the point: no other one does, or has done so."""
         claim = None if key in self._folder.results.rows() else self._folder.claim(key)
         if claim is not None:
             self._claims[key] = claim

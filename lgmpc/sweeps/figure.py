@@ -22,8 +22,8 @@ def draw_sweep(sweep: Sweep, rows: Mapping[str, Row], summary: Summary, folder: 
     Args:
         sweep: its document and points.
         rows: the finished points by their keys.
-        summary: of them.
-        folder: where the file goes.
+        summary: summary of the points.
+        folder: folder of the file.
 
     Returns:
         The file; ``None`` if there is nothing to draw: no boundary in any direction, no factor of several levels.
@@ -37,7 +37,7 @@ def draw_sweep(sweep: Sweep, rows: Mapping[str, Row], summary: Summary, folder: 
 
 
 def sweep_drawing(sweep: Sweep, rows: Mapping[str, Row], summary: Summary) -> tuple[str, Drawing] | None:
-    """Return name and drawing of a sweep's figure; ``None`` if there is nothing to draw. Arguments as above."""
+    """Return name and drawing of a sweep's figure; ``None`` if there is nothing to draw; see :func:`draw_sweep`."""
     settings = sweep.settings
     around = next((factor for factor in settings.factors if isinstance(factor, Directions)), None)
     if settings.bisect is not None and around is not None:

@@ -1,7 +1,7 @@
 """The folder of a sweep: its document, one line per finished point, and run folders.
 
 Several processes, also of several machines, may work on one folder: each point is claimed by a lock on a file, which
-the operating system releases when its holder ends, however it ends.
+the operating system releases whenever the process ends.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ __all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder"]
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
 _FOLDERS = ("claims", "logs", "scratch")
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
-"""Sections of the document that may differ when a sweep is resumed: no result depends on them."""
+"""Sections of the document that may differ when a sweep is resumed: results do not depend on them."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A point that this process computes; released when the process ends, at the latest."""
+    """The exclusive right of this process to compute a point; released at the latest when the process ends."""
 
     file: Path
     descriptor: int
 
     def release(self) -> None:
-        """Give the point up."""
+        """Release the point."""
         self.file.unlink(missing_ok=True)
         os.close(self.descriptor)
 
 
 @dataclass(frozen=True)
 class SweepFolder:
-    """Where a sweep is saved.
+    """The folder of a sweep.
 
     Attributes:
         path: the folder.
@@ -59,15 +59,15 @@ class SweepFolder:
 
     @classmethod
     def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
-        """Make the folder, or take up one that is there.
+        """Create the folder, or open an existing one.
 
         Args:
             path: the folder.
-            sweep: what it is for.
-            resume: whether to take up a folder that is there.
+            sweep: its sweep.
+            resume: whether to open an existing folder.
 
         Raises:
-            RunFolderError: if it is there and ``resume`` is false, holds another sweep, or cannot be written.
+            RunFolderError: if it exists and ``resume`` is false, contains another sweep, or cannot be written.
         """
         document = sweep.settings.model_dump(mode="json")
         there = path / DOCUMENT
@@ -75,28 +75,28 @@ class SweepFolder:
         if taken_up:
             _check_same(path, _read_document(there), document)
             if not resume:
-                hint = "add --resume to finish it, or choose another folder with --out"
+                hint = "add --resume to continue, or choose another folder with --out"
                 raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
         elif path.exists() and not _is_unfinished(path):
-            raise RunFolderError(f"{path} is there and is no folder of a sweep: choose another one with --out")
+            raise RunFolderError(f"{path} exists and is not the folder of a sweep: choose another one with --out")
         try:
             for name in _FOLDERS:
                 (path / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RunFolderError(f"cannot make {path}: {reason_of(error)}. Choose another one with --out") from error
+            raise RunFolderError(f"cannot create {path}: {reason_of(error)}. Choose another one with --out") from error
         if not taken_up:
-            head = "# What was swept; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
+            head = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
             with atomic_write(there) as file:
                 file.write((head + write_yaml(document)).encode())
         return cls(path, Results(path / ROWS))
 
     @property
     def logs(self) -> Path:
-        """Folder of the run folders that are kept."""
+        """Folder of the kept run folders."""
         return self.path / "logs"
 
     def scratch(self, key: str) -> Path:
-        """Return the folder where a point's runs are saved while it is computed."""
+        """Return the folder of a point's runs while it is computed."""
         return self.path / "scratch" / key
 
     def claim(self, key: str) -> Claim | None:
@@ -118,16 +118,16 @@ class SweepFolder:
         return claim
 
     def keep_log(self, row: Row, most: int) -> str:
-        """Move the run folder of a finished point to the others, as far as they may stay, and return its name.
+        """Move the run folder of a finished point to the kept ones, at most ``most``, and return its name.
 
-        Failures stay rather than passes, earlier ones rather than later ones; a pass that was kept makes room.
+        Failures have priority over passes, earlier points over later ones; a kept pass is removed for a failure.
         """
         scratch = self.scratch(row.key)
         folders = sorted(each for each in scratch.glob("*") if (each / "run.json").is_file())
         name = ""
         if folders and self._has_room(row, most):
             name = f"{'pass' if row.passed else 'fail'}-{row.key[:12]}"
-            with suppress(OSError):  # it is there: the same point, computed again
+            with suppress(OSError):  # it exists: the same point, computed again
                 folders[-1].rename(self.logs / name)
         shutil.rmtree(scratch, ignore_errors=True)
         return name
@@ -149,7 +149,7 @@ class SweepFolder:
 
 
 def _is_unfinished(path: Path) -> bool:
-    """Return whether a folder is that of a sweep whose document is not written yet, or was stopped before it was."""
+    """Return whether a folder is that of a sweep whose document has not been written."""
     own = (*_FOLDERS, DOCUMENT, ROWS)
     return path.is_dir() and all(each.name in own or each.name.startswith(f".{DOCUMENT}.") for each in path.iterdir())
 

@@ -16,7 +16,7 @@ __all__ = ["check_pyarrow", "write_parquet"]
 
 
 def check_pyarrow() -> None:
-    """Check that pyarrow is there, before a sweep computes for hours.
+    """Check that pyarrow is installed, before a sweep computes for hours.
 
     Raises:
         MissingDependencyError: if it is not installed.
@@ -26,7 +26,7 @@ def check_pyarrow() -> None:
 
 
 def write_parquet(sweep: Sweep, rows: Mapping[str, Row], file: Path) -> Path:
-    """Write a row for each finished point: where it is, how it ended, its metrics.
+    """Write a row for each finished point: its place in the sweep, its ending, its metrics.
 
     Columns: ``key``, ``base``, ``variant``, ``draw``, ``ending``, ``passed``, ``reasons``, ``boundary``,
     ``simulated_s``, ``elapsed_s``, ``log``, ``level.<key>`` for every factor and draw, ``metric.<name>``. Vectors are
@@ -35,7 +35,7 @@ def write_parquet(sweep: Sweep, rows: Mapping[str, Row], file: Path) -> Path:
     Args:
         sweep: its document and points.
         rows: the finished points by their keys.
-        file: where to.
+        file: the file to write.
 
     Returns:
         The file.
@@ -66,7 +66,7 @@ def write_parquet(sweep: Sweep, rows: Mapping[str, Row], file: Path) -> Path:
         columns[f"level.{key}"] = _alike([point.levels.get(key) for point, _ in found])
     for name in dict.fromkeys(name for _, row in found for name in row.metrics):
         columns[f"metric.{name}"] = [row.metrics.get(name) for _, row in found]
-    # Columns without any value have a type all the same.
+    # Columns without any value must have a type too.
     types = {"draw": pyarrow.int64(), "boundary": pyarrow.float64(), "reasons": pyarrow.list_(pyarrow.string())}
     types |= {name: pyarrow.float64() for name in columns if name.startswith("metric.")}
     table = pyarrow.table({name: pyarrow.array(values, types.get(name)) for name, values in columns.items()})

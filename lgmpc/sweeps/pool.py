@@ -1,4 +1,4 @@
-"""Worker processes that survive what they compute: a task that raises, hangs or kills its process costs only itself."""
+"""Fault-tolerant worker processes: a task that raises, hangs or ends its process affects no other task."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def available_cores() -> int:
 
 
 class Executor(Protocol):
-    """Applies functions to tasks somewhere: :class:`Pool` here, :class:`lgmpc.sweeps.cluster.DaskPool` anywhere."""
+    """Applies functions to tasks: on this machine (:class:`Pool`) or on a cluster (:class:`~.cluster.DaskPool`)."""
 
     def map(
         self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
     ) -> Iterator[tuple[T, R | Exception]]:
-        """Yield each task with what the function returned or raised, as they finish.
+        """Yield each task with the value that the function returned or the exception that it raised, as they finish.
 
         Args:
-            function: of a task; importable by name.
-            tasks: the next one is drawn when it can be computed at once.
+            function: function of a task; importable by name.
+            tasks: tasks; the next one is drawn when it can be computed at once.
             workers: largest number of tasks at once; as many as there are processes if not given.
 
         Yields:
@@ -52,11 +52,11 @@ class Hung(Exception):
 
 
 class Died(Exception):
-    """A task's process ended under it."""
+    """A task's process ended before the task."""
 
 
 class _Worker:
-    """One process, an executor of its own: so a death is known to be of the task that ran in it."""
+    """One process with an executor of its own, so that the end of the process is attributed to its task."""
 
     def __init__(self, initialize: Callable[[], None]) -> None:
         self._executor = ProcessPoolExecutor(1, get_context("spawn"), initialize)
@@ -68,13 +68,13 @@ class _Worker:
         return self._pid is not None and self._pid.done()
 
     def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Hand a task to its process, which is started for the first one."""
+        """Submit a task to its process, which is started for the first one."""
         if self._pid is None:
             self._pid = self._executor.submit(os.getpid)
         return self._executor.submit(function, task)
 
     def kill(self) -> None:
-        """End its process whatever it does; one that is being started would begin its task otherwise."""
+        """Kill its process, also one that is still starting, which would begin its task otherwise."""
         if self._pid is not None:
             with suppress(BrokenProcessPool, CancelledError, TimeoutError, ProcessLookupError):
                 os.kill(self._pid.result(_START_S), signal.SIGKILL)
@@ -118,16 +118,7 @@ class Pool:
     def map(
         self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
     ) -> Iterator[tuple[T, R | Exception]]:
-        """Yield each task with what the function returned or raised, as they finish.
-
-        Args:
-            function: of a task; importable by name.
-            tasks: the next one is drawn when a process is free for it.
-            workers: number of processes; all of the pool's if not given.
-
-        Yields:
-            The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
-        """
+        """Yield each task with its result or exception as they finish; see :meth:`Executor.map`."""
         waiting = iter(tasks)
         running: dict[Future[R], _Running[T]] = {}
         exhausted = False
@@ -153,10 +144,10 @@ class Pool:
                 yield late.task, Hung(f"still computing after {self._limit:g} s (time_limit_s)")
 
     def _submit(self, function: Callable[[T], R], task: T) -> tuple[_Worker, Future[R]]:
-        """Hand a task to an idle process, or to a new one; one that ended while it was idle is replaced."""
+        """Submit a task to an idle process, or to a new one; one that ended while it was idle is replaced."""
         while True:
             worker = self._idle.pop() if self._idle else _Worker(self._initialize)
-            self._busy.append(worker)  # first: a signal that comes from here on finds the process that it has to end
+            self._busy.append(worker)  # first, so that a signal from here on ends this process too
             try:
                 return worker, worker.submit(function, task)
             except BrokenProcessPool:

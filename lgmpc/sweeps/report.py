@@ -25,7 +25,7 @@ __all__ = ["load_results", "write_sweep_report"]
 def load_results(folder: Path) -> tuple[Sweep, dict[str, Row]]:
     """Return the sweep of a folder and its finished points by their present keys.
 
-    Keys contain the versions of packages; results of other versions are found by their place in the sweep.
+    Keys depend on the versions of packages; results of other versions are matched by their place in the sweep.
 
     Raises:
         RunFolderError: if the folder has no finished point of the sweep.
@@ -43,7 +43,7 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
     """Write the report of a sweep's folder.
 
     Args:
-        folder: of the sweep.
+        folder: the sweep's folder.
         html: the file; ``report.html`` in the folder unless given.
 
     Returns:
@@ -66,7 +66,7 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
 
 
 def _place(item: Any) -> str:
-    """Return where a point or a row is in its sweep, as text: rows have been through JSON."""
+    """Return the place of a point or a row in its sweep as text, because rows were converted to JSON."""
     return json.dumps([item.base, item.variant, dict(item.levels), item.draw], sort_keys=True)
 
 
@@ -103,7 +103,7 @@ def _table(table: TextTable) -> Table:
 
 
 def _versions(folder: Path) -> dict[str, Any]:
-    """Return the versions in the sweep's summary; none if it was stopped before it wrote one."""
+    """Return the versions in the sweep's summary; empty if it was stopped before one was written."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):

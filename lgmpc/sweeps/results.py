@@ -1,4 +1,4 @@
-"""The results of a sweep: one line of JSON per finished point, in a file that only grows."""
+"""The results of a sweep: one line of JSON per finished point, in an append-only file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Results:
     """The file; several processes may append to it.
 
     Args:
-        file: made with the first row.
+        file: file, created with the first row.
     """
 
     def __init__(self, file: Path) -> None:
@@ -28,10 +28,10 @@ class Results:
     def rows(self) -> dict[str, Row]:
         """Return the finished points by their keys; reads only what was added since the last call.
 
-        A last line without an end is left out: another process is writing it, or was killed while it did.
+        An incomplete last line is ignored: another process is writing it, or was killed while writing it.
 
         Raises:
-            RunFolderError: if the file cannot be read or a line in it is no row.
+            RunFolderError: if the file cannot be read or a line in it is not a row.
         """
         try:
             with self._file.open("rb") as file:
@@ -52,7 +52,7 @@ class Results:
         """Save a finished point: its line is on the disk when this returns.
 
         Raises:
-            RunFolderError: if it cannot be written; then nothing of it is in the file.
+            RunFolderError: if it cannot be written; the file is then unchanged.
         """
         try:
             descriptor = os.open(self._file, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
@@ -62,17 +62,17 @@ class Results:
                 data = f"{row.to_json()}\n".encode()
                 if os.write(descriptor, data) < len(data):
                     _cut_torn_line(descriptor)
-                    raise RunFolderError(f"cannot write {self._file}: the disk is full. Make room, then --resume")
+                    raise RunFolderError(f"cannot write {self._file}: the disk is full. Free some space, then --resume")
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
         except OSError as error:
             reason = reason_of(error)
-            raise RunFolderError(f"cannot write {self._file}: {reason}. --resume goes on from here") from error
+            raise RunFolderError(f"cannot write {self._file}: {reason}. --resume continues from here") from error
 
 
 def _cut_torn_line(descriptor: int) -> None:
-    """Remove what a killed process or a full disk left of a line."""
+    """Remove an incomplete last line, left by a killed process or a full disk."""
     size = os.lseek(descriptor, 0, os.SEEK_END)
     end = size
     while end > 0:

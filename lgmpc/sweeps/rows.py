@@ -1,28 +1,28 @@
-"""What a finished point leaves: one line of JSON."""
+"""The record of a finished point: one line of JSON."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any
 
 from lgmpc.errors import RunFolderError
+from lgmpc.runs.atomic import json_values
 
 __all__ = ["Ending", "Row"]
 
 
 class Ending(str, Enum):
-    """How a point ended."""
+    """The ending of a point."""
 
     PASS = "pass"
     """It passed its gate, or its boundary was found."""
     FAIL = "fail"
-    """It broke its gate."""
+    """It failed its gate."""
     UNBRACKETED = "unbracketed"
-    """Both ends of its bisection agree."""
+    """Both ends of its bisection have the same verdict."""
     RAISED = "raised"
     """It raised an error."""
     HUNG = "hung"
@@ -41,21 +41,21 @@ class Row:
     """A finished point.
 
     Attributes:
-        key: of the point.
-        ending: how it ended.
-        reasons: why it did not pass.
-        metrics: the kept metrics, by name; ``None`` where there was nothing to measure.
-        boundary: what its bisection found; ``None`` if there was none or it found none.
+        key: key of the point.
+        ending: its ending.
+        reasons: reasons why it did not pass.
+        metrics: the kept metrics by name; ``None`` where there was nothing to measure.
+        boundary: result of its bisection; ``None`` if there was none or it found no boundary.
         trials: values that the bisection tried, and whether each passed.
         violations: values below the boundary at which it failed.
-        simulated_s: simulated time.
-        elapsed_s: time that it took in its process, s.
-        log: name of its run folder among the sweep's logs, which may have made room for a failure's since; empty if
-            none was kept.
+        simulated_s: simulated time, s.
+        elapsed_s: computing time in its process, s.
+        log: name of its run folder among the sweep's logs, which may have been removed for that of a failure; empty if
+            it was not kept.
         base: as in :class:`lgmpc.sweeps.design.Point`, and so are the next three.
-        variant: name.
-        levels: values.
-        draw: number.
+        variant: name of the variant.
+        levels: value of each factor and draw.
+        draw: number of the draw.
     """
 
     key: str
@@ -75,15 +75,13 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether it passed."""
+        """Whether the run passed."""
         return self.ending is Ending.PASS
 
     def to_json(self) -> str:
-        """Return it as one line."""
+        """Return the row as one line of JSON."""
         content = asdict(self)
-        content["metrics"] = {
-            name: None if value is None or not math.isfinite(value) else value for name, value in self.metrics.items()
-        }
+        content["metrics"] = json_values(self.metrics)
         return json.dumps(content, allow_nan=False)
 
     @classmethod
@@ -102,4 +100,4 @@ class Row:
             values["trials"] = tuple((float(value), bool(passed)) for value, passed in values["trials"])
             return cls(**values)
         except (ValueError, KeyError, TypeError) as error:
-            raise RunFolderError(f"{source} is no row of a sweep: {type(error).__name__} {error}") from error
+            raise RunFolderError(f"{source} is not a row of a sweep: {type(error).__name__} {error}") from error

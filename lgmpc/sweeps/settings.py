@@ -1,4 +1,4 @@
-"""The document of a sweep: base configs, what is varied, what is kept of each run."""
+"""The document of a sweep: base configs, variations, and the data kept of each run."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class Spaced(_Factor):
 
     kind: Literal["spaced"] = Field(description="Evenly spaced numbers.")
     range: Range = Field(description="[first, last], both included.")
-    count: Annotated[Points, Field(ge=2)] = Field(description="How many numbers, at least 2.")
+    count: Annotated[Points, Field(ge=2)] = Field(description="Number of values, at least 2.")
 
 
 class Directions(_Factor):
     """Evenly spaced horizontal vectors around the circle, from the x axis on."""
 
     kind: Literal["directions"] = Field(description="Horizontal vectors [x, y, 0] around the circle.")
-    count: Points = Field(description="How many.")
+    count: Points = Field(description="Number of vectors.")
     size: Positive = Field(default=1.0, description="Length of the vectors, in the unit of the key.")
 
 
@@ -120,26 +120,26 @@ Distribution = Annotated[_Any, Field(discriminator="kind")]
 class Samples(Settings):
     """Random draws of several keys at once. Every draw gets a seed of its own as key ``seed``."""
 
-    count: Points = Field(description="How many draws.")
+    count: Points = Field(description="Number of draws.")
     seed: Number = Field(default=0, description="Seed of the draws; draw i runs with seed + i.")
     method: Literal["random", "latin_hypercube"] = Field(
         default="random",
         description="random: independent draws. latin_hypercube: each key's distribution is cut into `count` parts of "
         "equal probability, and each part is drawn from once.",
     )
-    keys: Annotated[tuple[Distribution, ...], Field(min_length=1)] = Field(description="What is drawn.")
+    keys: Annotated[tuple[Distribution, ...], Field(min_length=1)] = Field(description="Distributions to draw from.")
 
 
 class BisectionSettings(Settings):
     """Search of the largest value of one key at which a run still passes.
 
-    It assumes that the verdict is monotonic: that whatever passes at a value passes at every smaller one. ``probes``
-    checks that at values below the one found.
+    The verdict is assumed monotonic: a run that passes at a value passes at every smaller one. ``probes`` checks this
+    at values below the one found.
     """
 
-    key: str = Field(min_length=1, description="Dotted key. Where it holds a vector, the value scales that vector.")
-    range: Range = Field(description="[passes, fails]: where a run passes, and where it fails.")
-    tolerance: Positive = Field(description="Width of the interval that the boundary is found to.")
+    key: str = Field(min_length=1, description="Dotted key. If it is a vector, the value scales that vector.")
+    range: Range = Field(description="[passes, fails]: a value at which a run passes, and one at which it fails.")
+    tolerance: Positive = Field(description="Width of the final interval around the boundary.")
     probes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
         default=0, description="Runs at evenly spaced values below the boundary, which all should pass."
     )
@@ -152,13 +152,13 @@ class BisectionSettings(Settings):
 
 
 class LogChoice(Settings):
-    """Which run folders stay."""
+    """Selection of the run folders to keep."""
 
-    keep: Number = Field(default=10, description="How many run folders at most: failures first, the earliest of them.")
+    keep: Number = Field(default=10, description="Largest number of run folders: failures first, the earliest of them.")
 
 
 class Expectation(Settings):
-    """Limits on the sweep as a whole; a point that raises, hangs or ends its process fails every sweep."""
+    """Limits on the figures of the sweep; a point that raises, hangs or ends its process fails every sweep."""
 
     min_pass_fraction: Fraction | None = Field(default=None, description="Smallest share of points that pass, 0 to 1.")
     min_boundary: NonNegative | None = Field(default=None, description="Smallest boundary that a bisection may find.")
@@ -173,20 +173,20 @@ class SweepSettings(Settings):
         description="Name of the sweep; that of its folder, so letters, digits, '.', '_' and '-' only.",
     )
     base: Keys = Field(description="A config of a closed loop (file, or name of a shipped one), or a list of them.")
-    set: Mapping[str, Any] = Field(default={}, description="Values of the base configs that all points change.")
-    factors: tuple[Factor, ...] = Field(default=(), description="What is varied: all combinations.")
-    samples: Samples | None = Field(default=None, description="What is drawn at random, at every combination.")
+    set: Mapping[str, Any] = Field(default={}, description="Changes of the base configs, for all points.")
+    factors: tuple[Factor, ...] = Field(default=(), description="Factors, varied in all combinations.")
+    samples: Samples | None = Field(default=None, description="Random draws, at every combination.")
     variants: Mapping[str, Mapping[str, Any]] = Field(
         default={},
         description="Named changes, each run at all the same points with the same seeds: compared in pairs.",
     )
     bisect: BisectionSettings | None = Field(default=None, description="A boundary that is searched at every point.")
-    gate: Gate | None = Field(default=None, description="What counts as success; replaces that of the bases.")
+    gate: Gate | None = Field(default=None, description="Criteria of success; they replace those of the bases.")
     metrics: tuple[str, ...] | None = Field(
-        default=None, description="Metrics that are kept (see metrics of a run.json); all if not given."
+        default=None, description="Metrics to keep (see metrics of a run.json); all if not given."
     )
-    expect: Expectation = Field(default=Expectation(), description="What counts as success of the whole sweep.")
-    logs: LogChoice = Field(default=LogChoice(), description="Which run folders stay.")
+    expect: Expectation = Field(default=Expectation(), description="Criteria of success of the sweep.")
+    logs: LogChoice = Field(default=LogChoice(), description="Run folders to keep.")
     time_limit_s: Positive = Field(default=900.0, description="Longest time that a point may compute, s.")
     memory_limit_gb: Positive = Field(
         default=8.0,
@@ -212,7 +212,7 @@ class SweepSettings(Settings):
             if key in [other for _, other in varied]
         ]
         if not (self.factors or self.samples or self.variants or self.bisect or len(self.base) > 1):
-            found.append(Problem("factors", [], "something that is varied: factors, samples, variants, bisect, bases"))
+            found.append(Problem("factors", [], "a variation: factors, samples, variants, bisect or several bases"))
         if found:
             raise problems(found)
         return self

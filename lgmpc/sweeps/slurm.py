@@ -30,14 +30,14 @@ __all__ = ["SlurmSettings", "load_slurm", "slurm_client"]
 
 
 class SlurmSettings(Settings):
-    """The jobs that compute a sweep: all alike, and submitted again when they reach their wall time."""
+    """The jobs that compute a sweep: identical, and submitted again when they reach their wall time."""
 
-    jobs: Count = Field(default=1, description="How many jobs run at once.")
+    jobs: Count = Field(default=1, description="Number of jobs at a time.")
     cores: Count = Field(description="Processors of a job; each computes one point at a time.")
-    memory_gb: Positive = Field(description="Memory of a job, GB: at least what a point takes, times `cores`.")
+    memory_gb: Positive = Field(description="Memory of a job, GB: at least that of a point times `cores`.")
     walltime: str = Field(
         pattern=r"^(\d+-)?\d{1,2}:\d{2}:\d{2}$",
-        description="Longest time of a job, [days-]hours:minutes:seconds; points in flight at its end are repeated.",
+        description="Longest time of a job, [days-]hours:minutes:seconds; points unfinished at its end are repeated.",
     )
     queue: str | None = Field(default=None, min_length=1, description="Partition; SLURM's default unless given.")
     account: str | None = Field(default=None, min_length=1, description="Account that is charged.")
@@ -50,9 +50,7 @@ class SlurmSettings(Settings):
     interface: str | None = Field(
         default=None, min_length=1, description="Network interface of the scheduler and the workers, such as ib0."
     )
-    start_s: Positive = Field(
-        default=60.0, description="How long a job waits for the sweep's scheduler before it ends, s."
-    )
+    start_s: Positive = Field(default=60.0, description="Longest time that a job waits for the sweep's scheduler, s.")
 
 
 def load_slurm(file: Path) -> SlurmSettings:
@@ -86,16 +84,16 @@ def load_slurm(file: Path) -> SlurmSettings:
 def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.Client]:
     """Submit jobs for the duration of a block, and connect to the Dask workers in them.
 
-    The scheduler is in this process, so this process must run where the jobs' machines reach it: on a login node, or
-    in a job of its own. Jobs still there at the end of the block are cancelled.
+    The scheduler runs in this process, so this process must be reachable from the jobs' machines: on a login node, or
+    in a job of its own. Jobs left at the end of the block are cancelled.
 
     Args:
-        settings: of the jobs.
-        folder: for what the jobs print, ``lgmpc-<number>.out`` and ``.err``.
+        settings: settings of the jobs.
+        folder: folder for the output of the jobs, ``lgmpc-<number>.out`` and ``.err``.
 
     Raises:
         InputError: this machine has no ``sbatch``.
-        ClusterError: SLURM refuses the job.
+        ClusterError: SLURM rejects the job.
         MissingDependencyError: dask-jobqueue is not installed.
     """
     try:
@@ -131,7 +129,7 @@ def slurm_client(settings: SlurmSettings, folder: Path) -> Iterator[distributed.
 
 
 def _import_jobqueue() -> ModuleType:
-    """Import dask-jobqueue, and keep this program's handler of Ctrl-C, in whose place the import sets another one."""
+    """Import dask-jobqueue, and restore this program's handler of Ctrl-C, which the import replaces."""
     handler = signal.getsignal(signal.SIGINT)
     try:
         import dask_jobqueue
@@ -142,11 +140,11 @@ def _import_jobqueue() -> ModuleType:
 
 
 def _check_accepted(script: str) -> None:
-    """Check that SLURM would accept a job: a refusal of the real one would only be logged, and waited for."""
+    """Check that SLURM accepts a job: dask-jobqueue only logs a rejection, and waits."""
     with NamedTemporaryFile("w", suffix=".sh", encoding="utf-8") as file:
         file.write(script)
         file.flush()
         done = subprocess.run(["sbatch", "--test-only", file.name], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        said = (done.stderr or done.stdout).strip() or f"exit code {done.returncode}"
-        raise ClusterError(f"SLURM refuses the job: {said}. Change the file given to --slurm")
+        reason = (done.stderr or done.stdout).strip() or f"exit code {done.returncode}"
+        raise ClusterError(f"SLURM rejects the job: {reason}. Change the file given to --slurm")

@@ -1,4 +1,4 @@
-"""Intervals: of shares, of medians, of differences in pairs."""
+"""Confidence intervals of shares, medians, and paired differences."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Estimate:
     """A number with its 95 % confidence interval.
 
     Attributes:
-        value: estimated.
-        low: end of the interval.
-        high: end of the interval.
-        count: of the observations.
+        value: the estimate.
+        low: lower end of the interval.
+        high: upper end of the interval.
+        count: number of observations.
     """
 
     value: float
@@ -63,8 +63,8 @@ def bootstrap(values: Sequence[float], statistic: Callable[[Array], Array]) -> E
     """Return a statistic with its percentile interval over resamples (Efron, Annals of Statistics 1979).
 
     Args:
-        values: observations; the same ones give the same interval.
-        statistic: of arrays (..., n), over their last axis.
+        values: observations; equal ones give equal intervals, because the resampling is seeded.
+        statistic: function of arrays (..., n), over their last axis.
     """
     data = np.asarray(values, dtype=float)
     if data.size == 0:

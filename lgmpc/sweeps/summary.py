@@ -1,4 +1,4 @@
-"""What the rows of a sweep show together: shares that pass, boundaries, effects of factors, differences in pairs."""
+"""The summary of a sweep: shares that pass, boundaries, effects of factors, paired differences."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.settings import Choice, Directions
@@ -15,21 +16,21 @@ from lgmpc.sweeps.statistics import Estimate, mean_difference, median, share
 __all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "summarize"]
 
 MOST_GROUPS = 24
-"""Groups by the levels of all factors, if there are no more; else by base and variant."""
+"""Largest number of groups by the levels of all factors; beyond it, points are grouped by base and variant."""
 
 _BINS = 5
 _NOT_COMPARED = ("_ms.", "real_time_factor", "deadline_misses")
-"""Metrics of computing time say nothing about a controller where several processes share a machine."""
+"""Metrics of computing time, which are not comparable where several processes share a machine."""
 
 Pair = tuple[Point, Row]
 
 
 @dataclass(frozen=True)
 class Boundaries:
-    """Boundaries that bisections found.
+    """Boundaries found by bisections.
 
     Attributes:
-        median: of all.
+        median: median of all.
         low: the smallest.
         high: the largest.
         violations: values below a boundary that failed.
@@ -46,10 +47,10 @@ class Group:
     """Points that share base, variant and, if there are few, the levels of the factors.
 
     Attributes:
-        labels: what they share.
-        endings: how many ended how.
-        passed: share that passed; of those with a verdict.
-        boundaries: of bisections.
+        labels: the shared base, variant and levels.
+        endings: number of points by ending.
+        passed: share that passed, of those with a verdict.
+        boundaries: boundaries found by bisections.
         metrics: median of each kept metric.
     """
 
@@ -62,11 +63,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Level:
-    """Share that passes at one level of one factor, whatever the other factors.
+    """Share that passes at one level of one factor, over all levels of the others.
 
     Attributes:
-        key: the factor's.
-        level: its value, or the range of values.
+        key: key of the factor.
+        level: value of the factor, or range of values.
         passed: share that passed.
     """
 
@@ -77,10 +78,10 @@ class Level:
 
 @dataclass(frozen=True)
 class Pairing:
-    """A variant against the first one, at the same points.
+    """A variant compared with the first one at the same points.
 
     Attributes:
-        variant: name.
+        variant: name of the variant.
         against: name of the first.
         quantity: a metric, ``boundary`` or ``passed``.
         difference: mean over the pairs of the variant's minus the first's.
@@ -94,17 +95,17 @@ class Pairing:
 
 @dataclass(frozen=True)
 class Summary:
-    """A sweep in numbers.
+    """The figures of a sweep.
 
     Attributes:
-        name: of the sweep.
-        total: points.
-        finished: points that are finished.
-        groups: by base, variant and levels.
+        name: name of the sweep.
+        total: number of points.
+        finished: number of finished points.
+        groups: groups by base, variant and levels.
         levels: effect of each factor that has several levels.
-        pairings: variants in pairs.
-        broken: reasons of the points without a verdict, and how many have each.
-        complaints: what of ``expect`` is not kept, in words; empty if the sweep passed.
+        pairings: paired comparisons of variants.
+        broken: number of points without a verdict, by reason.
+        complaints: violated conditions of ``expect`` in words; empty if the sweep passed.
     """
 
     name: str
@@ -118,12 +119,12 @@ class Summary:
 
     @property
     def passed(self) -> bool:
-        """Whether every point is finished and has a verdict, and what is expected is kept."""
+        """Whether every point is finished and has a verdict, and the sweep's ``expect`` is satisfied."""
         return not self.complaints
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        return {"passed": self.passed, **_finite(asdict(self))}
+        return {"passed": self.passed, **json_values(asdict(self))}
 
 
 def summarize(sweep: Sweep, rows: Mapping[str, Row]) -> Summary:
@@ -220,7 +221,7 @@ def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
 
 
 def _size(level: Any) -> Any:
-    """Return a level that can be compared: a number or text as it is, a drawn vector by its length."""
+    """Return a comparable level: a number or text unchanged, a drawn vector by its length."""
     if isinstance(level, (list, tuple)):
         numbers = all(isinstance(each, (int, float)) for each in level)
         return round(math.hypot(*level), 9) if numbers else repr(level)
@@ -243,7 +244,7 @@ def _shown(level: Any) -> str:
 
 
 def _pairings(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Pairing]:
-    """Yield what each variant changes, over the points where it and the first variant both have a verdict."""
+    """Yield the paired differences of each variant to the first, over the points where both have a verdict."""
     names = list(sweep.settings.variants)
     if len(names) < 2:
         return
@@ -285,11 +286,3 @@ def _complaints(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[str]:
     lowest = min((row.boundary for row in rows if row.boundary is not None), default=math.inf)
     if expect.min_boundary is not None and lowest < expect.min_boundary:
         yield f"the smallest boundary is {lowest:.3g}, expected at least {expect.min_boundary:g}"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,7 +15,7 @@ __all__ = ["TextTable", "group_table", "level_table", "pairing_table", "point_ta
 
 _MOST_METRICS = 4
 _USUAL = ("survived_s", "max_tilt_deg")
-"""Metrics that are shown if a sweep names none."""
+"""Metrics in the tables of a sweep that names none."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class TextTable:
 
 
 def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
-    """Return a row for each group: how many passed and the medians of metrics, or the boundaries."""
+    """Return a row for each group: the share that passed and the medians of metrics, or the boundaries."""
     labels = list(dict.fromkeys(label for group in summary.groups for label in group.labels))
     bounded = any(group.boundaries for group in summary.groups)
     shown = () if bounded else (metrics or _USUAL)[:_MOST_METRICS]
@@ -46,7 +46,7 @@ def level_table(summary: Summary) -> TextTable:
 
 
 def pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
-    """Return what each variant changes against the first one, in pairs."""
+    """Return the paired differences of each variant to the first one."""
     shown = ("passed", "boundary", *(metrics or _USUAL))
     rows = tuple(
         (each.variant, each.against, each.quantity, str(each.difference), str(each.difference.count))
@@ -57,7 +57,7 @@ def pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTabl
 
 
 def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
-    """Return a row for each finished point: where it is, how it ended and why."""
+    """Return a row for each finished point: its place in the sweep, its ending and the reasons."""
     keys = list(dict.fromkeys(key for point in sweep.points for key in point.levels))
     found = [(point, rows[point.key]) for point in sweep.points if point.key in rows]
     cells = tuple(
@@ -76,13 +76,13 @@ def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
 
 
 def search_words(sweep: Sweep, rows: Mapping[str, Row]) -> str:
-    """Return what the sweep's bisection assumes and whether probes contradict it; empty if there is none."""
+    """Return a sentence on the assumption of the sweep's bisection and its probes; empty without a bisection."""
     search = sweep.settings.bisect
     if search is None:
         return ""
     violations = sum(len(row.violations) for row in rows.values())
     checked = f"{violations} probes below a boundary fail" if search.probes else "not checked (bisect.probes)"
-    return f"bisection of {search.key} assumes that what passes at a value passes at every smaller one: {checked}"
+    return f"bisection of {search.key} assumes that a run that passes at a value passes at every smaller one: {checked}"
 
 
 def _boundaries(group: Group) -> tuple[str, ...]:

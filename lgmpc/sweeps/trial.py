@@ -28,15 +28,15 @@ __all__ = ["Task", "compute", "start_worker", "warm"]
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker receives.
+    """The data of a point that a worker receives.
 
     Attributes:
-        key: of the point.
-        config: of the point.
+        key: key of the point.
+        config: config of the point.
         bisect: the search, if there is one.
         metrics: names of the metrics to keep; all if ``None``.
-        scratch: folder that the run folders are made in.
-        memory_gb: that the process may allocate from then on.
+        scratch: folder of the run folders.
+        memory_gb: memory that the process may allocate from then on, GB.
     """
 
     key: str
@@ -48,7 +48,7 @@ class Task:
 
 
 def start_worker() -> None:
-    """Prepare a worker process: quiet, deaf to Ctrl-C, and ended together with the process that started it."""
+    """Prepare a worker process: without output, ignoring Ctrl-C, and ended with the process that started it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger("lgmpc").addHandler(logging.NullHandler())
     warnings.simplefilter("ignore")
@@ -63,12 +63,12 @@ def _end_with_parent() -> None:
 
 
 def warm(config: Config) -> None:
-    """Build everything that a run needs, so that its compiled functions are in the cache."""
+    """Build the session of a config, so that its compiled functions are in the cache."""
     prepare(config)
 
 
 def compute(task: Task) -> Row:
-    """Run a point, or search its boundary; what it raises becomes the reason of its row.
+    """Run a point, or search its boundary; exceptions become the reason of its row.
 
     Raises:
         Interrupted: by a signal to this process.
@@ -84,7 +84,7 @@ def compute(task: Task) -> Row:
 
 
 def _limit_memory(gigabytes: float) -> None:
-    """Let allocations beyond a limit raise in this process, instead of exhausting the machine's memory."""
+    """Limit the allocations of this process, which raise beyond the limit instead of exhausting the memory."""
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = int(1e9 * gigabytes)
     resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
@@ -94,7 +94,7 @@ class _Trial:
     """The runs of one point.
 
     Attributes:
-        simulated_s: of all runs together.
+        simulated_s: simulated time of all runs, s.
     """
 
     def __init__(self, task: Task) -> None:
@@ -102,7 +102,7 @@ class _Trial:
         self.simulated_s = 0.0
 
     def row(self) -> Row:
-        """Run the point and return what came of it."""
+        """Run the point and return its row."""
         task = self._task
         if task.bisect is None:
             run = self._run(task.config)

@@ -1,4 +1,4 @@
-"""What is tuned, over which points, and what counts as better."""
+"""The definition of a tuning: keys and ranges, points, and objective."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from lgmpc.sweeps.values import parse_assignments, value_at
 __all__ = ["Dimension", "Objective", "Score", "TuningProblem", "parse_dimension", "tuning_problem"]
 
 _SPREAD = 3.0
-"""A range that is not given reaches from a third of the present value to three times it."""
+"""Factor of the default range of a key, from a third of the present value to three times it."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A key that is tuned. Where it holds a vector, numbers multiply that vector.
+    """A tuned key. If it is a vector, numbers multiply that vector.
 
     Attributes:
-        key: dotted.
-        low: of the range; unused with choices.
-        high: of the range.
-        logarithmic: whether ratios matter, not differences.
+        key: dotted key.
+        low: lower end of the range; unused with choices.
+        high: upper end of the range.
+        logarithmic: whether the range is sampled logarithmically.
         whole: whether only whole numbers are tried.
-        choices: values, instead of a range; empty for a range.
+        choices: values instead of a range; empty for a range.
         initial: the present value; 1 where a vector is scaled.
     """
 
@@ -51,11 +51,11 @@ class Dimension:
 
 @dataclass(frozen=True)
 class Score:
-    """How well values do over a set of points.
+    """The score of values over a set of points.
 
     Attributes:
         passed: share of the points that pass.
-        value: mean of the objective over the points that have it; NaN if none has.
+        value: mean of the objective over the points at which it was measured; NaN if there are none.
     """
 
     passed: float
@@ -64,7 +64,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is made as good as possible, as long as no fewer points pass than with the initial values.
+    """The objective, optimised subject to at least as many passing points as with the initial values.
 
     Attributes:
         name: a metric, ``boundary``, or ``passed``.
@@ -74,7 +74,7 @@ class Objective:
 
     @property
     def maximized(self) -> bool:
-        """Whether more is better."""
+        """Whether larger values are better."""
         return higher_is_better(self.name)
 
     def score(self, rows: Sequence[Row]) -> Score:
@@ -103,11 +103,11 @@ class TuningProblem:
     """Keys, points and objective.
 
     Attributes:
-        name: of the config or sweep.
-        dimensions: what is tuned.
-        objective: what counts.
-        tuned: the points that values are judged by while tuning.
-        held_out: other points of the same kind, with other seeds and draws, which tuning does not see.
+        name: name of the config or sweep.
+        dimensions: the tuned keys.
+        objective: the objective.
+        tuned: the points of the trials.
+        held_out: points of the same kind with other seeds and draws, not used in trials.
     """
 
     name: str
@@ -125,7 +125,7 @@ class TuningProblem:
         """Return a config with tuned values.
 
         Raises:
-            InputError: the config refuses one.
+            InputError: a value is invalid in the config.
         """
         for each in self.dimensions:
             value = values[each.key]
@@ -133,7 +133,7 @@ class TuningProblem:
         return config
 
     def document(self) -> dict[str, Any]:
-        """Return what identifies the problem, as plain values."""
+        """Return the data that identify the problem, as plain values."""
         return {
             "tuned": self.tuned.settings.model_dump(mode="json"),
             "objective": self.objective.name,
@@ -154,7 +154,7 @@ def tuning_problem(
         keys: see :func:`parse_dimension`.
         objective: a metric of a run, ``passed``, or of sweeps with a bisection ``boundary``.
         overrides: changes ``key=value`` of the config, or of the document of the sweep.
-        seeds: how many seeds of a config are tuned, and as many others held out; unused for sweeps.
+        seeds: number of seeds of a config to tune over, and of further ones held out; unused for sweeps.
 
     Raises:
         ConfigError: config or sweep cannot be read or used.
@@ -180,14 +180,14 @@ def tuning_problem(
 
 
 def parse_dimension(config: Config, text: str) -> Dimension:
-    """Return what a text says to tune.
+    """Parse a key to tune, with its range or choices.
 
     Args:
-        config: with the present values.
+        config: config with the present values.
         text: ``KEY``, ``KEY=LOW:HIGH``, ``KEY=LOW:HIGH:log`` or ``KEY=[A, B, C]``.
 
     Raises:
-        InputError: no such key, it holds no number or vector, or the range is none.
+        InputError: no such key, it is neither a number nor a vector, or the range is invalid.
     """
     key, given, value = (part.strip() for part in text.partition("="))
     present = value_at(config, key)
@@ -220,7 +220,8 @@ def parse_dimension(config: Config, text: str) -> Dimension:
     if not low < high or (logarithmic and low <= 0):
         raise InputError(key, value, f"LOW below HIGH{', above zero' if logarithmic else ''}")
     if not low <= initial <= high:
-        raise InputError(key, value, f"a range that contains the present value, {initial:g}")
+        present_is = "1: a vector is scaled" if vector else f"the present value, {initial:g}"
+        raise InputError(key, value, f"a range that contains {present_is}")
     return Dimension(key, low, high, logarithmic, whole, (), initial)
 
 

@@ -34,7 +34,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, Any]:
     """Return keys and values of assignments ``key=value``, whose values are YAML.
 
     Raises:
-        ConfigError: if one is none.
+        ConfigError: if a text is not an assignment.
     """
     found = {}
     for text in texts:

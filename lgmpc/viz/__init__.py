@@ -5,10 +5,9 @@ matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when the
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
-from lgmpc.viz.embedded import embed_page
 from lgmpc.viz.explanation_plots import write_explanation
 from lgmpc.viz.figure_files import Plots
-from lgmpc.viz.page import has_desktop, serve_page, write_page
+from lgmpc.viz.page import embed_page, has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.report import report_page

@@ -1,4 +1,4 @@
-"""The drawn robot: its visual meshes, or a stick figure if it has none, moved by its joints."""
+"""The drawn robot: its visual meshes, or a stick figure if it has none, attached to its joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Body", "Part", "load_body"]
 
 _LOG = logging.getLogger(__name__)
 
-# From the trunk outwards: the colours of a model without its own.
+# Colours of models without their own, from the trunk outwards.
 _PALETTE = (0x34414F, 0xC9D1D9, 0x8794A3, 0x5D6B7A)
 
 
@@ -116,7 +116,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
             pin.GeometryType.VISUAL,
             package_dirs=[str(folder) for folder in source.package_dirs],
         )
-    except (ValueError, RuntimeError) as error:  # a missing mesh: show the run without it
+    except (ValueError, RuntimeError) as error:  # a missing mesh must not prevent the replay
         _LOG.warning("%s is drawn as a stick figure: %s", robot.name, " ".join(str(error).split()))
         return []
     depth = _depths(robot.model)

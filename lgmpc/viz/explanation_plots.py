@@ -1,4 +1,4 @@
-"""The figure of an explanation: the events before a failure on a time line, above the courses behind them."""
+"""The figure of an explanation: the events before a failure on a time line, above the quantities that caused them."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def write_explanation(explanation: Explanation, folder: Path) -> Path:
 
 
 def draw_explanation(figure: Figure, explanation: Explanation) -> None:
-    """Draw events, share of the limits that is used, capture point, attitude and contacts over the same time."""
+    """Draw events, share of the limits used, capture point, attitude and contacts over the same time."""
     log = explanation.log
-    events = _most_telling(explanation.events)
+    events = _most_important(explanation.events)
     begin, end = _window(explanation)
     shown = (log.time >= begin) & (log.time <= end)
     rows = max(len(events), 2)
@@ -79,7 +79,7 @@ def draw_explanation(figure: Figure, explanation: Explanation) -> None:
 
 
 def _window(explanation: Explanation) -> tuple[float, float]:
-    """Return the part of the run that is drawn: of a run without a moment of failure, all."""
+    """Return start and end of the part of the run to draw, s: all of it without a time of failure."""
     first, last = float(explanation.log.time[0]), float(explanation.log.time[-1])
     if explanation.failed_s is None:
         return first, last
@@ -87,7 +87,7 @@ def _window(explanation: Explanation) -> tuple[float, float]:
     return max(first, begin - _BEFORE_S), min(last, explanation.failed_s + _AFTER_S)
 
 
-def _most_telling(events: Sequence[Event]) -> list[Event]:
+def _most_important(events: Sequence[Event]) -> list[Event]:
     """Return at most as many events as there are rows, in order: causes first, then the first and the longest."""
     ranked = sorted(
         range(len(events)),
@@ -166,7 +166,7 @@ def _draw_attitude(axes: Axes, explanation: Explanation, shown: np.ndarray) -> N
 
 
 def _draw_contacts(axes: Axes, log: RunLog, shown: np.ndarray) -> None:
-    """Draw a row for each foot: filled where it touches the floor, outlined where the controller relies on it."""
+    """Draw a row for each foot: filled in measured contact, outlined where the controller assumes contact."""
     time = log.time[shown]
     for row, name in enumerate(log.contact_frames.tolist()):
         touching = log.contact_forces[shown, row, 2] > CONTACT_FORCE_N
@@ -178,4 +178,4 @@ def _draw_contacts(axes: Axes, log: RunLog, shown: np.ndarray) -> None:
     axes.set_ylim(len(log.contact_frames) - 0.4, -0.6)
     axes.set_yticks([])
     axes.grid(visible=False)
-    axes.set_title("Contact measured (filled), relied on by the controller (line)")
+    axes.set_title("Contact measured (filled), assumed by the controller (line)")

@@ -1,4 +1,4 @@
-"""Common parts of all figures: titles, legends and limits; their files and what a notebook displays of them."""
+"""Common parts of all figures: titles, legends and limits; their files and their display in notebooks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Plots(dict[str, "Picture"]):
     """Figures of matplotlib by name. A notebook displays all of them, or one that is looked up.
 
     Attributes:
-        title: of what they are drawn.
+        title: title of the run or trajectory.
     """
 
     def __init__(self, figures: Mapping[str, Picture], title: str) -> None:
@@ -96,7 +96,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
             figure = make()
             if draw(figure):
                 figure.suptitle(title, x=0.01, ha="left", fontsize=9, color=SOFT)
-                figure.draw_without_rendering()  # ticks are made when they are drawn, in the style of that moment
+                figure.draw_without_rendering()  # ticks are created when drawn, in the style active then
                 drawn[name] = figure
     return Plots(drawn, title)
 
@@ -133,7 +133,7 @@ def _for_page(svg: str, axes: str) -> str:
     element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
     element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
     element = classes_from_names(element)
-    # A hundredth of a point is less than anybody sees.
+    # Coordinates are rounded to a hundredth of a point, which is invisible.
     element = re.sub(r' (?:d|x|y|transform)="[^"]+"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), element)
     element = re.sub(r"font-family: [^;\"]*;? ?", "", element)
     for color, variable in THEMED.items():
@@ -147,7 +147,7 @@ def figure_title(result: RunResult | SolveResult) -> str:
 
 
 def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the joints of each kind that all legs have (``FL_HFE``: kind ``HFE``), if there are any."""
+    """Return the indices of the joints of each kind that all legs have (``FL_HFE``: kind ``HFE``), if any."""
     kinds: dict[str, list[int]] = {}
     for joint, name in enumerate(names):
         kinds.setdefault(name.partition("_")[2], []).append(joint)

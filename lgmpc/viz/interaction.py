@@ -1,6 +1,6 @@
-"""What a page's script has to know of a drawn figure: where its axes are, which of its parts are curves, what moves.
+"""Annotations of a drawn figure for the script of a page: boxes and ranges of the axes, curves, movable parts.
 
-The figure stays a picture that is whole without the script; parts get names that become CSS classes in its SVG.
+The figure is complete without the script; annotated parts have names that become CSS classes in its SVG.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def mark_figure(figure: Figure) -> str:
         ``c<number>`` of a curve and ``@<x>,<y>``, the anchor of a text; ``key c<number>`` of an entry of the legend.
     """
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # saving would arrange the axes once more, a little differently
+    figure.set_layout_engine("none")  # saving would repeat the layout, with slightly different results
     height = figure.bbox.height
     names: dict[str, int] = {}
     found = []
@@ -73,9 +73,9 @@ def classes_from_names(svg: str) -> str:
 
 
 def _curves(axes: Axes, figure: Figure, names: dict[str, int]) -> Iterator[tuple[Artist, int]]:
-    """Yield the lines through data with the numbers of their names; alike ones of a figure share name and number.
+    """Yield the lines through data with the numbers of their names; lines of one style share name and number.
 
-    A line without a name among others has that of the line that looks like it in other axes of the figure.
+    A line without a name in axes with several lines has the name of the line of its style in other axes of the figure.
     """
     lines = [line for line in axes.get_lines() if _moves(line, axes) == "xy" and len(np.asarray(line.get_xdata())) > 2]
     alone = len(lines) == 1
@@ -110,7 +110,7 @@ def _look(line: Line2D) -> tuple[Any, Any]:
 
 
 def _moves(artist: Artist, axes: Axes) -> str:
-    """Return in which directions an artist is placed by data: "", "x", "y" or "xy"; nothing of the axes' own parts."""
+    """Return the directions in which data place an artist: "", "x", "y" or "xy"; "" for parts of the axes."""
     from matplotlib.collections import Collection
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -134,7 +134,7 @@ def _anchor(artist: Artist, axes: Axes, height: float) -> str:
     if not isinstance(artist, Annotation):
         return ""
     coordinates = artist.xycoords if isinstance(artist.xycoords, tuple) else (artist.xycoords,) * 2
-    # Of the directions that are no data only those that move are read.
+    # Only the coordinates in which the artist moves are read.
     point = [float(value) if each == "data" else 0.0 for value, each in zip(artist.xy, coordinates, strict=True)]
     x, y = axes.transData.transform(point)
     return f" @{x:.1f},{height - y:.1f}"

@@ -19,7 +19,7 @@ _MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTR
 """Colours of the modes; standing has none."""
 
 _NARROWEST = 0.035
-"""Share of the time axis that a mode takes for its name to be written."""
+"""Share of the time axis above which an interval of a mode is labelled."""
 
 _LABEL_BAND = 0.16
 """Fraction of an axes' height reserved for the pushes' labels."""
@@ -51,7 +51,7 @@ def label_pushes(log: RunLog, *all_axes: Axes) -> None:
 
 
 def label_modes(log: RunLog, axes: Axes) -> None:
-    """Draw a band along the lower edge that says in which mode the robot was, unless it only stood."""
+    """Draw a band of the modes along the lower edge, unless the robot only stood."""
     if log.mode is None or log.ticks < 2 or bool((log.mode == MODES.index("stand")).all()):
         return
     edges = np.concatenate(([0], np.flatnonzero(np.diff(log.mode)) + 1, [log.ticks])).tolist()

@@ -131,10 +131,10 @@ class Arrow:
     """An arrow of a force: a shaft of variable length and a head of fixed size.
 
     Attributes:
-        path: in the scene.
+        path: path in the scene.
         color: 0xRRGGBB.
-        width: relative to that of a contact force.
-        scale: sizes.
+        width: width relative to that of a contact force.
+        scale: sizes of the marks.
     """
 
     path: str
@@ -147,14 +147,14 @@ class Arrow:
         return 0.2 * self.scale.length * math.sqrt(self.width)
 
     def add(self, scene: Scene) -> None:
-        """Add it to the scene."""
+        """Add the arrow to the scene."""
         radius = 0.028 * self.scale.length * self.width
         material = Material(self.color, shininess=10.0)
         scene.add_mesh(f"{self.path}/shaft", cylinder(radius, 0.0, 1.0), material)
         scene.add_mesh(f"{self.path}/head", cone(2.3 * radius, -self._head, 0.0), material)
 
     def animate(self, scene: Scene, times: Array, tail: Array, force: Array) -> None:
-        """Show it from ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where the force is zero."""
+        """Place it at ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where the force is zero."""
         shown: BoolArray = self.scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * self.scale.length
         # Visibility is a step function of time, the rest is interpolated: an arrow must not move until it is hidden.
         last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))

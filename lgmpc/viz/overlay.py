@@ -24,8 +24,8 @@ class Frames:
     """The pictures of a replay, as ticks of the log.
 
     Attributes:
-        times: (k,) s from the replay's start.
-        ticks: (k,) index into the log.
+        times: (k,) times from the replay's start, s.
+        ticks: (k,) indices into the log.
     """
 
     times: Array

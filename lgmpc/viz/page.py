@@ -1,4 +1,4 @@
-"""Pages: one self-contained HTML text with viewer, scene, animation and time line, and a server of it.
+"""Pages: one self-contained HTML text with viewer, scene, animation and time line; as file, by a server, in notebooks.
 
 A page works from ``file://`` without a network. :mod:`lgmpc.viz.scene` defines the encoding of its arrays.
 """
@@ -27,10 +27,22 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.typing import Array
 from lgmpc.viz.scene import Scene
 
-__all__ = ["PageServer", "Readout", "has_desktop", "page_of", "serve_page", "time_line", "write_page"]
+__all__ = [
+    "PageServer",
+    "Readout",
+    "embed_page",
+    "frame_of",
+    "has_desktop",
+    "page_of",
+    "serve_page",
+    "time_line",
+    "write_page",
+]
 
 _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Colours of the first and the second curve on the time line."""
+
+_FRAME_HEIGHT = 480  # px, in notebooks
 
 
 @dataclass(frozen=True)
@@ -38,7 +50,7 @@ class Readout:
     """A quantity on the time line.
 
     Attributes:
-        label: a word or two.
+        label: short name.
         unit: text after the number, with a leading space if required.
         values: (n,) one for each picture, not negative.
         digits: after the decimal point.
@@ -54,9 +66,9 @@ def time_line(times: Array, readouts: tuple[Readout, ...], states: Sequence[str]
     """Return the data of the page's time line: at most two quantities over the pictures' times (n,), s.
 
     Args:
-        times: (n,) of the pictures, s.
+        times: (n,) times of the pictures, s.
         readouts: the quantities.
-        states: (n,) word for what the robot does, written beside them; none for nothing.
+        states: (n,) name of the robot's mode, displayed beside them; empty for none.
     """
     curves = [
         {
@@ -75,7 +87,7 @@ def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
     """Return the page's HTML.
 
     Args:
-        title: of the window.
+        title: title of the window.
         scene: the scene.
         content: of the panels: name, created, verdict, reasons, facts, legend, pushes, start, series (see
             :func:`time_line`), fog, camera.
@@ -110,6 +122,25 @@ def write_page(page: str, file: Path | str) -> Path:
     with atomic_write(path) as stream:
         stream.write(page.encode("utf-8"))
     return path
+
+
+def frame_of(page: str, height: int = _FRAME_HEIGHT) -> str:
+    """Return the HTML of a frame that contains a page.
+
+    Args:
+        page: the page's HTML.
+        height: px; the frame is as wide as the notebook.
+    """
+    style = f"width:100%;height:{height}px;border:0;border-radius:6px"
+    frame = f'<iframe srcdoc="{html.escape(page)}" style="{style}" loading="lazy" title="replay"></iframe>'
+    return f"<div>{frame}</div>"  # IPython warns about HTML that begins with a frame
+
+
+def embed_page(page: str, height: int = _FRAME_HEIGHT) -> None:
+    """Display a page as an output of the notebook's cell; arguments as in :func:`frame_of`."""
+    from IPython.display import HTML, display
+
+    display(HTML(frame_of(page, height)))  # type: ignore[no-untyped-call]
 
 
 def has_desktop() -> bool:

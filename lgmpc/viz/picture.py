@@ -1,4 +1,4 @@
-"""A figure that a notebook displays. Imported when the first one is drawn, because matplotlib takes its time."""
+"""A figure that a notebook displays. Imported when the first one is drawn, because importing matplotlib is slow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Picture"]
 
 
 class Picture(Figure):
-    """A figure of matplotlib without a display, which a notebook shows whether or not pyplot is in use there."""
+    """A figure of matplotlib without a display, shown by a notebook with or without pyplot."""
 
     def __init__(self) -> None:
         super().__init__(layout="constrained")

@@ -27,7 +27,7 @@ def plot_run(run: Run) -> Plots:
     """Draw the figures of a run: base, attitude, velocity, gait, feet, centre of mass, joints, forces, torques, ...
 
     Args:
-        run: the run folder, read.
+        run: contents of the run folder.
 
     Returns:
         The figures with data.
@@ -46,7 +46,7 @@ def run_drawings(run: Run) -> dict[str, Drawing]:
         InputError: if the log has no tick.
     """
     if run.log.ticks < 2:
-        raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run with something to draw")
+        raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least one tick")
 
     def drawing(draw: Callable[[Figure, RunLog], bool]) -> Drawing:
         return lambda figure: draw(figure, run.log)

@@ -10,6 +10,7 @@ from lgmpc.runs import Metrics, Run, WalkingMetrics, push_intervals
 from lgmpc.runs.log import MODES
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.walking import body_velocity
+from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.marks import COLORS, Scale
 from lgmpc.viz.overlay import Frames, add_overlay
@@ -30,12 +31,12 @@ def replay_page(robot: Robot, run: Run) -> str:
     """
     log = run.log
     if log.ticks == 0 or not (np.isfinite(log.q[0]).all() and np.isfinite(log.v[0]).all()):
-        raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run with something to show")
+        raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run of at least one finite tick")
     if log.q.shape[1] != robot.nq:
         raise InputError("run", f"{run.path} with nq = {log.q.shape[1]}", f"a run of {robot.name} (nq = {robot.nq})")
     frames = Frames.of(log)
     body = load_body(robot)
-    lowest, highest = body.bounds(log.q[0])
+    lowest, highest = _bounds(body, log.q[frames.ticks], log.base_pose[frames.ticks, 2])
     height = float(highest[2] - lowest[2])
     weight = robot.mass * float(np.linalg.norm(robot.gravity))
     scale = Scale.of(height, weight, len(log.contact_frames))
@@ -51,6 +52,16 @@ def replay_page(robot: Robot, run: Run) -> str:
     camera = frame_camera(lowest, highest, travel, impulses)
     content = _description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera}
     return page_of(f"{run.result.name} · lgmpc replay", scene, content)
+
+
+def _bounds(body: Body, q: Array, base_height: Array) -> tuple[Array, Array]:
+    """Return the corners of the robot's bounding box at the start, extended to the largest height of its base; m.
+
+    A robot that starts on its belly is then also in the picture when it stands.
+    """
+    lowest, highest = body.bounds(q[0])
+    low, high = body.bounds(q[int(np.argmax(base_height))])
+    return np.append(lowest[:2], min(lowest[2], low[2])), np.append(highest[:2], max(highest[2], high[2]))
 
 
 def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str, object]:
@@ -115,7 +126,7 @@ def _standing_facts(metrics: Metrics) -> list[tuple[str, str]]:
 def _walking_facts(walking: WalkingMetrics) -> list[tuple[str, str]]:
     facts = [("steps", f"{walking.steps}")]
     if walking.velocity_rmse_m_s is not None:
-        facts.append(("velocity off by (RMS)", f"{1e3 * walking.velocity_rmse_m_s:.1f} mm/s"))
+        facts.append(("velocity RMSE", f"{1e3 * walking.velocity_rmse_m_s:.1f} mm/s"))
     if walking.cost_of_transport is not None:
         facts.append(("cost of transport", f"{walking.cost_of_transport:.2f}"))
     if walking.recovery_time_s is not None:

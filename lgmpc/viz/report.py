@@ -1,4 +1,4 @@
-"""Reports: one self-contained page of text, tables, vector figures and a replay, for any screen and for paper."""
+"""Reports: one self-contained page of text, tables, vector figures and a replay, for all screens and for printing."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ class Replay:
 
 @dataclass(frozen=True)
 class Folded:
-    """What is shown on demand, and printed.
+    """Blocks that are shown on demand, and always printed.
 
     Attributes:
-        title: what is shown.
-        blocks: inside.
+        title: their title.
+        blocks: the blocks.
     """
 
     title: str
@@ -89,11 +89,11 @@ class Report:
     """The content of a report.
 
     Attributes:
-        title: name of what is reported on.
+        title: name of the run or sweep.
         verdict: "pass", "fail" or "interrupted".
-        about: when it was made, and the like.
-        reasons: for the verdict.
-        sections: in order.
+        about: line with time of creation, robot and seed.
+        reasons: reasons for the verdict.
+        sections: sections in order.
     """
 
     title: str
@@ -104,7 +104,7 @@ class Report:
 
 
 def report_page(report: Report) -> str:
-    """Return the page's HTML, which requires nothing else."""
+    """Return the page's HTML, which is self-contained."""
     assets = resources.files("lgmpc.viz") / "assets"
     parts = {
         "title": html.escape(f"{report.title} · lgmpc report"),

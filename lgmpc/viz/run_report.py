@@ -33,18 +33,18 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
     """Return the report of a closed loop: verdict, events, limits, certificate, figures, replay, config, versions.
 
     Args:
-        robot: of the run.
-        run: the folder, read.
-        gate: what it was judged by.
-        explanation: of the run.
+        robot: robot of the run.
+        run: contents of the run folder.
+        gate: limits of its verdict.
+        explanation: explanation of the run.
 
     Raises:
-        InputError: if the run has nothing to show.
+        InputError: if the run has no finite tick.
         MissingDependencyError: if matplotlib or meshcat is not installed.
     """
     failed = explanation.failed_s is not None
     events = Section(
-        "What happened",
+        "Events",
         (
             Words((*explanation.summary, *_repeated(run, explanation))),
             _events(explanation),
@@ -72,9 +72,9 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> R
     """Return the report of a solved trajectory: verdict, figures, replay, config, versions.
 
     Args:
-        robot: of the run.
-        run: the folder, read.
-        bounds: of its gate, by their keys.
+        robot: robot of the run.
+        run: contents of the run folder.
+        bounds: bounds of its gate by their keys.
 
     Raises:
         InputError: if the trajectory is not finite.
@@ -96,12 +96,12 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> R
 
 
 def _repeated(run: Run, explanation: Explanation) -> Iterator[str]:
-    """Yield where the run came from, and the command that repeats it up to its first event."""
+    """Yield the origin of a continued run, and the command that repeats the run up to its first event."""
     if run.result.origin is not None:
         yield str(run.result.origin)
     if explanation.replay_from_s is not None:
         command = f"lgmpc run --from {run.path}@{explanation.replay_from_s:g} --set KEY=VALUE"
-        yield f"to repeat it up to the first event, and go on with other settings: {command}"
+        yield f"to repeat it up to the first event, and continue with other settings: {command}"
 
 
 def _drawn(figure: Canvas, explanation: Explanation) -> bool:
@@ -136,7 +136,7 @@ def _nearest(explanation: Explanation) -> Table:
 
 
 def _certificate(certificate: Certificate) -> Section:
-    words = "physics and hardware were respected" if certificate.certified else "not certified"
+    words = "all checks of physics and hardware passed" if certificate.certified else "not certified"
     rows, marks = [], []
     for each in certificate.checks:
         figures = map(figure_number, (each.value, each.limit, each.margin))
@@ -173,7 +173,7 @@ def _all_figures(figures: Mapping[str, float | None]) -> Folded:
 
 
 def _replayed(page: partial[str]) -> tuple[Section, ...]:
-    """Return the section of the replay; none if a run has no body that can be shown."""
+    """Return the section of the replay; none if the run cannot be replayed."""
     try:
         return (Section("Replay", (Replay(page()),)),)
     except InputError:

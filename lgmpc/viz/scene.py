@@ -1,8 +1,8 @@
 """Scenes of the meshcat viewer: its commands as JSON, with all arrays in one block of bytes.
 
 The viewer accepts objects as three.js JSON, by path, and animations as key-frame tracks. Arrays are written in the JSON
-as ``{"$array": [type, offset, count]}``; the page substitutes typed arrays on the block of bytes. A replay is a tenth
-as large as with numbers as text, and geometry that several links share is stored once.
+as ``{"$array": [type, offset, count]}``; the page substitutes typed arrays on the block of bytes. A replay has a tenth
+of the size of one with numbers as text, and geometry that several links share is stored once.
 """
 
 from __future__ import annotations

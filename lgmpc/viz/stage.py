@@ -16,7 +16,7 @@ FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
 
 _FIELD_OF_VIEW_DEG = 32.0
-_ASPECT = 1.6  # width over height of a usual window
+_ASPECT = 1.6  # width over height of a typical window
 _ELEVATION_DEG = 19.0
 _AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
 

@@ -22,7 +22,7 @@ PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")
 """Colours of further curves, in order."""
 
 THEMED = {INK: "ink", SOFT: "soft", "#b9c2cc": "line", "#e6eaee": "grid"}
-"""Colours that a page replaces by its own, and the names of its CSS variables."""
+"""Colours that a page replaces by CSS variables, and the names of these."""
 
 _VECTOR: dict[Any, Any] = {"svg.fonttype": "none", "path.simplify_threshold": 0.1, "figure.dpi": 72}
 
@@ -54,7 +54,7 @@ def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[],
     """Yield a function that creates empty figures, without a display and in the common style.
 
     Args:
-        purpose: of the figures, for the error.
+        purpose: purpose of the figures, for the error message.
         vector: whether they are saved as vectors, with text as text.
 
     Raises:

@@ -34,7 +34,7 @@ def boundary_drawing(curves: Mapping[str, Sequence[tuple[float, float]]], quanti
 
     Args:
         curves: label -> (angle from the x axis, rad; boundary).
-        quantity: what the radius is.
+        quantity: quantity of the radius, with its unit.
     """
 
     def draw(figure: Figure) -> bool:

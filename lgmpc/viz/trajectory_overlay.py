@@ -25,9 +25,9 @@ class Pictures:
     """The pictures of a replay.
 
     Attributes:
-        times: (k,) s from the start.
-        intervals: (k,) the interval of each.
-        q: (k, nq) configurations, interpolated between the nodes'.
+        times: (k,) times from the start, s.
+        intervals: (k,) index of the interval of each picture.
+        q: (k, nq) configurations, interpolated between those of the nodes.
     """
 
     times: Array

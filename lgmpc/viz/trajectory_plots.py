@@ -32,7 +32,7 @@ def plot_trajectory(robot: Robot, run: SolvedRun) -> Plots:
 
     Args:
         robot: the robot of the run.
-        run: the run folder, read.
+        run: contents of the run folder.
 
     Returns:
         The figures with data.

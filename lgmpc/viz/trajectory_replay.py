@@ -24,10 +24,10 @@ __all__ = ["trajectory_page"]
 _FACTS = 11
 """Number of figures on the card; all are in run.json."""
 _WIDE = 2.5
-"""The camera follows motions of more than this many lengths of the robot; smaller ones fit into the picture."""
+"""Length of a motion, in lengths of the robot, above which the camera follows it; shorter ones fit into the picture."""
 
 _TALL = 2.5
-"""It also follows flights this many times as high as they are wide, and as the robot is large."""
+"""Ratio of a motion's height to its width, and to the robot's size, above which the camera follows it too."""
 _CLEARANCE = 0.25
 """Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
 

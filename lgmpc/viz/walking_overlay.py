@@ -73,7 +73,7 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
 
 
 def _swings(log: RunLog, foot: int) -> Iterator[tuple[int, int]]:
-    """Return the intervals of ticks in which a foot is not in stance."""
+    """Yield the intervals of ticks in which a foot is not in stance."""
     assert log.stance is not None
     lifted = (log.stance[:, foot] == 0).astype(np.int8)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], lifted, [0])))).tolist()
@@ -86,7 +86,7 @@ def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height
     base = log.base_pose[frames.ticks]
     yaw = heading(base[:, 3:])
     command = log.command[frames.ticks]
-    tail = np.column_stack((base[:, :2], np.full(len(base), log.base_pose[0, 2] + 0.3 * height)))
+    tail = np.column_stack((base[:, :2], np.full(len(base), base[:, 2].max() + 0.3 * height)))
     arrow = Arrow("/overlay/command/velocity", COLORS["command"], 1.4, Scale(scale.length, SPEED_SHOWN_M_S))
     arrow.add(scene)
     arrow.animate(scene, frames.times, tail, _world(command, yaw))

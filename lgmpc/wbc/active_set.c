@@ -1,4 +1,4 @@
-/* A dual active-set method for small dense QPs; active_set.py says which, and where it is from. */
+/* A dual active-set method for small dense QPs; solver.py says which, and where it is from. */
 #include <math.h>
 #include <string.h>
 #if defined(__GNUC__) && !defined(__clang__)

@@ -119,7 +119,7 @@ class WholeBodyQp:
         self._normal_column = nv + 2
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
         s.upper[nu:] = 0.0
-        self._run = StageKernel(_data(robot, symbolic)).bind(
+        self._run = StageKernel.of(_data, robot, symbolic).bind(
             1,
             q=terms.q,
             v=terms.v,
@@ -152,7 +152,7 @@ class WholeBodyQp:
         Returns:
             The sum of squares of all that varies: not finite if the state or a target is not.
         """
-        self._flags[:] = self.contacts.stance
+        self._flags[...] = self.contacts.stance
         friction = self.contacts.friction.tolist()
         if friction != self._friction:
             self._write_friction(friction)

@@ -112,7 +112,7 @@ class WholeBodyController:
             self._write_weights()
 
     def take_over(self, old: WholeBodyController) -> None:
-        """Go on where another controller is, with the weights of this one."""
+        """Take over the state of another controller, with the weights of this one."""
         self._write_weights()
 
     def _write_weights(self) -> None:
@@ -133,7 +133,7 @@ class WholeBodyController:
         else:
             self.status = self.solver.solve()
         if self.status is TickStatus.SOLVED:
-            self.acceleration[:], self._flat_forces[:] = self._solved
+            self.acceleration[...], self._flat_forces[...] = self._solved
             self.qp.write_torques(self.tau)
         else:
             self.failures += 1

@@ -45,7 +45,7 @@ class ComTask(SymbolicTask):
         return s.robot.vcom(s.q, s.v)
 
     def jacobian(self, s: StageSymbols) -> Any:
-        """Return its Jacobian, which the mass matrix's recursion leaves."""
+        """Return its Jacobian, a by-product of the mass matrix's recursion."""
         return s.robot.jacobian_com(s.q)
 
     def drift(self, s: StageSymbols) -> Any:
@@ -80,7 +80,7 @@ class BaseOrientationTask(SymbolicTask):
         return so3.log(self._to_target(s))
 
     def rate(self, s: StageSymbols) -> Any:
-        """Return the target's angular velocity less the base's."""
+        """Return the target's angular velocity minus the base's."""
         return ca.mtimes(self._to_target(s), s["angular_velocity"]) - s.v[3:6]
 
     def acceleration(self, s: StageSymbols) -> Any:
@@ -141,11 +141,11 @@ class AngularMomentumTask(SymbolicTask):
         return ca.SX.zeros(3)
 
     def rate(self, s: StageSymbols) -> Any:
-        """Return what the momentum lacks."""
+        """Return the error of the momentum."""
         return s["momentum"] - self.velocity(s)
 
     def acceleration(self, s: StageSymbols) -> Any:
-        """Return the rate to follow."""
+        """Return the target rate."""
         return s["rate"]
 
     def jacobian(self, s: StageSymbols) -> Any:
@@ -157,7 +157,7 @@ class AngularMomentumTask(SymbolicTask):
         return s.robot.momentum_rate(s.q, s.v, None)[3:]
 
     def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
-        """Turn nothing."""
+        """Set zero angular momentum."""
         self.target.momentum[:] = self.target.rate[:] = 0.0
 
 
@@ -185,7 +185,7 @@ class PostureTask(SymbolicTask):
 
 
 class _FeetTask(SymbolicTask):
-    """Three rows for each foot, which count in stance or in swing."""
+    """Three rows for each foot, active in stance or in swing."""
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
         self.dim = 3 * robot.nc
@@ -198,10 +198,10 @@ class _FeetTask(SymbolicTask):
 
 
 class StanceTask(_FeetTask):
-    """The contact points of the feet on the ground keep still; there is no target.
+    """The material points in contact do not accelerate, and their velocity is damped; there is no target.
 
-    A heavy weight holds them instead of an equality, because equal rows turn infeasible with the torque limits near
-    stretched legs; and only their velocity is fed back, because a rolling sphere's contact point moves.
+    A large weight is used instead of an equality, which would become infeasible together with the torque limits near
+    stretched legs; only velocities are fed back, because a rolling sphere's contact point moves.
     """
 
     name = "stance"
@@ -219,11 +219,11 @@ class StanceTask(_FeetTask):
         return ca.SX.zeros(self.dim)
 
     def rate(self, s: StageSymbols) -> Any:
-        """Return the velocity to brake."""
+        """Return the negative velocity, which is damped."""
         return -self.velocity(s)
 
     def acceleration(self, s: StageSymbols) -> Any:
-        """Return zero: they keep still."""
+        """Return zero."""
         return ca.SX.zeros(self.dim)
 
     def jacobian(self, s: StageSymbols) -> Any:
@@ -272,7 +272,7 @@ class SwingTask(_FeetTask):
         return 1 - self._in_contact(s)
 
     def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
-        """Hold every foot where it is."""
+        """Hold every foot at its present position."""
         self.hold(terms.contact_points)
 
 

@@ -14,7 +14,7 @@ from lgmpc.settings import Count, NonNegative, RangeFromZero, Settings, Vector3
 __all__ = ["Gain", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
 
 _NORMAL_FORCE = (0.04, 10.0)
-"""N per kg of the robot: a foot presses a little, and can carry the whole robot."""
+"""Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and can carry the robot."""
 
 
 class Gain(Settings):
@@ -32,7 +32,7 @@ class Gain(Settings):
 class WholeBodyWeights(Settings):
     """Weights of the tasks' squared errors in the quadratic programme; 0 leaves a task out.
 
-    Those of momenta and forces are for a robot of 2.5 kg: a heavier one's are divided by the square of its mass ratio.
+    Those of momenta and forces are for a robot of 2.5 kg; they are divided by the square of the mass ratio.
     """
 
     com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
@@ -43,15 +43,15 @@ class WholeBodyWeights(Settings):
     stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
     swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
     force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC (scaled by mass).")
-    acceleration: NonNegative = Field(default=1e-6, description="All accelerations (keeps the problem well posed).")
+    acceleration: NonNegative = Field(default=1e-6, description="All accelerations (regularisation).")
 
 
 class SteppingWeights(Settings):
-    """Weights that replace those of :class:`WholeBodyWeights` while feet swing; the others stay.
+    """Weights that replace those of :class:`WholeBodyWeights` while feet swing; the others are unchanged.
 
-    Two feet exert no moment about the line between them: attitude and centre of mass contend for the same forces, and
-    the ratio of their weights is that of sway to tilt. On all feet there is no such conflict; a robot that a push
-    nearly lifts off its feet should rather give up height and attitude than its place.
+    Two feet exert no moment about the line between them: attitude and centre of mass compete for the same forces, and
+    the ratio of their weights determines that of tilt to sway. On all feet there is no such conflict; under a push that
+    nearly unloads feet, errors of height and attitude are preferable to steps.
     """
 
     com: Vector3 = Field(default=(100.0, 100.0, 100.0), description="Acceleration of the centre of mass [x, y, z].")
@@ -77,25 +77,25 @@ class WholeBodyGains(Settings):
 class WholeBodySettings(Settings):
     """Whole-body quadratic programme over accelerations and contact forces."""
 
-    # Faster drives than 20 kHz do not exist; below 10 Hz a falling robot tilts by degrees between two ticks.
+    # No drives are faster than 20 kHz; below 10 Hz a falling robot tilts by degrees between two ticks.
     rate_hz: Annotated[float, Field(strict=True, ge=10.0, le=20_000.0)] = Field(
         default=1000.0, description="Ticks per second, Hz."
     )
     # Rubber on dry ground stays below 2; no force can be held with almost none.
     friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = Field(
-        default=0.6, description="Friction coefficient that the controller relies on."
+        default=0.6, description="Friction coefficient assumed by the controller."
     )
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 a kg of robot.",
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 per kg of the robot.",
     )
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.
     joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
-        default=0.02, description="Time ahead within which no joint may pass its position or velocity limit, s."
+        default=0.02, description="Look-ahead within which no joint may exceed its position or velocity limit, s."
     )
     # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
     joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(
@@ -108,14 +108,14 @@ class WholeBodySettings(Settings):
     gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
     solver: Literal["active_set", "proxqp"] = Field(
         default="active_set",
-        description="active_set: exact, in machine code, from the last tick's active limits on; ProxQP solves what it "
-        "does not. proxqp: ProxQP alone.",
+        description="active_set: exact, compiled, warm-started from the last tick's active limits; ProxQP where it "
+        "fails. proxqp: ProxQP alone.",
     )
-    # Rounding of the residuals is about 1e-12; with a tenth of a newton the torques are no solution any more.
+    # Rounding of the residuals is about 1e-12; residuals of a tenth of a newton make the torques useless.
     tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = Field(
-        default=1e-5, description="Residual at which the solver stops."
+        default=1e-5, description="Tolerance of the solver on residuals."
     )
-    max_iterations: Count = Field(default=50, description="Most iterations of the solver per tick.")
+    max_iterations: Count = Field(default=50, description="Largest number of solver iterations per tick.")
     fallback_damping_nms: NonNegative = Field(
         default=0.1, description="Joint damping added to the last command when the solver failed, N.m.s/rad."
     )

@@ -1,10 +1,10 @@
-"""Tasks of the whole-body QP: what should accelerate how, and how much that matters.
+"""Tasks of the whole-body QP: desired accelerations of quantities of the robot, with weights.
 
 A task drives a quantity y of the robot, with y' = J v and y'' = J a + J' v, to its target. Its rows of the QP are
 
     J a + J' v = y''_target + kp (y_target - y) + kd (y'_target - y')        each with a weight.
 
-One's own takes three lines; its Jacobian, its drift J' v and machine code come from the expression:
+A user-defined task takes three lines; its Jacobian, its drift J' v and machine code are generated from the expression:
 
     class HandHeight(SymbolicTask):
         dim = 1
@@ -24,6 +24,7 @@ IJHR 2016, section 3, for the form.
 
 from __future__ import annotations
 
+import copyreg
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -73,6 +74,7 @@ class Task(ABC):
         name: what it is called in messages and in :attr:`lgmpc.wbc.WholeBodyController.tasks`.
         dim: number of rows.
         target: named buffers; position, velocity and acceleration (dim,) unless the class has others.
+        targets_together: all of them as one vector, one after the other.
         kp: (dim,) stiffness, 1/s2, a buffer too.
         kd: (dim,) damping, 1/s, a buffer too.
         weight: (dim,) weights, a buffer too.
@@ -100,6 +102,15 @@ class Task(ABC):
         views = {key: self.layout.view(self.memory, key) for key in self.layout}
         self.kp, self.kd, self.weight = views["kp"], views["kd"], views["weight"]
         self.target = Target(self.name, {key: views[key].reshape(shape) for key, shape in shapes.items()})
+        self.targets_together: Array = self.memory[: self.layout["kp"].start]
+
+    def reduce_to_structure(self) -> tuple[Any, ...]:
+        """Reduce to what its expressions depend on (see :mod:`lgmpc.compile.index`): all but the buffers.
+
+        An array that an expression reads would be missing there: constants are plain numbers and tuples.
+        """
+        state = {name: value for name, value in vars(self).items() if not isinstance(value, (np.ndarray, Target))}
+        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
 
     def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
         """Return the targets, each with the shape of its buffer."""

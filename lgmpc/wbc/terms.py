@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 
@@ -35,6 +37,11 @@ class WholeBodyTerms:
         contact_points: (nc, 3) world positions of the contact points, m.
         contact_velocities: (nc, 3) velocities of the material points in contact, world axes, m/s: zero unless a foot
             slides or lifts.
+        finite: whether all of ``q`` and ``v`` is.
+        x: of :attr:`com`, m; with y and z a plain number, as all that follow.
+        px: linear momentum, N.s; with py.
+        upright: cosine of the base's tilt.
+        yaw: heading of the base, rad.
 
     Raises:
         InputError: if the robot has no floating base, no contact frames, or joints that ``v`` does not differentiate.
@@ -46,22 +53,26 @@ class WholeBodyTerms:
         self.robot = robot
         self.q = robot.q_reference.copy()
         self.v = np.zeros(robot.nv)
-        function = _terms(robot)
-        memory = {name: np.zeros(function.numel_out(name)) for name in function.name_out()}
-        self._run = StageKernel(function).bind(1, q=self.q, v=self.v, **memory)
+        kernel = StageKernel.of(_terms, robot)
+        memory = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
+        self._run = kernel.bind(1, q=self.q, v=self.v, **memory)
         self.com, self.momentum, self.momentum_drift = (memory[k] for k in ("com", "momentum", "momentum_drift"))
         self.momentum_matrix = memory["momentum_matrix"].reshape(6, robot.nv)
         self.locked_inertia = self.momentum_matrix[3:, 3:6]
         self.rotation = memory["rotation"].reshape(3, 3)
         self.contact_points = memory["contact_points"].reshape(robot.nc, 3)
         self.contact_velocities = memory["contact_velocities"].reshape(robot.nc, 3)
-        self._run()
+        self._summary = memory["summary"]
+        self.update(self.q, self.v)
 
     def update(self, q: Array, v: Array) -> None:
         """Recompute every term at configuration ``q`` (nq,) and velocity ``v`` (nv,)."""
-        self.q[:] = q
-        self.v[:] = v
+        self.q[...] = q
+        self.v[...] = v
         self._run()
+        size, self.x, self.y, self.z, self.px, self.py, ahead, left, self.upright = self._summary.tolist()
+        self.finite = math.isfinite(size)
+        self.yaw = math.atan2(left, ahead)
 
     def momentum_rate(self, acceleration: Array) -> Array:
         """Return (6,) the rate of the momentum at a joint-space acceleration (nv,), ``A_G a + A_G' v``."""
@@ -74,15 +85,17 @@ def _terms(robot: Robot) -> ca.Function:
     model = robot.symbolic
     q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
     s = StageSymbols(model, ca.vertcat(q, v), {})
+    com, momentum, rotation = model.com(q), model.momentum(q, v), model.joint_placement(q, 1).rotation
     # Matrices are stored row by row, as numpy has them.
     outputs = {
-        "com": model.com(q),
-        "momentum": model.momentum(q, v),
+        "com": com,
+        "momentum": momentum,
         "momentum_matrix": model.momentum_matrix(q).T,
         "momentum_drift": model.momentum_rate(q, v, None),
-        "rotation": model.joint_placement(q, 1).rotation.T,
+        "rotation": rotation.T,
         "contact_points": points.contact_points(s, robot),
         "contact_velocities": points.contact_velocities(s, robot),
+        "summary": ca.vertcat(ca.sumsqr(q) + ca.sumsqr(v), com, momentum[:2], rotation[:2, 0], rotation[2, 2]),
     }
     return ca.Function("wbc_terms", [q, v], ca.cse(list(outputs.values())), ["q", "v"], list(outputs))
 

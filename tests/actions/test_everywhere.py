@@ -37,6 +37,10 @@ from lgmpc.state import State
 
 SURFACE, POINT = "FL_FOOT", "HR_FOOT"
 CONTACTS = (Contact(SURFACE, 6), POINT)
+EDGES = (
+    Contact("FR_FOOT", 2, axes=((0.0, 0.0, 1.0),), frame_axes=((0.0, 1.0, 0.0),)),
+    Contact("HL_FOOT", 1),
+)
 TURNS = {
     "upright": np.zeros(3),
     "half a turn, nearly": (math.pi - 0.02) * np.array([0.6, -0.48, 0.64]),
@@ -76,21 +80,21 @@ def costs(state: State, forces: bool = True) -> list[CostItem]:
 
 
 @lru_cache
-def action(name: str) -> Action:
+def action(name: str, contacts: tuple[Contact | str, ...] = CONTACTS) -> Action:
     model = solo().model
     cone = [ConstraintItem("cone_row", SmoothFrictionCone(POINT), 0.0, np.inf)]
     if name == "forward":
-        dynamics = ContactForwardDynamics(model, CONTACTS)
+        dynamics = ContactForwardDynamics(model, contacts)
         return MultibodyAction(name, dynamics, costs(dynamics.state), cone)
     if name == "inverse":
-        backward = ContactInverseDynamics(model, CONTACTS)
+        backward = ContactInverseDynamics(model, contacts)
         return MultibodyAction(name, backward, costs(backward.state), cone)
     if name == "kinodynamic":
-        state = KinodynamicAction("plain", model, CONTACTS).state
-        return KinodynamicAction(name, model, CONTACTS, costs(state), cone)
+        state = KinodynamicAction("plain", model, contacts).state
+        return KinodynamicAction(name, model, contacts, costs(state), cone)
     if name == "impact":
-        state = ContactForwardDynamics(model, CONTACTS).state
-        return ImpulseAction(name, model, CONTACTS, costs(state), cone)
+        state = ContactForwardDynamics(model, contacts).state
+        return ImpulseAction(name, model, contacts, costs(state), cone)
     free = FreeForwardDynamics(model)
     if name == "hold":
         return HoldAction(
@@ -102,13 +106,25 @@ def action(name: str) -> Action:
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("name", ["forward", "inverse", "kinodynamic", "impact", "free", "hold"])
 def test_derivatives(name: str, turn: str) -> None:
-    subject, rng = action(name), np.random.default_rng(len(turn))
+    check(action(name), turn)
+
+
+@pytest.mark.parametrize("turn", ["half a turn, nearly", "upside down"])
+@pytest.mark.parametrize("name", ["forward", "inverse", "kinodynamic", "impact"])
+def test_derivatives_with_contacts_of_some_axes(name: str, turn: str) -> None:
+    check(action(name, (*CONTACTS, *EDGES)), turn)
+
+
+def check(subject: Action, turn: str) -> None:
+    rng = np.random.default_rng(len(turn))
     problem = ShootingProblem(subject, 3)
     for gains in ("contact_gains", "contact_stiffness"):
         if gains in tuple(subject.parameters):
             problem.set(gains, 0.7)
     if "contact_flags" in tuple(subject.parameters):
-        problem.set("contact_flags", [[1.0, 1.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # at node 1 no force at all
+        n = subject.parameters.parameter("contact_flags").size
+        flags = np.tile([[1.0, 1.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]], n // 2)  # at node 1 no force at all
+        problem.set("contact_flags", flags)
     state = subject.state
     upright = np.concatenate([solo().q_reference, np.zeros(state.nx - solo().nq)])
     xs, us = [], 0.5 * rng.standard_normal((3, subject.nu))

@@ -103,7 +103,8 @@ def oracle(x: np.ndarray, u: np.ndarray, layout: ParameterLayout, p: np.ndarray)
         drift = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
         error = data.oMf[frame].translation - s["contact_points"][3 * i : 3 * i + 3]
         jacobian.append(rows)
-        target.append(-drift - s["contact_gains"][0] * error - s["contact_gains"][1] * rows @ v)
+        stiffness, damping = s["contact_gains"][2 * i : 2 * i + 2]
+        target.append(-drift - stiffness * error - damping * rows @ v)
     j = np.vstack(jacobian)
     mass = data.M.copy()
     kkt = np.block([[mass, -j.T], [j, np.zeros((len(j), len(j)))]])
@@ -162,6 +163,75 @@ def test_surface_contact_holds_position_and_orientation() -> None:
         external[info.parentJoint] = info.placement.act(turn.actInv(pin.Force(wrench)))
     torques = pin.rnea(model, data, x[:19], x[19:], a, external)
     np.testing.assert_allclose(torques, np.r_[np.zeros(6), u], rtol=0, atol=1e-9)
+
+
+WHEEL = Contact("HL_FOOT", 2, axes=((0.0, 0.0, 2.0),), frame_axes=((0.0, 1.0, 0.0),))
+SOME_AXES = (Contact("FL_FOOT", 1), Contact("FR_FOOT", 2), WHEEL, Contact("HR_FOOT", 1, axes=((0.6, 0.0, 0.8),)))
+
+
+@pytest.mark.parametrize("flags", [(1, 1, 1, 1), (0, 1, 1, 0)])
+def test_contacts_of_some_axes_hold_these_and_push_along_them(flags: tuple[int, ...]) -> None:
+    """Along a motion with the accelerations found, held velocities change as Baumgarte's terms require.
+
+    By central differences of Pinocchio's frame velocities; forces satisfy its equations of motion.
+    """
+    model, data = solo().model, solo().create_data()
+    frames = tuple(contact.frame for contact in SOME_AXES)
+    function, layout = motion_function(forward(SOME_AXES), frames)
+    rng, h = np.random.default_rng(12), 1e-5
+    x, u = point(rng)
+    q, v = x[:19], x[19:]
+    gains = rng.uniform(0.5, 3.0, 8)
+    p = random_parameters(layout, rng, contact_flags=flags, contact_gains=gains)
+    points = p[layout["contact_points"]].reshape(4, 3)
+    a, forces = (value.full().ravel() for value in function(q, v, u, p))
+    forces = forces.reshape(4, 3)
+
+    def held_velocities(time: float) -> list[np.ndarray]:
+        there = pin.integrate(model, q, time * v + time**2 / 2 * a)
+        pin.forwardKinematics(model, data, there, v + time * a)
+        found = []
+        for contact in SOME_AXES:
+            frame = solo().frame(contact.frame)
+            rotation = pin.updateFramePlacement(model, data, frame).rotation
+            axes = [np.array(n) for n in contact.axes] + [rotation @ n for n in contact.frame_axes]
+            found.append(np.array(axes) @ pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear)
+        return found
+
+    before, now, after = (held_velocities(time) for time in (-h, 0.0, h))
+    pin.framesForwardKinematics(model, data, q)
+    external = [pin.Force.Zero() for _ in range(model.njoints)]
+    for i, contact in enumerate(SOME_AXES):
+        frame = model.frames[solo().frame(contact.frame)]
+        placement = data.oMf[solo().frame(contact.frame)]
+        world, own = (np.array(axes).reshape(-1, 3) for axes in (contact.axes, contact.frame_axes))
+        if flags[i]:
+            place = np.r_[world @ (placement.translation - points[i]), np.zeros(len(own))]
+            rate = (after[i] - before[i]) / (2 * h) + gains[2 * i] * place + gains[2 * i + 1] * now[i]
+            np.testing.assert_allclose(rate, 0.0, atol=1e-5 * max(1.0, np.abs(a).max()))
+        directions = np.vstack([world, own @ placement.rotation.T])
+        across = forces[i] - directions.T @ np.linalg.lstsq(directions.T, forces[i], rcond=None)[0]
+        np.testing.assert_allclose(across, 0.0, atol=1e-9)
+        assert np.any(forces[i]) == bool(flags[i])
+        turn = pin.SE3(placement.rotation, np.zeros(3))
+        external[frame.parentJoint] = frame.placement.act(turn.actInv(pin.Force(forces[i], np.zeros(3))))
+    torques = pin.rnea(model, data, q, v, a, external)
+    np.testing.assert_allclose(torques, np.r_[np.zeros(6), u], rtol=0, atol=1e-8)
+
+
+def test_axes_that_do_not_suit_a_contact_are_named() -> None:
+    with pytest.raises(InputError, match="size: got 4; expected 1 or 2 for some axes, 3 for a point, 6"):
+        Contact("foot", 4)
+    with pytest.raises(InputError, match="axes, frame_axes: got 1 axes; expected 2 in all"):
+        Contact("foot", 2, axes=((0.0, 0.0, 1.0),))
+    with pytest.raises(InputError, match="got 1 axes; expected none for a contact of size 3"):
+        Contact("foot", 3, frame_axes=((0.0, 0.0, 1.0),))
+    with pytest.raises(InputError, match=r"axes: got \(\(0.0, 0.0, 0.0\),\); expected directions"):
+        Contact("foot", 1, axes=((0.0, 0.0, 0.0),))
+    with pytest.raises(InputError, match="expected two directions that are not parallel"):
+        Contact("foot", 2, axes=((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)))
+    with pytest.raises(InputError, match=r"axes: got \(0, 0, 1\); expected directions of three numbers"):
+        Contact("foot", 1, axes=(0, 0, 1))  # type: ignore[arg-type]
 
 
 def stance_action() -> MultibodyAction:

@@ -87,7 +87,7 @@ def test_the_pipeline_is_the_expansion(kind: str) -> None:
     us, p = rng.normal(size=(stages, action.nu)), np.tile(action.parameters.default, (stages, 1))
     if kind not in ("arm", "impulse"):
         action.parameters.view(p, "contact_points")[...] = rng.normal(size=(stages, 6))
-        action.parameters.view(p, "contact_gains")[...] = rng.uniform(size=(stages, 2))
+        action.parameters.view(p, "contact_gains")[...] = rng.uniform(size=(stages, 4))
     if kind != "arm":
         action.parameters.view(p, "contact_flags")[1] = [1.0, 0.0]
         action.parameters.view(p, "contact_damping")[2] = 0.01

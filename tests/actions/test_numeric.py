@@ -67,11 +67,47 @@ def test_compiled_and_numeric_expansions_are_the_same(surface: bool) -> None:
             np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * max(1.0, np.abs(one).max()), err_msg=field)
         names = compiled.quadratic_function.name_out()
         expected = dict(zip(names, compiled.quadratic_function(x, u, x_next, p), strict=True))
-        got = numeric.quadratic(x, u, x_next, p)
+        got = numeric.quadratics(x[None], u[None], x_next[None], p[None])
         for name in names:
             one, other = expected[name].full(), np.asarray(getattr(got, name))
             scale = max(1.0, float(np.abs(one).max()))
             np.testing.assert_allclose(other.reshape(one.shape), one, rtol=0, atol=1e-9 * scale, err_msg=name)
+
+
+def test_expansions_of_several_stages_are_the_central_differences_of_their_values() -> None:
+    """Three stages at once, with flags, gains and durations of their own, errors of orientation up to 1 rad."""
+    numeric = NumericContactAction(action(True))
+    state, layout, rng = numeric.state, numeric.parameters, np.random.default_rng(2)
+    xs = np.array([state.integrate(solo().x_reference, rng.uniform(-0.5, 0.5, 36)) for _ in range(3)])
+    us, ps = rng.standard_normal((3, 12)), np.tile(layout.default, (3, 1))
+    ps[:, layout["contact_gains"]] = rng.uniform(1.0, 9.0, (3, 4))
+    ps[:, layout["contact_flags"]] = [[1, 1], [0, 1], [1, 0]]
+    ps[:, layout["duration"]] = [[0.01], [0.02], [0.03]]
+    xs_next = np.array([numeric.evaluate(x, u, p).x_next for x, u, p in zip(xs, us, ps, strict=True)])
+    found = numeric.quadratics(xs, us, xs_next, ps)
+    eps = 1e-6
+    for k, (x, u, p) in enumerate(zip(xs, us, ps, strict=True)):
+
+        def values(dx: np.ndarray, du: np.ndarray, x: np.ndarray = x, u: np.ndarray = u, p: np.ndarray = p, k: int = k):
+            at = numeric.evaluate(state.integrate(x, dx), u + du, p)
+            return np.concatenate([state.diff(xs_next[k], at.x_next), [at.cost], at.constraint])
+
+        for size, blocks in ((36, ("A", "q", "C")), (12, ("B", "r", "D"))):
+            moves = [(e, np.zeros(12)) if size == 36 else (np.zeros(36), e) for e in eps * np.eye(size)]
+            slopes = np.array([(values(dx, du) - values(-dx, -du)) / (2 * eps) for dx, du in moves]).T
+            got = np.vstack([np.atleast_2d(getattr(found, name)[k]) for name in blocks])
+            np.testing.assert_allclose(got, slopes, rtol=0, atol=1e-7 * max(1.0, np.abs(slopes).max()))
+
+
+def test_a_stage_without_a_solution_leaves_the_others_alone() -> None:
+    numeric = NumericContactAction(action(False))
+    xs, us, ps = np.tile(solo().x_reference, (2, 1)), np.zeros((2, 12)), np.tile(numeric.parameters.default, (2, 1))
+    expected = numeric.quadratics(xs, us, xs, ps)
+    ps[0, numeric.parameters["contact_damping"]] = np.nan
+    found = numeric.quadratics(xs, us, xs, ps)
+    for name in ("A", "B", "b", "Q", "R", "q", "cost"):
+        np.testing.assert_array_equal(getattr(found, name)[1], getattr(expected, name)[1], err_msg=name)
+    assert np.isnan(found.A[0]).any() and np.isnan(found.b[0]).any()
 
 
 def test_expansions_are_the_same_where_the_base_turns_by_a_small_angle_in_a_step() -> None:
@@ -86,7 +122,9 @@ def test_expansions_are_the_same_where_the_base_turns_by_a_small_angle_in_a_step
         x[19:25] = np.concatenate([rng.standard_normal(3), angle / h * np.array([2.0, -1.0, 2.0]) / 3.0])
         x_next = compiled.evaluate(x, np.zeros(12), p).x_next
         expected = compiled.quadratic_function(x, np.zeros(12), x_next, p)[0].full()
-        np.testing.assert_allclose(numeric.quadratic(x, np.zeros(12), x_next, p).A, expected, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(
+            numeric.quadratics(x[None], np.zeros((1, 12)), x_next[None], p[None]).A[0], expected, rtol=0, atol=1e-11
+        )
 
 
 def test_other_dynamics_and_integrators_are_refused() -> None:
@@ -98,3 +136,6 @@ def test_other_dynamics_and_integrators_are_refused() -> None:
     with pytest.raises(InputError, match="action: got dynamics with 1 loads"):
         loaded = ContactForwardDynamics(model, FEET, [ExternalWrench(model)])
         NumericContactAction(MultibodyAction("loaded", loaded))
+    with pytest.raises(InputError, match="got contact FL_FOOT of size 2; expected contacts of size 3 or 6"):
+        some_axes = ContactForwardDynamics(model, [Contact(FEET[0], 2), FEET[3]])
+        NumericContactAction(MultibodyAction("some_axes", some_axes))

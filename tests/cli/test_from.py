@@ -20,7 +20,7 @@ def test_a_run_is_repeated_and_continued(runs: Path, invoke: Invoke) -> None:
     code, output = invoke("run", "--from", "latest", "--out", runs)
     assert code == 0 and "50 logged ticks repeated bit for bit\n" in output
     code, output = invoke("run", "wbc.gains.com.kp=50", "plant.friction=0.5", "--from", "latest@0.06", "--out", runs)
-    assert code == 0 and "30 logged ticks repeated bit for bit; from 0.060 s on changed: " in output
+    assert code == 0 and "30 logged ticks repeated bit for bit; changed at 0.060 s: " in output
     assert "plant.friction 0.6 -> 0.5" in output and "wbc.gains.com.kp" in output
     code, output = invoke("run", "--from", "latest@0.08", "--set", "duration_s=0.12", "--json", "--out", runs)
     origin = json.loads(output[output.index("{") :])["from"]

@@ -243,7 +243,7 @@ def test_other_versions_are_named(pushed: FinishedRun, tmp_path: Path) -> None:
     [
         (0.4, [], r"time_s: got 0.4; expected a time in the log of .*, 0 to 0.2 s"),
         (-0.1, [], "time_s: got -0.1"),
-        (0.1, ["plant.kind=pinocchio"], "plant.kind: got pinocchio; expected no change while a run is under way"),
+        (0.1, ["plant.kind=pinocchio"], "plant.kind: got pinocchio; expected no change during a run"),
         (0.1, ["robot.effort_limit_nm=1.5"], "robot.effort_limit_nm: got 1.5; expected no change"),
         (0.1, ["wbc.rate_hz=500", "log.rate_hz=500"], "Did you mean mpc.rate_hz"),
         (0.1, ["mpc.nodes=30"], "mpc.nodes: got 30; expected 20"),

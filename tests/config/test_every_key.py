@@ -28,10 +28,9 @@ from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_confi
 from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.schema import Document
 from lgmpc.config.solving import build_scenario, prepare_solve
-from lgmpc.control.fall_monitor import FallSettings
 from lgmpc.control.lying import LyingSettings
+from lgmpc.control.modes import FallSettings, ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
-from lgmpc.control.settings import ModeSettings
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClockSettings
 from lgmpc.locomotion.command import CommandLimits

@@ -21,7 +21,7 @@ def message(text: str, *overrides: str) -> str:
     return str(caught.value)
 
 
-def test_shipped_configs_are_valid_and_survive_writing(shipped: Path) -> None:
+def test_shipped_configs_are_valid_and_read_back_equal(shipped: Path) -> None:
     config = load_any_config(shipped)
     assert config.name == shipped.stem
     assert parse_any_config(dump_config(config)) == config
@@ -91,7 +91,7 @@ BAD_VALUES = [
     ("reference.kind=com_circl", "reference.kind: got the text 'com_circl'; expected one of stand, com_circle"),
     ("reference.radius_m=1", "reference.kind: got nothing (null); expected one of stand, com_circle"),
     ("pushes.0.impulse_ns=[0, .nan, 0]", "pushes.0.impulse_ns.1: got NaN (.nan); expected a finite number"),
-    ("pushes.1.body=x", "pushes.1.time_s: got nothing; expected a value (When the push begins, s)"),
+    ("pushes.1.body=x", "pushes.1.time_s: got nothing; expected a value (Start of the push, s)"),
     ("pushes=[3]", "pushes.0: got 3; expected a table of keys"),
     ("name='a b'", "name: got the text 'a b'; expected letters, digits"),
     ("name=..", "name: got the text '..'; expected letters, digits"),
@@ -256,7 +256,7 @@ finite = st.floats(1e-6, 1e6)
     name=st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,20}", fullmatch=True),
     limit=st.none() | finite,
 )
-def test_any_valid_config_survives_writing(
+def test_any_valid_config_reads_back_equal(
     friction: float, impulse: list[float], name: str, limit: float | None
 ) -> None:
     config = Config.model_validate(

@@ -66,7 +66,7 @@ MOTIONS = {
         "commands.1.height_m: got 0.5 m; .* stretched",
         r"commands.2.yaw_rate_rad_s: got -9 rad/s; expected at most 4 rad/s \(locomotion.limits.yaw_rate_rad_s\)",
     ],
-    "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: walk}]": ["commands.0.velocity_m_s: .* stands for 0.4"],
+    "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: walk}]": ["commands.0.velocity_m_s: .* the stance lasts 0.4"],
     "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: trot}, {at_s: 2, gait: walk}]": ["commands.1: got 2 m/s"],
 }
 

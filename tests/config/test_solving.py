@@ -74,7 +74,10 @@ BAD = [
     ("problem.frame=link3", "problem.frame: got link3; expected a frame of 2dof_planar. Did you mean link2"),
     ("problem={kind: gait, pattern: trott}", "expected one of walk, trot, pace, bound (A quadruped's gait"),
     ("solver.methd=sqp", "Did you mean solver.method?"),
-    ("solver.method=ddp", "solver.method: got the text 'ddp'; expected one of fddp, box_fddp"),
+    (
+        "solver.method=ddp",
+        "solver.method: got the text 'ddp'; expected one of fddp, box_fddp, al_fddp, sqp, ipopt, fatrop",
+    ),
     ("solver.max_iterations=-1", "solver.max_iterations: got -1; expected a number not below 0"),
     ("solver={method: fatrop, time_limit_s: 1}", "solver.time_limit_s: got 1; expected null: fatrop cannot"),
     ("gate.max_position_eror_m=1", "Did you mean gate.max_position_error_m"),

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lgmpc.control.fall_monitor import FallMonitor, FallSettings, RestMonitor
-from lgmpc.control.modes import TRANSITIONS, Mode, ModeMachine, Situation
+from lgmpc.control.modes import TRANSITIONS, FallMonitor, FallSettings, Mode, ModeMachine, RestMonitor, Situation
 from lgmpc.runs.log import MODES
 
 HEIGHT = 0.2

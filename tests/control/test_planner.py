@@ -1,4 +1,4 @@
-"""The predictive layer: limits of its disturbance observer."""
+"""The predictive layer: limits of its disturbance observer, plans sampled at ticks."""
 
 from pathlib import Path
 
@@ -7,6 +7,9 @@ import pytest
 
 from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
+from lgmpc.control.planner import PlanSampler
+from lgmpc.mpc import MpcStatus, Plan
+from lgmpc.ocp import KktResidual
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 
@@ -24,3 +27,27 @@ def test_the_observed_push_is_at_most_three_times_the_robot_s_weight() -> None:
             planner.observer.expect(planner.observer.wrench.copy())
             planner.observer.update(np.array([0.0, size, 0.0, 0.0, 0.0, 0.0]) * tick * 1e-3)
         assert np.linalg.norm(planner.observer.wrench[:3]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_sampler_reads_the_plan_by_time() -> None:
+    rng = np.random.default_rng(3)
+    xs, forces = rng.normal(size=(21, 9)), rng.normal(size=(20, 4, 3))
+    plan = Plan(2.0, 0.02, 2.5, xs, forces, MpcStatus.SOLVED, 1, KktResidual.unknown(), 0.0)
+    sampler = PlanSampler(0.001, 10)
+    with pytest.raises(ValueError, match="no plan"):
+        sampler.row(2.0)
+    sampler.load(plan, 2.0)
+    # In order, late, far beyond the sampled ticks (a missed update), and back again.
+    for time in (2.0, 2.001, 2.009, 2.0052, 2.173, 2.174, 2.002):
+        row = sampler.row(time)
+        assert sampler.motion is not None
+        nearest = time if time != 2.0052 else 2.005
+        expected = plan.sample(nearest)
+        np.testing.assert_allclose(sampler.motion.com[row], expected.com, atol=1e-12)
+        np.testing.assert_array_equal(sampler.motion.forces[row], expected.forces)
+        com = [expected.com, expected.com_velocity, expected.com_acceleration]
+        np.testing.assert_allclose(sampler.com[row], np.concatenate(com), atol=1e-9)
+        turning = [expected.angular_momentum, expected.angular_momentum_rate]
+        np.testing.assert_allclose(sampler.turning[row], np.concatenate(turning), atol=1e-9)
+    sampler.clear()
+    assert sampler.plan is None and sampler.motion is None

@@ -190,7 +190,7 @@ def test_bad_input_is_named() -> None:
     item = CostItem("wrong", Wrong())
     layout = ParameterLayout(*item.parameters())
     s = symbols(layout, ca.SX.sym("x", 2 * MODEL.nv), ca.SX.sym("p", layout.size))
-    with pytest.raises(InputError, match=r"Wrong.expression: got shape \(3, 1\)"):
+    with pytest.raises(InputError, match=r"Wrong.expression of 'wrong': got shape \(3, 1\)"):
         item.term(s)
     with pytest.raises(InputError, match="Did you mean weight"):
         s.within("wrong")["weigth"]

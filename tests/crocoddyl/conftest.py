@@ -7,18 +7,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait, weighted
-from paired_robots import Pair, arm, paired, quadrotor, talos
+from paired_robots import Pair, arm, horizon, paired, quadrotor, talos
 
 from lgmpc.actions import (
     Action,
     Bounded,
+    Contact,
+    ContactForwardDynamics,
+    FreeInverseDynamics,
     ImpulseAction,
     LeastSquares,
+    MultibodyAction,
     Parameter,
     ParameterLayout,
 )
 from lgmpc.costs import CostItem
-from lgmpc.costs.library import StateError
+from lgmpc.costs.library import Control, FrameTranslation, JointEffort, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.state import StateVector
 
@@ -102,8 +106,96 @@ def hop() -> Pair:
     return Pair(ours, theirs, Trajectory(np.tile(x_ref, (nodes + 1, 1)), us))
 
 
+def inverse_arm(nodes: int = 20, dt: float = 0.02) -> Pair:
+    """The accelerations of an arm are the controls, its efforts are paid for."""
+    import crocoddyl
+
+    model = pin.buildSampleModelManipulator()
+    nv, hand = model.nv, model.frames[-1].name
+    goal, w_state = np.array([0.4, 0.2, 0.7]), np.repeat([1e-2, 1e-1], nv)
+    x0 = np.concatenate([pin.integrate(model, pin.neutral(model), 0.3 * np.ones(nv)), np.zeros(nv)])
+    dynamics = FreeInverseDynamics(model)
+    costs = [
+        CostItem("hand", FrameTranslation(hand, goal), 10.0),
+        CostItem("posture", StateError(dynamics.state, x0), w_state),
+        CostItem("effort", JointEffort(nv), 1e-3),
+    ]
+    ours = ShootingProblem(MultibodyAction("inverse_arm", dynamics, costs), nodes)
+    ours.set("duration", dt)
+    ours.set_initial_state(x0)
+
+    state = crocoddyl.StateMultibody(model)
+    actuation = crocoddyl.ActuationModelFull(state)
+    ends = crocoddyl.CostModelSum(state, nv)
+    weighted(
+        ends, "hand", crocoddyl.ResidualModelFrameTranslation(state, model.getFrameId(hand), goal, nv), np.full(3, 10.0)
+    )
+    weighted(ends, "posture", crocoddyl.ResidualModelState(state, x0, nv), w_state)
+    runs = crocoddyl.CostModelSum(state, nv)
+    for item in ends.costs.todict().values():
+        runs.addCost(item.name, item.cost, item.weight)
+    effort = crocoddyl.ResidualModelJointEffort(state, actuation, np.zeros(nv), nv)
+    weighted(runs, "effort", effort, np.full(nv, 1e-3))
+    running, last = (crocoddyl.DifferentialActionModelFreeInvDynamics(state, actuation, each) for each in (runs, ends))
+    models = [crocoddyl.IntegratedActionModelEuler(running, dt)] * nodes
+    theirs = crocoddyl.ShootingProblem(x0, models, crocoddyl.IntegratedActionModelEuler(last, 0.0))
+    return Pair(ours, theirs, Trajectory(np.tile(x0, (nodes + 1, 1)), np.zeros((nodes, nv))))
+
+
+def planar_biped() -> pin.Model:
+    """A trunk that moves in the plane of x and z, with two legs of two joints."""
+    model, joint = pin.Model(), 0
+    for name, kind in (("x", pin.JointModelPX()), ("z", pin.JointModelPZ()), ("pitch", pin.JointModelRY())):
+        joint = model.addJoint(joint, kind, pin.SE3.Identity(), name)
+    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.02, 0.0, 0.1]), 0.02 * np.eye(3)), pin.SE3.Identity())
+    down = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.2]))
+    for side in ("left", "right"):
+        hip = model.addJoint(joint, pin.JointModelRY(), pin.SE3.Identity(), f"hip_{side}")
+        knee = model.addJoint(hip, pin.JointModelRY(), down, f"knee_{side}")
+        for part in (hip, knee):
+            shank = pin.Inertia(0.2, np.array([0.01, 0.0, -0.1]), 1e-3 * np.eye(3))
+            model.appendBodyToJoint(part, shank, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"foot_{side}", knee, down, pin.FrameType.OP_FRAME))
+    return model
+
+
+def planar_stance(nodes: int = 15, dt: float = 0.02) -> Pair:
+    """The planar biped moves its trunk on feet that hold x and z, each with a damping of its own."""
+    import crocoddyl
+
+    model, feet, dampings = planar_biped(), ("foot_left", "foot_right"), (20.0, 5.0)
+    nv = model.nv
+    q = np.array([0.0, 0.33, 0.1, 0.5, -1.1, 0.9, -1.2])
+    x0 = np.concatenate([q, np.zeros(nv)])
+    goal = x0 + np.concatenate([[0.05, -0.04, -0.1], np.zeros(4 + nv)])
+    w_state = np.concatenate([np.full(3, 50.0), np.full(4, 0.1), np.full(nv, 0.1)])
+    dynamics = ContactForwardDynamics(model, [Contact(foot, 2) for foot in feet])
+    costs = [
+        CostItem("posture", StateError(dynamics.state, goal), w_state),
+        CostItem("effort", Control(nv), 1e-3),
+    ]
+    ours = ShootingProblem(MultibodyAction("planar_stance", dynamics, costs), nodes)
+    ours.set("duration", dt)
+    ours.set("contact_gains", np.column_stack([np.zeros(2), dampings]).ravel())
+    ours.set_initial_state(x0)
+
+    state = crocoddyl.StateMultibody(model)
+    contacts, sums = crocoddyl.ContactModelMultiple(state, nv), crocoddyl.CostModelSum(state, nv)
+    for foot, damping in zip(feet, dampings, strict=True):
+        # In the foot's axes, whose x and z span the same plane; a stiffness would mix them with the world's.
+        gains = np.array([0.0, damping])
+        contacts.addContact(foot, crocoddyl.ContactModel2D(state, model.getFrameId(foot), np.zeros(2), nv, gains))
+    weighted(sums, "posture", crocoddyl.ResidualModelState(state, goal, nv), w_state)
+    weighted(sums, "effort", crocoddyl.ResidualModelControl(state, nv), np.full(nv, 1e-3))
+    actuation = crocoddyl.ActuationModelFull(state)
+    stand = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, sums, 0.0, True)
+    return Pair(ours, horizon(stand, x0, nodes, dt), Trajectory(np.tile(x0, (nodes + 1, 1)), np.zeros((nodes, nv))))
+
+
 TAME = {
     "solo12 hop": hop,
+    "inverse arm": inverse_arm,
+    "planar stance": planar_stance,
     "unicycle": unicycle,
     "arm": arm,
     "quadrotor": quadrotor,

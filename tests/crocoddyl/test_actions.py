@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
+from lgmpc.actions import Contact, ContactForwardDynamics, ImpulseAction, MultibodyAction
 from lgmpc.costs import (
     Activation,
     CostItem,
@@ -108,8 +108,46 @@ def test_contact_forward_dynamics(crocoddyl: Any) -> None:
     ours = MultibodyAction("contact", dynamics, items)
     p = ours.parameters.default.copy()
     p[ours.parameters["contact_points"]] = points.ravel()
-    p[ours.parameters["contact_gains"]] = GAINS
+    p[ours.parameters["contact_gains"]] = np.tile(GAINS, 4)
     p[ours.parameters["contact_flags"]] = [float(i in USED) for i in range(4)]
+    p[ours.parameters["duration"]] = 0.02
+    assert_same(ours, p, crocoddyl.IntegratedActionModelEuler(forward, 0.02), rng)
+
+
+def test_contacts_along_one_axis(crocoddyl: Any) -> None:
+    """A foot on a level face and one on a slanted one without friction, and a point, each with gains of its own."""
+    model, rng = solo().model, np.random.default_rng(5)
+    state = crocoddyl.StateMultibody(model)
+    actuation = crocoddyl.ActuationModelFloatingBase(state)
+    contacts, costs = crocoddyl.ContactModelMultiple(state, 12), crocoddyl.CostModelSum(state, 12)
+    turns = (np.eye(3), pin.exp3(np.array([0.3, -0.5, 0.2])))
+    heights, gains = (0.05, -0.1), rng.uniform(0.5, 6.0, (3, 2))
+    for foot, turn, height, pair in zip(FEET, turns, heights, gains, strict=False):
+        one = crocoddyl.ContactModel1D(state, solo().frame(foot), height, pin.LOCAL_WORLD_ALIGNED, turn, 12, pair)
+        contacts.addContact(foot, one)
+    place = rng.uniform(-0.2, 0.2, 3)
+    frame = solo().frame(FEET[2])
+    contacts.addContact(FEET[2], crocoddyl.ContactModel3D(state, frame, place, pin.LOCAL_WORLD_ALIGNED, 12, gains[2]))
+    residual = crocoddyl.ResidualModelState(state, solo().x_reference.copy(), 12)
+    costs.addCost("state", crocoddyl.CostModelResidual(state, residual), 0.7)
+    force = crocoddyl.ResidualModelContactForce(
+        state, solo().frame(FEET[0]), pin.Force(np.r_[0, 0, 2.0, 0, 0, 0]), 1, 12
+    )
+    costs.addCost("force", crocoddyl.CostModelResidual(state, force), 1e-2)
+    forward = crocoddyl.DifferentialActionModelContactFwdDynamics(state, actuation, contacts, costs, 0.0, True)
+
+    dynamics = ContactForwardDynamics(
+        model, [Contact(FEET[0], 1), Contact(FEET[1], 1, axes=(tuple(turns[1][2]),)), FEET[2]]
+    )
+    items = [
+        CostItem("state", StateError(dynamics.state, solo().x_reference), 0.7),
+        CostItem("force", ContactForce(FEET[0], 3, [0.0, 0.0, 2.0]), 1e-2),
+    ]
+    ours = MultibodyAction("sliding", dynamics, items)
+    p = ours.parameters.default.copy()
+    points = [height * turn[:, 2] for height, turn in zip(heights, turns, strict=True)]
+    p[ours.parameters["contact_points"]] = np.concatenate([*points, place])
+    p[ours.parameters["contact_gains"]] = gains.ravel()
     p[ours.parameters["duration"]] = 0.02
     assert_same(ours, p, crocoddyl.IntegratedActionModelEuler(forward, 0.02), rng)
 

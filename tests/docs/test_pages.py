@@ -137,25 +137,25 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
     assert sorted(set(re.findall(r"@(\w+)", text))) == sorted(entries)
 
 
-def documented_rooms() -> set[str]:
-    """Return the rooms of the reference, read from the source: importing it requires Sphinx."""
+def documented_packages() -> set[str]:
+    """Return the packages of the reference, read from the source: importing it requires Sphinx."""
     source = ast.parse((DOCS / "reference_pages.py").read_text(encoding="utf-8"))
     (groups,) = (node.value for node in source.body if isinstance(node, ast.AnnAssign) and node.target.id == "GROUPS")  # type: ignore[union-attr]
-    return {room for rooms in ast.literal_eval(groups).values() for room in rooms}
+    return {package for packages in ast.literal_eval(groups).values() for package in packages}
 
 
-def test_all_names_of_the_package_are_from_rooms_of_the_reference() -> None:
-    assert set(lgmpc._NAMES) <= documented_rooms()
+def test_all_names_of_lgmpc_are_from_packages_of_the_reference() -> None:
+    assert set(lgmpc._NAMES) <= documented_packages()
 
 
 def test_links_to_names_lead_to_public_ones() -> None:
-    rooms = documented_rooms()
+    packages = documented_packages()
     for page in PAGES:
         for kind, target in re.findall(r"\{(obj|mod)\}`(?:[^`<]*<)?(lgmpc[\w.]*)>?`", page.read_text(encoding="utf-8")):
-            room, _, name = target.rpartition(".")
-            fine = target in rooms if kind == "mod" else room == "lgmpc" or room in rooms
+            package, _, name = target.rpartition(".")
+            fine = target in packages if kind == "mod" else package == "lgmpc" or package in packages
             assert fine, f"{page.name}: {target}"
-            assert kind == "mod" or name in importlib.import_module(room).__all__, f"{page.name}: {target}"
+            assert kind == "mod" or name in importlib.import_module(package).__all__, f"{page.name}: {target}"
 
 
 def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,9 +164,9 @@ def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.Mo
     pages = importlib.import_module("reference_pages")
     sys.modules.pop("reference_pages")
     packages = {f"lgmpc.{info.name}" for info in pkgutil.iter_modules(lgmpc.__path__) if info.ispkg}
-    rooms = {name for name in packages if getattr(importlib.import_module(name), "__all__", ())}
-    assert rooms - set(pages.ROOMS) == {"lgmpc.cli"}
-    for room in pages.ROOMS:
-        text = pages.room_page(room, "")
-        for name in importlib.import_module(room).__all__:
+    packages = {name for name in packages if getattr(importlib.import_module(name), "__all__", ())}
+    assert packages - set(pages.PACKAGES) == {"lgmpc.cli"}
+    for package in pages.PACKAGES:
+        text = pages.package_page(package, "")
+        for name in importlib.import_module(package).__all__:
             assert f"`{name} <" in text

@@ -1,4 +1,4 @@
-"""Input that public functions refuse, the messages, and ``unchecked`` without validation."""
+"""Input that public functions reject, the messages, and ``unchecked`` without validation."""
 
 from __future__ import annotations
 

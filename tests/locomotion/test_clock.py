@@ -239,11 +239,12 @@ def test_times_within_swing_and_stance() -> None:
     trot = GAITS["trot"]
     clock = GaitClock(trot)
     t = 0.25 * trot.swing_s
-    assert clock.progress(0, t) == pytest.approx(0.25)
-    assert clock.progress(1, t) == 0.0  # it always stood
+    swing = clock.swing(0, t)
+    assert swing is not None and clock.swing(1, t) is None
+    assert swing.progress(t) == pytest.approx(0.25)
+    assert swing.progress(2.0 * swing.liftoff - t) == pytest.approx(-0.25)
     assert clock.stance_duration(0, t) == pytest.approx(trot.stance_s)
     middle = trot.swing_s + 0.5 * trot.stance_s
-    assert clock.progress(0, middle) == pytest.approx(0.5)
     assert clock.stance_duration(0, middle) == pytest.approx(trot.stance_s)
     clock.stop(middle)
     assert clock.stance_duration(0, middle + trot.period_s) == math.inf
@@ -278,3 +279,23 @@ def test_it_rests_where_no_foot_swings_or_is_to_lift_off(changes: list[tuple[flo
             clock.stop(t)
         else:
             clock.start(t, gait)
+
+
+@given(gaits, st.integers(0, 3), st.floats(0.0, 2.0), st.floats(0.0, 1.0))
+def test_a_long_step_takes_time_from_the_stance_after_it_only(gait: Gait, foot: int, wait: float, share: float) -> None:
+    clock, plain = GaitClock(gait), GaitClock(gait)
+    clock.advance(wait)
+    swing = clock.swing(foot, wait)
+    if swing is None:
+        clock.stretch(foot, wait, wait + 1.0)  # a foot that stands has none to stretch
+        np.testing.assert_array_equal(clock.flags(wait), plain.flags(wait))
+        return
+    latest, scheduled = clock.latest_touchdown(foot, wait), swing.touchdown
+    until = scheduled + share * max(latest - scheduled, 0.0)
+    clock.stretch(foot, wait, until)
+    clock.stretch(foot, wait, scheduled)  # shorter again: without effect
+    stretched = clock.swing(foot, wait)
+    assert stretched is not None and stretched.touchdown == until
+    assert clock.next_liftoff(foot, wait) - until >= min(MIN_STANCE, gait.stance_s) - 1e-9
+    for other in range(4):
+        assert clock.next_liftoff(other, wait) == pytest.approx(plain.next_liftoff(other, wait))

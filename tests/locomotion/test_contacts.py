@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -19,11 +20,15 @@ STANCE, SWING, EARLY, LATE, MISSING, LOST = ContactState
 
 
 class Script:
-    """A trot over a floor: by default every foot is in contact exactly when its schedule says so."""
+    """A trot over a floor: by default every foot is in contact exactly when its schedule says so.
 
-    def __init__(self, settings: ContactEventSettings = SETTINGS) -> None:
+    What the floor does is measured ``age`` ticks later.
+    """
+
+    def __init__(self, settings: ContactEventSettings = SETTINGS, age: int = 0) -> None:
         self.clock = GaitClock(TROT)
-        self.events = ContactEvents(self.clock, WEIGHT, settings)
+        self.events = ContactEvents(self.clock, WEIGHT, settings, age * TICK)
+        self.arriving = deque([np.ones(4, dtype=np.bool_)] * age)
         self.first = self.clock.swing(0, 0.0)
         self.t = 0.0
         self.history: list[tuple[float, ContactState]] = []
@@ -33,7 +38,8 @@ class Script:
             contacts = self.clock.flags(self.t)
             if floor is not None:
                 floor(self.t, contacts)
-            self.events.update(self.t, contacts)
+            self.arriving.append(contacts)
+            self.events.update(self.t, self.arriving.popleft())
             self.history.append((self.t, self.events.states[0]))
             self.t += TICK
 
@@ -160,6 +166,21 @@ def test_a_short_gap_in_a_stance_is_no_loss() -> None:
     assert script.sequence() == [SWING, STANCE]
 
 
+def test_a_foot_that_hopped_is_steady_once_its_touch_counts() -> None:
+    """Feet that slide are evidence about the floor; one that has just landed still moves as it did in the air."""
+
+    def hop(t: float, contacts: np.ndarray) -> None:
+        contacts[0] &= not 0.25 <= t < 0.252
+
+    script, steady = Script(), {}
+    for tick in range(240, 260):
+        script.run(tick * TICK, hop)
+        steady[tick] = script.events.steady(script.t - 0.018)[0]
+    lands = 253  # run until 0.253 s: the last tick is the first in contact again
+    counts = lands + round(SETTINGS.touch_time_s / TICK)
+    assert [tick for tick in steady if not steady[tick]] == list(range(lands - 2, counts + 1))
+
+
 def test_the_horizon_begins_with_what_the_feet_do() -> None:
     script = Script()
     script.run(TROT.swing_s + 0.01, lambda t, contacts: contacts.__setitem__(0, False))
@@ -219,3 +240,86 @@ def test_an_unloaded_foot_of_a_standing_robot_is_held_in_place() -> None:
     for k in range(500):
         events.update(k * TICK, np.array([k < 100, True, True, True]))
     assert events.states == [STANCE] * 4 and events.stance.all()
+
+
+AGES = pytest.mark.parametrize("age", [1, 4, 10])
+"""Of measurements, ticks; a foot of this trot stands alone with its partner for 112 of them."""
+
+
+@AGES
+def test_an_old_measurement_delays_no_touchdown(age: int) -> None:
+    script, twin = Script(age=age), GaitClock(TROT)
+    flags = []
+    while script.t < 3 * TROT.period_s:
+        script.run(script.t + TICK)
+        flags.append((script.events.stance == twin.flags(script.t - TICK)).all())
+    assert script.sequence() == [SWING, STANCE, SWING, STANCE, SWING, STANCE]
+    assert all(flags)
+
+
+@AGES
+def test_a_touchdown_that_is_measured_a_little_late_is_none(age: int) -> None:
+    """The force of a foot that lands has to grow before it is measured."""
+    script = Script(age=age)
+    landing = TROT.swing_s + 0.5 * SETTINGS.patience_s
+    script.run(TROT.period_s - 0.01, lambda t, contacts: contacts.__setitem__(0, t >= landing))
+    assert script.sequence() == [SWING, STANCE]
+    assert script.begin(STANCE) == pytest.approx(TROT.swing_s, abs=1.1 * TICK)
+
+
+@AGES
+def test_a_late_foot_is_found_out_when_the_measurement_of_its_touchdown_arrives(age: int) -> None:
+    script = Script(ContactEventSettings(max_late_s=0.1), age)
+    found, waited = TROT.swing_s + 0.03, SETTINGS.patience_s + age * TICK
+
+    def hole(t: float, contacts: np.ndarray) -> None:
+        contacts[0] = t >= found
+
+    script.run(found + 0.05, hole)
+    assert script.sequence() == [SWING, STANCE, LATE, STANCE]
+    assert script.begin(LATE) == pytest.approx(TROT.swing_s + waited, abs=1.1 * TICK)
+    again = next(t for t, state in script.history if state is STANCE and t > script.begin(LATE))
+    assert again == pytest.approx(found + age * TICK, abs=1.1 * TICK)
+    # The other pair, due at half a period, waited for it.
+    assert script.clock.next_liftoff(0, script.t) > TROT.period_s + (found - 0.5 * TROT.period_s)
+
+
+@AGES
+def test_a_missing_foot_is_found_out_too(age: int) -> None:
+    script = Script(age=age)
+    script.run(TROT.swing_s + 0.05, lambda t, contacts: contacts.__setitem__(0, False))
+    assert script.sequence() == [SWING, STANCE, LATE, MISSING]
+    assert script.begin(MISSING) - script.begin(LATE) == pytest.approx(SETTINGS.max_late_s, abs=1.1 * TICK)
+    assert not script.events.stance[0] and not script.events.stance[1]  # the other pair went on
+
+
+@AGES
+def test_a_touch_is_early_by_the_time_at_which_it_took_place(age: int) -> None:
+    """Until just before half of the swing the foot drags; that is measured after half of it, and is no touchdown."""
+    script = Script(age=age)
+    drags = 0.5 * TROT.swing_s - 2 * TICK
+    script.run(0.9 * TROT.swing_s, lambda t, contacts: contacts.__setitem__(0, t < drags))
+    assert script.sequence() == [SWING]
+    script = Script(age=age)
+    touch = 0.7 * TROT.swing_s
+    script.run(TROT.swing_s - TICK, lambda t, contacts: contacts.__setitem__(0, t >= touch))
+    assert script.sequence() == [SWING, EARLY]
+    assert script.begin(EARLY) == pytest.approx(touch + SETTINGS.touch_time_s + age * TICK, abs=1.1 * TICK)
+
+
+@AGES
+def test_a_robot_rests_when_its_last_touchdown_is_measured(age: int) -> None:
+    script = Script(age=age)
+    script.run(0.3 * TROT.period_s)
+    script.clock.stop(script.t)
+    rests, last = [], [0.0]
+
+    def floor(t: float, contacts: np.ndarray) -> None:
+        last[0] = last[0] if contacts.all() else t
+
+    while script.t < 3 * TROT.period_s:
+        script.run(script.t + TICK, floor)
+        rests.append(script.events.resting)
+    begin = rests.index(True) * TICK + 0.3 * TROT.period_s
+    assert all(rests[rests.index(True) :])
+    assert begin == pytest.approx(last[0] + age * TICK, abs=2.1 * TICK)

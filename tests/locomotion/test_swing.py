@@ -94,6 +94,53 @@ def test_velocity_and_acceleration_are_the_derivatives(begin: np.ndarray, target
         np.testing.assert_allclose((above[:2] - below[:2]) / (2 * h), here[1:], rtol=1e-5, atol=1e-5 / length**2)
 
 
+def largest_acceleration(swing: SwingTrajectory, begin: float) -> float:
+    """Of a foot in the plane, m/s2."""
+    times = np.linspace(begin, swing.touchdown, 400, endpoint=False)
+    return max(float(np.hypot(*sample(swing, t)[2, :2])) for t in times)
+
+
+@given(level, level, duration, st.floats(50.0, 200.0))
+def test_a_step_too_long_for_its_time_takes_longer(
+    begin: np.ndarray, target: np.ndarray, length: float, limit: float
+) -> None:
+    settings = SwingSettings(acceleration_m_s2=limit, longest_share=1.5)
+    swing, scheduled, latest = SwingTrajectory(settings), 1.0 + length, 1.0 + 1.4 * length
+    swing.lift_off(1.0, scheduled, begin, np.zeros(3), target, latest)
+    assert scheduled <= swing.touchdown <= latest
+    peak = largest_acceleration(swing, 1.0)
+    if swing.touchdown < latest:
+        assert peak <= limit * (1.0 + 1e-6)
+    if swing.touchdown > scheduled:  # and no longer than it has to
+        assert peak >= limit * (1.0 - 1e-3)
+    np.testing.assert_allclose(sample(swing, swing.touchdown - 1e-9)[0], target, atol=1e-8)
+
+
+def test_a_swing_lasts_no_longer_than_its_share_and_as_scheduled_where_nothing_else_is_given() -> None:
+    far = np.array([0.9, 0.0, 0.0])
+    swing = SwingTrajectory(SwingSettings(longest_share=1.3))
+    swing.lift_off(0.0, 0.1, np.zeros(3), np.zeros(3), far, latest=1.0)
+    assert swing.touchdown == pytest.approx(0.13)
+    swing.lift_off(0.0, 0.1, np.zeros(3), np.zeros(3), far)
+    assert swing.touchdown == 0.1
+
+
+def test_a_target_that_moves_away_puts_the_touchdown_off_and_one_that_returns_does_not_bring_it_back() -> None:
+    swing = SwingTrajectory(SwingSettings(longest_share=1.5))
+    swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]), latest=0.2)
+    assert swing.touchdown == 0.12
+    before = sample(swing, 0.03)
+    assert swing.retarget(0.03, np.array([0.4, 0.1, 0.0]))
+    np.testing.assert_allclose(sample(swing, 0.03), before, atol=1e-9)
+    later = swing.touchdown
+    assert later > 0.12
+    assert swing.retarget(0.05, np.array([0.1, 0.0, 0.0]))
+    assert swing.touchdown == later
+    position, velocity, _ = sample(swing, later - 1e-9)
+    np.testing.assert_allclose(position, [0.1, 0.0, 0.0], atol=1e-7)
+    assert velocity[2] == pytest.approx(-swing.touchdown_speed, abs=1e-5)
+
+
 def test_a_target_that_stays_leaves_the_path() -> None:
     begin, target = np.array([0.0, 0.1, 0.0]), np.array([0.2, 0.1, 0.0])
     still, moved = SwingTrajectory(), SwingTrajectory()

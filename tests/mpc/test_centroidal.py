@@ -28,11 +28,11 @@ def horizon(points: np.ndarray, flags: np.ndarray, friction: float = 0.6, nodes:
     return contacts
 
 
-def motion(reference: np.ndarray, nodes: int = 20) -> MotionReference:
+def motion(reference: np.ndarray, nodes: int = 20, catching: bool = False) -> MotionReference:
     """The motion of a level base with [centre of mass; linear momentum; ...] (9,), or (N+1, 9) a node each."""
     rows = np.tile(reference, (nodes + 1, 1)) if reference.ndim == 1 else reference
     level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(rows), 1))
-    return MotionReference(rows[:, :3], rows[:, 3:6] / MASS, level, np.zeros((len(rows), 3)))
+    return MotionReference(rows[:, :3], rows[:, 3:6] / MASS, level, np.zeros((len(rows), 3)), catching)
 
 
 def make(**change: object) -> CentroidalMpc:
@@ -40,12 +40,13 @@ def make(**change: object) -> CentroidalMpc:
 
 
 def update(mpc: CentroidalMpc, t: float, x: np.ndarray, **change: object) -> Plan:
-    given = {"points": FEET, "flags": STANCE, "friction": 0.6, "reference": STANDING, "wrench": np.zeros(6), **change}
+    given = {"points": FEET, "flags": STANCE, "friction": 0.6, "reference": STANDING, "wrench": np.zeros(6)}
+    given |= {"catching": False, **change}
     nodes = mpc.settings.nodes
     contacts = horizon(given["points"], given["flags"], given["friction"], nodes)
     wrench = np.broadcast_to(given["wrench"], (nodes, 6))
     state = MeasuredState.centroidal(t, x[:3], x[3:9])
-    return mpc.update(state, contacts, motion(given["reference"], nodes), wrench)
+    return mpc.update(state, contacts, motion(given["reference"], nodes, given["catching"]), wrench)
 
 
 def advance(mpc: CentroidalMpc, x: np.ndarray, forces: np.ndarray, wrench: np.ndarray, period: float) -> np.ndarray:
@@ -313,6 +314,21 @@ def test_a_foot_in_the_air_selects_the_weights_of_stepping() -> None:
     np.testing.assert_allclose(stepping, update(soft, 0.0, start, flags=lifts).xs, atol=1e-9)
     mpc.reset()
     np.testing.assert_array_equal(update(mpc, 0.0, start).xs, standing)
+
+
+def test_steps_that_catch_a_push_have_weights_of_their_own() -> None:
+    start = STANDING + [0, 0, 0, MASS, 0, 0.5 * MASS, 0, 0, 0]
+    lifts = np.ones((20, 4), dtype=bool)
+    lifts[10:14, 0] = False
+    found = {}
+    for catching in (False, True):
+        found[catching] = update(make(), 0.0, start, flags=lifts, catching=catching).xs
+        standing = update(make(), 0.0, start, catching=catching).xs
+        np.testing.assert_array_equal(standing, update(make(), 0.0, start).xs)  # on all feet nothing is caught by steps
+    heavy = CentroidalMpc(MASS, 4, CentroidalMpcSettings(stepping_weights={"com": (1e2, 1e2, 3e4)}))
+    np.testing.assert_array_equal(found[True], update(heavy, 0.0, start, flags=lifts).xs)
+    rise, low = (abs(found[catching][-1, 2] - STANDING[2]) for catching in (False, True))
+    assert low < 0.5 * rise
 
 
 def test_weights_steer() -> None:

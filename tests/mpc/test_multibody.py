@@ -292,7 +292,7 @@ def test_terminal_weights_are_those_of_the_running_nodes_times_the_factor(mpc: M
 
 
 def test_after_a_state_that_is_not_finite_the_guess_is_the_last_plan(mpc: MultibodyMpc) -> None:
-    """The next update goes on where the last fresh plan was, and not from rest."""
+    """The next update starts from the last fresh plan, and not from rest."""
     update(mpc, 0.0, pushed(0.3))
     update(mpc, 0.02, np.full(18, np.nan))
     resumed = update(mpc, 0.02, pushed(0.25))

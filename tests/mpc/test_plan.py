@@ -5,7 +5,7 @@ import pytest
 
 from lgmpc.lie import quaternion, so3
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import CentroidalMpc, MeasuredState, Plan, PlanSampler, PosturePlan
+from lgmpc.mpc import CentroidalMpc, MeasuredState, Plan, PosturePlan
 from lgmpc.mpc.centroidal import CentroidalMpc as Mpc
 
 MASS = 2.5
@@ -77,20 +77,3 @@ def test_posture_moves_along_geodesics_between_nodes() -> None:
     np.testing.assert_allclose(sample.base_angular_velocity, share[:, None] * turn, atol=1e-12)
     np.testing.assert_allclose(sample.joint_position, share[:, None] * joints, atol=1e-12)
     np.testing.assert_allclose(sample.joint_velocity, share[:, None] * joints, atol=1e-12)
-
-
-def test_the_sampler_reads_the_plan_by_time(planned: tuple[Mpc, Plan]) -> None:
-    _, plan = planned
-    sampler = PlanSampler(0.001, 10)
-    with pytest.raises(ValueError, match="no plan"):
-        sampler.row(2.0)
-    sampler.load(plan, 2.0)
-    # In order, late, far beyond the sampled ticks (a missed update), and back again.
-    for time in (2.0, 2.001, 2.009, 2.0052, 2.173, 2.174, 2.002):
-        row = sampler.row(time)
-        assert sampler.motion is not None
-        nearest = time if time != 2.0052 else 2.005
-        np.testing.assert_allclose(sampler.motion.com[row], plan.sample(nearest).com, atol=1e-12)
-        np.testing.assert_array_equal(sampler.motion.forces[row], plan.sample(nearest).forces)
-    sampler.clear()
-    assert sampler.plan is None and sampler.motion is None

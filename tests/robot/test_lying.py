@@ -1,4 +1,4 @@
-"""The lying posture: feet where they stand, trunk on the floor, within the joints' limits."""
+"""The lying posture: feet in their places, trunk on the floor, within the joints' limits."""
 
 from __future__ import annotations
 

@@ -32,8 +32,10 @@ def new_recorder(**changes: Any) -> Recorder:
     return Recorder(**(arguments | changes))
 
 
-def record_standing(recorder: Recorder, ticks: int = 1000) -> None:
-    """A robot that stands still, 6 N on each foot, an MPC update every tenth tick."""
+def record_standing(
+    recorder: Recorder, ticks: int = 1000, optional: Callable[[int], dict[str, Any]] = lambda tick: {}
+) -> None:
+    """A robot that stands still, 6 N on each foot, an MPC update every tenth tick; ``optional`` channels by tick."""
     q = np.zeros(19)
     q[2], q[6] = 0.24, 1.0
     forces = np.tile([0.0, 0.0, 6.0], (4, 1))
@@ -57,6 +59,7 @@ def record_standing(recorder: Recorder, ticks: int = 1000) -> None:
             push_point=np.zeros(3),
             wbc_status=0,
             wbc_ms=0.1,
+            **optional(k),
         )
         if k % 10 == 0:
             recorder.record_mpc(time, np.tile(com, (21, 1)), forces, 0, 0.5)

@@ -45,8 +45,8 @@ def broken(certificate: Certificate) -> Check:
 def test_a_robot_that_stands_is_certified(certified: Certify) -> None:
     certificate = certified()
     assert certificate.certified
-    names = ["normal force", "friction", "depth in the floor", "torque", "joint speed", "joint position"]
-    assert [each.name for each in certificate.checks] == [*names, "momentum balance", "energy from nowhere"]
+    names = ["normal force", "friction", "floor penetration", "torque", "joint speed", "joint position"]
+    assert [each.name for each in certificate.checks] == [*names, "momentum balance", "energy balance"]
     torque = certificate.checks[3]
     assert (torque.value, torque.limit, torque.margin, torque.unit) == (0.5, 1.8, pytest.approx(1.3), "N.m")
 
@@ -55,7 +55,7 @@ def test_a_robot_that_stands_is_certified(certified: Certify) -> None:
     ("name", "channel", "place", "value", "subject", "margin"),
     [
         ("friction", "contact_forces", (400, 2, 0), 4.0, "HL", 0.6 * 6.0 - 4.0),
-        ("depth in the floor", "contact_points", (400, 3, 2), -0.006, "HR", -1.0),
+        ("floor penetration", "contact_points", (400, 3, 2), -0.006, "HR", -1.0),
         ("torque", "tau", (400, 7), -1.9, "joint 8", -0.1),
         ("joint speed", "v", (400, 6 + 4), 31.0, "joint 5", -1.0),
         ("joint position", "q", (400, 7 + 4), -2.5, "joint 5", -0.5),
@@ -96,7 +96,7 @@ def test_a_push_accounts_for_momentum_and_energy(certified: Certify) -> None:
 
     assert certified(push, momentum, energy).certified
     names = [each.name for each in certified(momentum=momentum, energy=energy).broken]
-    assert names == ["momentum balance", "energy from nowhere"]
+    assert names == ["momentum balance", "energy balance"]
     assert certified(push, momentum, energy - 0.1 * np.arange(20)).certified  # contacts may dissipate
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,12 +29,18 @@ def estimated() -> RunLog:
     recorder, n = new_recorder(estimated=True), 1000
     q, v = np.zeros(19), np.zeros(18)
     q[2], v[1] = 0.24, -0.3
-    for k in range(n):
+
+    def drifting(k: int) -> dict[str, Any]:
         share = (k + 1) / n
         q[0], q[3:7] = 0.004 * share, about(np.array([0.0, 0.0, 1.0]), -2.0 * share)
-        recorder.record_estimate(q, v, [1, 1, k < 100, 2 if k < 30 else 1], 0.05)
-    record_standing(recorder, n)
+        return estimate(q, v, [1, 1, k < 100, 2 if k < 30 else 1], 0.05)
+
+    record_standing(recorder, n, drifting)
     return recorder.log()
+
+
+def estimate(q: np.ndarray, v: np.ndarray, contacts: list[int], ms: float) -> dict[str, Any]:
+    return {"estimate_q": q, "estimate_v": v, "estimate_contacts": contacts, "estimate_ms": ms}
 
 
 def test_errors_are_those_that_were_made(estimated: RunLog) -> None:
@@ -52,9 +59,8 @@ def test_errors_are_those_that_were_made(estimated: RunLog) -> None:
 
 def test_the_estimators_time_counts_for_the_deadline() -> None:
     recorder = new_recorder(estimated=True)
-    for _ in range(10):
-        recorder.record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.95)  # + 0.1 ms of the controller's
-    record_standing(recorder, 10)
+    late = estimate(np.zeros(19), np.zeros(18), [0] * 4, 0.95)  # + 0.1 ms of the controller's
+    record_standing(recorder, 10, lambda tick: late)
     assert compute_metrics(recorder.log()).deadline_misses == 10
 
 
@@ -110,15 +116,19 @@ def test_an_incomplete_estimate_is_damage(estimated: RunLog) -> None:
         RunLog.from_arrays(estimated.arrays() | {"estimate_q": np.zeros((3, 19))})
 
 
-def test_a_recorder_that_expects_none_refuses_it() -> None:
-    with pytest.raises(InputError, match="^estimated: got False"):
-        new_recorder().record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.0)
+def test_a_recorder_takes_all_channels_of_an_estimate_or_none() -> None:
+    channels = estimate(np.zeros(19), np.zeros(18), [0] * 4, 0.0)
+    with pytest.raises(InputError, match="^channels: got estimate_contacts, estimate_ms, estimate_q, estimate_v"):
+        record_standing(new_recorder(), 1, lambda tick: channels)
+    del channels["estimate_ms"]
+    with pytest.raises(InputError, match="^channels: got estimate_ms"):
+        record_standing(new_recorder(estimated=True), 1, lambda tick: channels)
 
 
 def test_a_tick_cut_in_half_leaves_no_estimate() -> None:
     recorder = new_recorder(estimated=True)
-    for _ in range(6):
-        recorder.record_estimate(np.zeros(19), np.zeros(18), np.zeros(4), 0.0)
-    record_standing(recorder, 5)
+    whole = estimate(np.zeros(19), np.zeros(18), [0] * 4, 0.0)
+    with pytest.raises(ValueError):
+        record_standing(recorder, 6, lambda tick: whole if tick < 5 else {**whole, "estimate_q": np.zeros(18)})
     log = recorder.log()
     assert log.ticks == 5 and log.estimate_q is not None and len(log.estimate_q) == 5

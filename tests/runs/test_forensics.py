@@ -152,7 +152,7 @@ def test_solver_failures_missed_ticks_and_wrong_estimates(explain: Explain) -> N
         "estimate_ms": np.zeros(1000),
     }
     found = explain(edit, **fields)
-    assert named(found, "MPC").words == "3 MPC updates without a solution: the plan of 0.290 s went on"
+    assert named(found, "MPC").words == "3 MPC updates without a solution: the plan of 0.290 s remained in use"
     assert named(found, "missed ticks").words == "1 times ticks were missed, for up to 5 ms"
     assert named(found, "estimate").words == "estimate off by up to 3 deg of tilt and 0 m/s"
 
@@ -187,5 +187,5 @@ def test_json_has_all_but_the_arrays(explain: Explain) -> None:
 def test_nothing_finite_is_an_error(standing: RunLog) -> None:
     log = standing.until(1)
     metrics = compute_metrics(log)
-    with pytest.raises(InputError, match="1 ticks; expected a run with something to explain"):
+    with pytest.raises(InputError, match="1 ticks; expected a run of at least two ticks"):
         explain_run(Run(Path("run"), "", log, RunResult("test", judge(metrics, Gate()), metrics)), Gate())

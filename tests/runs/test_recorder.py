@@ -7,7 +7,7 @@ import pytest
 
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import RunLog, push_intervals
-from lgmpc.runs.log import CHANNELS
+from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
 
 from .conftest import new_recorder, record_standing
 
@@ -77,6 +77,23 @@ def test_a_tick_has_every_channel_and_no_other(changes, named) -> None:
     with pytest.raises(InputError, match=rf"channels: got {named}; expected every channel"):
         recorder.record(**{name: value for name, value in tick.items() if value is not None})
     assert recorder.ticks == 1
+
+
+def test_channels_may_come_in_any_order() -> None:
+    recorder, swapped = new_recorder(), new_recorder()
+    record_standing(recorder, 1)
+    tick = {name: recorder.log().arrays()[name][0] for name in CHANNELS}
+    swapped.record(**dict(reversed(tick.items())))
+    for name in CHANNELS:
+        np.testing.assert_array_equal(swapped.log().arrays()[name][0], tick[name])
+
+
+def test_a_log_is_as_large_as_expected() -> None:
+    recorder = new_recorder(ticks=50, mpc_updates=5)
+    expected = recorder.log_bytes()
+    record_standing(recorder, 50)
+    names = {*CHANNELS, *MPC_CHANNELS}
+    assert expected == sum(np.asarray(a).nbytes for name, a in recorder.log().arrays().items() if name in names)
 
 
 @pytest.mark.parametrize(

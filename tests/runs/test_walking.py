@@ -249,6 +249,19 @@ def test_recovery_is_timed_from_the_end_of_each_push(walk) -> None:
     assert walk(for_good).recovery_time_s is None
 
 
+def test_recovery_goes_on_through_changes_of_the_gait(walk) -> None:
+    """Steps against a push have periods of their own: the cycles change, the command does not."""
+
+    def push(arrays, again=0.0):
+        arrays["push"][(TIME >= 1.0 - 1e-9) & (TIME < 1.1 - 1e-9), 1] = 20.0
+        sway(arrays, np.where((TIME >= 1.0 + 2 * DT) & (TIME < 1.5), 0.4, np.where(TIME >= 2.5, again, 0.0)))
+        arrays["gait_period_s"][(TIME >= 1.1) & (TIME < 1.3)] = 0.15
+
+    # The mean is that over a cycle of the gait to which the robot comes back.
+    assert walk(push).recovery_time_s == pytest.approx(0.4 + PERIOD * (1.0 - 0.05 / 0.4), abs=3 * DT)
+    assert walk(lambda arrays: push(arrays, again=0.4)).recovery_time_s is None, "not for good"
+
+
 def test_what_comes_after_a_fall_does_not_count(standing) -> None:
     def fall(arrays):
         arrays["q"][600:, 2] = 0.05
@@ -342,33 +355,36 @@ def test_half_of_the_steps_is_damage(standing) -> None:
         RunLog.from_arrays(arrays)
 
 
+def steps(tick: int) -> dict[str, Any]:
+    return {
+        "command": [0.1 * tick, 0.0, 0.2],
+        "gait_period_s": 0.24,
+        "mode": 2,
+        "stance": [True, tick < 3, True, True],
+        "contact_states": [0, 0 if tick < 3 else SWING, 0, 0],
+        "swing_targets": FEET,
+        "footholds": FEET,
+    }
+
+
 def test_a_recorder_takes_all_channels_of_steps_or_none() -> None:
-    with pytest.raises(InputError, match="^stepping: got False"):
-        new_recorder().record_steps(command=np.zeros(3))
-    with pytest.raises(InputError, match="footholds"):
-        new_recorder(stepping=True).record_steps(
-            command=np.zeros(3), gait_period_s=1.0, stance=np.ones(4), contact_states=np.zeros(4), swing_targets=FEET
+    with pytest.raises(InputError, match="command, contact_states"):
+        record_standing(new_recorder(), 1, steps)
+    with pytest.raises(InputError, match="^channels: got footholds;"):
+        record_standing(
+            new_recorder(stepping=True), 1, lambda k: {n: v for n, v in steps(k).items() if n != "footholds"}
         )
 
 
 def test_recorded_steps_are_logged() -> None:
     recorder = new_recorder(stepping=True, mass=2.5)
-    for k in range(6):
-        recorder.record_steps(
-            command=[0.1 * k, 0.0, 0.2],
-            gait_period_s=0.24,
-            mode=2,
-            stance=[True, k < 3, True, True],
-            contact_states=[0, 0 if k < 3 else SWING, 0, 0],
-            swing_targets=FEET,
-            footholds=FEET,
-        )
-    record_standing(recorder, 5)
+    record_standing(recorder, 5, steps)
     log = recorder.log()
     assert log.commanded and log.mass_kg == 2.5
     np.testing.assert_allclose(log.command[:, 0], 0.1 * np.arange(5))
     np.testing.assert_array_equal(log.stance[:, 1], [1, 1, 1, 0, 0])
     np.testing.assert_array_equal(log.contact_states[:, 1], [0, 0, 0, SWING, SWING])
+    assert log.contact_states.dtype == np.int8
 
 
 def test_every_contact_state_has_its_code() -> None:

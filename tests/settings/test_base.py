@@ -1,4 +1,4 @@
-"""The base of every room's settings: constructed in Python, and changed."""
+"""The base of every package's settings: constructed in Python, and changed."""
 
 from __future__ import annotations
 

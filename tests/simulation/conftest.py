@@ -1,4 +1,4 @@
-"""Robots for the plants: Solo12, a block on four corners, and a tree of every joint type that a plant knows."""
+"""Robots for the plants: Solo12, a block on four corners, and a tree of every joint type that a plant supports."""
 
 from __future__ import annotations
 

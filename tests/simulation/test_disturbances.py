@@ -63,7 +63,7 @@ def test_pushes_overlap_and_act_on_their_own_bodies():
     both = schedule.wrenches(0.007)
     np.testing.assert_allclose(both["base_link"], (100, 100, 0, 0, 0, 0), rtol=1e-12)
     np.testing.assert_allclose(both["FL_SHOULDER"], (0, 0, 50, 0, 0, 0), rtol=1e-12)
-    # After its own push a body is told to be left alone although another is still pushed.
+    # After its own push a body has a zero wrench although another is still pushed.
     assert not schedule.wrenches(0.017)["base_link"].any()
 
 

@@ -54,8 +54,8 @@ def test_without_noise_the_imu_leads_from_state_to_state(plant_type, solo12, ran
         np.testing.assert_array_equal(reading.torques, sample.tau)
 
 
-def test_the_imu_tells_what_mujocos_own_accelerometer_does(solo12, random_state) -> None:
-    """At the first order of the step: MuJoCo tells the acceleration at its start, the IMU the mean over it."""
+def test_the_imu_agrees_with_mujocos_accelerometer(solo12, random_state) -> None:
+    """At the first order of the step: MuJoCo reports the acceleration at its start, the IMU the mean over it."""
     plant, differences = MujocoPlant(solo12, PlantSettings(rate_hz=1e4)), []
     for seed in range(5):
         plant.reset(np.concatenate(random_state(solo12, np.random.default_rng(seed))))
@@ -79,7 +79,7 @@ def test_at_rest_the_accelerometer_feels_the_floor_not_gravity(solo12) -> None:
         np.testing.assert_allclose(reading.gyro, 0.0, atol=1e-12)
 
 
-def test_noise_has_the_densities_that_were_asked_for(solo12) -> None:
+def test_noise_has_the_given_densities(solo12) -> None:
     noise = SensorNoise(
         gyro_noise_rad_s_rt_hz=1e-3,
         accelerometer_noise_m_s2_rt_hz=2e-2,
@@ -103,7 +103,7 @@ def test_noise_has_the_densities_that_were_asked_for(solo12) -> None:
     assert spread("torques", sample.tau) == pytest.approx(noise.torque_noise_nm, rel=0.02)
 
 
-def test_biases_begin_and_walk_as_they_were_asked_to(solo12) -> None:
+def test_biases_begin_and_walk_as_given(solo12) -> None:
     noise = SensorNoise(
         gyro_bias_rad_s=0.01,
         accelerometer_bias_m_s2=0.5,

@@ -87,6 +87,29 @@ def test_machine_code_and_numpy_agree_at_any_size(ndx: int, nu: int, closed: boo
 
 
 @needs_compiler
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("first", [0, 3, 5])
+def test_a_sweep_continues_bit_for_bit(first: int, closed: bool) -> None:
+    """From an interval behind which nothing has changed."""
+    f = Numbers(6, 13, 7)
+    sweep = make_sweep(f)
+    assert isinstance(sweep, CompiledSweep) and sweep.run(1e-6, closed=closed)
+    f.jacobian[: first + 1] *= 1.1
+    f.hessian[: first + 1] *= 1.2
+    f.gradient[: first + 1] += 0.3
+    f.gaps[: first + 1] -= 0.4
+    sweep.plan[2] = first
+    assert sweep.run(1e-6, closed=closed)
+    continued = [part.copy() for part in (f.feedback, f.feedforward, sweep.value_hessian, sweep.value_gradient)]
+    sweep.plan[2] = 5
+    f.feedback[...] = f.feedforward[...] = np.nan
+    assert sweep.run(1e-6, closed=closed)
+    whole = f.feedback, f.feedforward, sweep.value_hessian, sweep.value_gradient
+    for one, other in zip(continued, whole, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@needs_compiler
 @pytest.mark.parametrize("flags", ["-DLANES=1", "-DLANES=2", "-DLANES=8"])
 def test_any_number_of_lanes_gives_the_same_sweep(flags: str, monkeypatch: pytest.MonkeyPatch) -> None:
     f = Numbers(4, 13, 5)

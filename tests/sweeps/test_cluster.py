@@ -60,7 +60,7 @@ def test_each_task_pays_for_itself_only(client: "distributed.Client", tmp_path: 
     assert str(by_name["kill once"]).startswith("kill once in ")
 
 
-def test_a_sweep_survives_a_killed_worker_and_its_points_are_what_one_machine_computes(
+def test_a_sweep_continues_after_a_killed_worker_with_the_points_of_one_machine(
     client: "distributed.Client", tmp_path: Path, parse: Parse
 ) -> None:
     sweep = parse("factors: [{key: seed, kind: values, values: [1, 2, 3, 4]}]\nmetrics: [max_tilt_deg]")

@@ -123,7 +123,7 @@ def test_a_point_does_not_change_what_the_next_one_starts_from(parse: Parse) -> 
         ("factors: [{key: plant.friction, kind: values, values: []}]", "factors.0.values", "at least 1"),
         ("factors: [{key: plant.friction, kind: spaced, range: [1, 1], count: 3}]", "factors.0.range", "lowest below"),
         ("factors: [{key: plant.friction, kind: value, values: [1]}]", "factors.0.kind", "Did you mean values"),
-        ("factors: []", "factors", "something that is varied"),
+        ("factors: []", "factors", "expected a variation"),
         ("variants: {a: {mpc.enabld: true}}", "variants.a.mpc.enabld", "Did you mean mpc.enabled"),
         ("bisect: {key: plant.fric, range: [0.1, 1.0], tolerance: 0.1}", "bisect", "Did you mean plant.friction"),
         ("bisect: {key: plant.friction, range: [1.0, 1.0], tolerance: 0.1}", "bisect.range", "lowest below highest"),

@@ -1,4 +1,4 @@
-"""The folder of a sweep: lines that survive kills, claims, kept logs."""
+"""The folder of a sweep: lines complete after kills, claims, kept logs."""
 
 import os
 import subprocess
@@ -73,11 +73,11 @@ Results(Path({str(file)!r})).append(Row("b", Ending.PASS))
 
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     (tmp_path / "results.jsonl").write_text("{}\n")
-    with pytest.raises(RunFolderError, match=r"results\.jsonl is no row of a sweep: KeyError"):
+    with pytest.raises(RunFolderError, match=r"results\.jsonl is not a row of a sweep: KeyError"):
         Results(tmp_path / "results.jsonl").rows()
 
 
-def test_a_folder_is_taken_up_only_if_asked_and_only_by_its_sweep(tmp_path: Path, parse: Parse) -> None:
+def test_an_existing_folder_is_opened_only_on_request_and_only_by_its_sweep(tmp_path: Path, parse: Parse) -> None:
     folder = tmp_path / "out"
     SweepFolder.open(folder, parse(VARIED), resume=False)
     with pytest.raises(RunFolderError, match="add --resume"):
@@ -87,7 +87,7 @@ def test_a_folder_is_taken_up_only_if_asked_and_only_by_its_sweep(tmp_path: Path
         SweepFolder.open(folder, parse(VARIED, "set.seed=4"), resume=True)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").touch()
-    with pytest.raises(RunFolderError, match="no folder of a sweep"):
+    with pytest.raises(RunFolderError, match="not the folder of a sweep"):
         SweepFolder.open(tmp_path / "mine", parse(VARIED), resume=True)
 
 

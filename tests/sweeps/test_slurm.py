@@ -108,7 +108,7 @@ def test_a_sweep_runs_in_a_job(tmp_path: Path, scheduler: Path, parse: Parse) ->
 
 def test_a_job_that_slurm_refuses_is_one_error(tmp_path: Path, scheduler: Path) -> None:
     settings = load_slurm(jobs_file(tmp_path, JOBS.replace("robots", "nobody")))
-    with pytest.raises(ClusterError, match="SLURM refuses the job: sbatch: error: .*Invalid account"):
+    with pytest.raises(ClusterError, match="SLURM rejects the job: sbatch: error: .*Invalid account"):
         slurm_client(settings, tmp_path / "out").__enter__()
     assert list(scheduler.iterdir()) == []
 

@@ -1,4 +1,4 @@
-"""Statistics, and what the rows of a sweep show together."""
+"""Statistics and the summary of a sweep."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What is tuned, and what counts as better."""
+"""Keys, ranges and objectives of a tuning."""
 
 import math
 from collections.abc import Callable
@@ -9,7 +9,8 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.study import _Session, _study
+from lgmpc.sweeps.journal import open_study
+from lgmpc.sweeps.study import _Session
 from lgmpc.sweeps.tuning import Dimension, Objective, Score, parse_dimension, tuning_problem
 from lgmpc.sweeps.values import value_at
 
@@ -111,16 +112,16 @@ def test_a_sweep_that_bisects_is_tuned_by_its_boundary(tmp_path: Path) -> None:
 
 
 def test_a_trial_whose_report_was_cut_off_is_done_again(tmp_path: Path) -> None:
-    """A kill between a trial's attributes, or before it is told: it has no score, and is not counted."""
+    """A kill between a trial's attributes, or before its state is written: it has no score, and is not counted."""
     pytest.importorskip("optuna")
     problem = tuning_problem("solo12_balance", ["mpc.nodes"], "passed", seeds=1)
     for attributes in ({"passed": 1.0}, {"passed": 1.0, "value": 1.0}):
         folder = tmp_path / str(len(attributes))
-        with _study(problem, folder, 0, False) as study:
+        with open_study(problem, folder, 0, False) as study:
             trial = study.ask()
             for name, value in attributes.items():
                 trial.set_user_attr(name, value)
-        with _study(problem, folder, 0, True) as study:
+        with open_study(problem, folder, 0, True) as study:
             session = _Session(problem, folder, study, lambda now: None)
             assert (session._finished(), session._done()) == ([], 0)
             assert session._suggest(study.ask()) == problem.initial

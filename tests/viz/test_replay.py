@@ -73,6 +73,21 @@ def test_a_run_that_blew_up_is_shown_up_to_there(solo12, pushed_run) -> None:
     assert content_of(page)["duration"] == pytest.approx(log.time[299] - log.time[0])
 
 
+def test_a_robot_that_begins_low_is_in_the_picture_when_it_stands(solo12, pushed_run) -> None:
+    def top(page: str) -> float:
+        """Height of the picture's upper edge at the camera's target, m (axes of the viewer: y up)."""
+        camera = content_of(page)["camera"]
+        away = np.linalg.norm(np.subtract(camera["position"], camera["target"]))
+        return camera["target"][1] + away * np.tan(np.radians(0.5 * camera["fov"]))
+
+    log = pushed_run.log
+    q = log.q.copy()
+    q[log.time < 0.2, 2] -= 0.15
+    rising = replace(pushed_run, log=replace(log, q=q))
+    standing, risen = top(replay_page(solo12, pushed_run)), top(replay_page(solo12, rising))
+    assert risen > standing - 0.05
+
+
 def test_a_run_without_figures_is_shown(solo12, pushed_run) -> None:
     result = replace(pushed_run.result, metrics=None, verdict=Verdict(Outcome.INTERRUPTED, ("interrupted",)))
     assert content_of(replay_page(solo12, replace(pushed_run, result=result)))["facts"] == []
@@ -130,11 +145,11 @@ def test_a_port_that_cannot_be_is_refused() -> None:
 
 
 def test_serving_prints_the_address_and_ends_with_ctrl_c() -> None:
-    told: list[str] = []
+    messages: list[str] = []
     pages: list[bytes] = []
 
     def look_and_press(message: str) -> None:
-        told.append(message)
+        messages.append(message)
         threading.Thread(target=look, args=(message,)).start()
 
     def look(message: str) -> None:
@@ -147,5 +162,5 @@ def test_serving_prints_the_address_and_ends_with_ctrl_c() -> None:
             os.kill(os.getpid(), signal.SIGINT)
 
     serve_page("<html>solo12_pushed</html>", "a run", notify=look_and_press)
-    assert len(told) == 1
+    assert len(messages) == 1
     assert b"solo12_pushed" in pages[0]

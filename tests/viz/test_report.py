@@ -84,7 +84,7 @@ def test_the_report_of_a_run_is_whole_and_self_contained(report_file: Path) -> N
     words = " ".join(outline.text)
     for part in (
         "solo12_pushed",
-        "What happened",
+        "Events",
         "push of 1 N.s [0, 1, 0]",
         "tilt / deg",
         "name: solo12_pushed",

@@ -21,7 +21,9 @@ def unpack(packed: bytes) -> dict[str, Any]:
     def resolve(value: Any) -> Any:
         if isinstance(value, dict) and "$array" in value:
             kind, offset, count = value["$array"]
-            assert (8 + length + offset) % np.dtype(TYPES[kind]).itemsize == 0, "JavaScript wants aligned views"
+            assert (8 + length + offset) % np.dtype(TYPES[kind]).itemsize == 0, (
+                "typed arrays of JavaScript must be aligned"
+            )
             return np.frombuffer(data, TYPES[kind], count, 8 + length + offset)
         if isinstance(value, dict):
             return {key: resolve(item) for key, item in value.items()}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgmpc.wbc.active_set import ActiveSetSolver
+from lgmpc.wbc.solver import ActiveSetSolver
 
 N, E, M = 12, 3, 20
 

@@ -1,5 +1,6 @@
 """Residuals for costs and constraints."""
 
+from lgmpc.costs.library.collision import ShapePairDistance
 from lgmpc.costs.library.dynamics import (
     CentroidalMomentum,
     CoMPosition,
@@ -43,6 +44,7 @@ __all__ = [
     "JointAcceleration",
     "JointEffort",
     "JointPosition",
+    "ShapePairDistance",
     "SmoothFrictionCone",
     "StateError",
     "WrenchCone",

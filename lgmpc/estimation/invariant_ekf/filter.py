@@ -123,7 +123,7 @@ class InvariantEkf:
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
         self._after = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
-        self._predict = StageKernel(prediction(form, contacts, landmarks), progress).bind(
+        self._predict = StageKernel.of(prediction, form, contacts, landmarks, progress=progress).bind(
             1,
             **self._before,
             **self._after,
@@ -132,7 +132,7 @@ class InvariantEkf:
             contact=self._flags,
             parameters=self._parameters,
         )
-        self._correct = StageKernel(correction(form, contacts, landmarks), progress).bind(
+        self._correct = StageKernel.of(correction, form, contacts, landmarks, progress=progress).bind(
             1,
             **self._before,
             **self._after,
@@ -145,7 +145,7 @@ class InvariantEkf:
             squares=self._squares,
         )
         self._new_offset = np.zeros(3)
-        self._augment = StageKernel(augmentation(form, used), progress).bind(
+        self._augment = StageKernel.of(augmentation, form, used, progress=progress).bind(
             1,
             pose=self._before["pose"],
             covariance=self._before["covariance"],
@@ -368,17 +368,18 @@ class InvariantEkf:
 
     @functools.cached_property
     def _landmark_correction(self) -> Callable[[], int]:
-        function = landmark_correction(self.form, self.contacts, self.landmarks)
-        return self._bind_one(function, selected=self._selected[self.contacts :])
+        kernel = StageKernel.of(landmark_correction, self.form, self.contacts, self.landmarks, progress=self._progress)
+        return self._bind_one(kernel, selected=self._selected[self.contacts :])
 
     @functools.cached_property
     def _known_landmark_correction(self) -> Callable[[], int]:
-        function = known_landmark_correction(self.form, self.contacts + self.landmarks)
-        return self._bind_one(function, landmark=self._known)
+        points = self.contacts + self.landmarks
+        kernel = StageKernel.of(known_landmark_correction, self.form, points, progress=self._progress)
+        return self._bind_one(kernel, landmark=self._known)
 
-    def _bind_one(self, function: ca.Function, **inputs: Array) -> Callable[[], int]:
-        """Compile a correction with one measured position, and connect it to the filter's memory."""
-        return StageKernel(function, self._progress).bind(
+    def _bind_one(self, kernel: StageKernel, **inputs: Array) -> Callable[[], int]:
+        """Connect a correction with one measured position to the filter's memory."""
+        return kernel.bind(
             1,
             **self._before,
             **self._after,

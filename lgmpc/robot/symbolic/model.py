@@ -53,6 +53,10 @@ class SymbolicModel:
         self._frames: dict[int | str, frames.Frame] = {}
         self._known: dict[str, list[tuple[tuple[Any, ...], Any]]] = {}
 
+    def __reduce__(self) -> tuple[type[SymbolicModel], tuple[pin.Model]]:
+        """Restore without the intermediate results."""
+        return SymbolicModel, (self.model,)
+
     @property
     def nq(self) -> int:
         """Size of the configuration."""

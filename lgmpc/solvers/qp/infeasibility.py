@@ -27,7 +27,7 @@ def is_certificate(qp: OcpQp, dx0: Array, multipliers: Array, reach: float) -> b
     Args:
         qp: the problem.
         dx0: (ndx,) first state.
-        multipliers: (N, ng) y: those of the least violation, say.
+        multipliers: (N, ng) y, for example those of the least violation.
         reach: absolute value up to which controls are considered.
     """
     scale = float(np.abs(multipliers).max(initial=0.0))

@@ -44,7 +44,7 @@ class PiqpSettings:
     max_iterations: int = 50
 
     def __post_init__(self) -> None:
-        """Refuse an unknown linear solver."""
+        """Raise for an unknown linear solver."""
         if self.kkt_solver not in KKT_SOLVERS:
             raise InputError("kkt_solver", self.kkt_solver, "a linear solver of PIQP", KKT_SOLVERS)
 

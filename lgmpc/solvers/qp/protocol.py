@@ -1,4 +1,4 @@
-"""The interface of solvers of linear-quadratic subproblems, and what they return."""
+"""The interface of solvers of linear-quadratic subproblems, and their results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["QpSolution", "QpSolver", "QpStatus"]
 
 
 class QpStatus(Enum):
-    """How a solve ended; the value is the remedy."""
+    """Outcome of a solve; the value is the remedy."""
 
     SOLVED = "nothing to do"
     MAX_ITERATIONS = "raise max_iterations, loosen the tolerance, or scale the weights closer together"
@@ -67,7 +67,7 @@ class QpSolution:
         return self._rows("A", "B") + self.qp.vector("b") - self.dxs[1:]
 
     def constraint_violation(self) -> Array:
-        """Compute by how much (N,) the worst row of each node's path constraint leaves its bounds."""
+        """Compute the largest violation (N,) of the bounds of each node's path constraint."""
         rows = self._rows("C", "D")
         outside = np.maximum(self.qp.vector("lower") - rows, rows - self.qp.vector("upper"))
         worst: Array = np.max(outside, axis=1, initial=0.0)
@@ -129,7 +129,7 @@ class QpSolver(Protocol):
     iterations: int
 
     def prepare(self) -> None:
-        """Take over the matrices of :attr:`qp`; what can be factorised before the first state is known, is."""
+        """Read the matrices of :attr:`qp`, and factorise as far as possible without the first state."""
 
     def solve(self, dx0: Array) -> QpStatus:
         """Take over the vectors of :attr:`qp` and solve for the first state ``dx0`` (ndx,).

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.compile import BatchKernel, compile_function
+from lgmpc.compile import BatchKernel, CompiledFunction, compile_function, recall
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.solvers.qp.line import part_way
 from lgmpc.solvers.qp.lqr import lqr_function
@@ -83,7 +83,7 @@ class RiccatiSolver:
         self.iterations = 0
         self.took_over = False
         self._fallback = fallback(qp)
-        lqr = compile_function(lqr_function(s, f"qp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
+        lqr, penalise, measure = recall(_compile, s, progress=progress)
         self._rho, self._measures = np.zeros(1), np.zeros((s.nodes, 3))
         self._mu, self._point, self._multipliers = np.zeros((3, s.nodes, s.ng))
         weights, targets, self._rows = (lqr.input("weights").T, lqr.input("targets").T, lqr.output("rows").T)
@@ -92,7 +92,6 @@ class RiccatiSolver:
         # On the problem's own memory: its numbers are not copied.
         self._regulate = lqr.bind(values=qp.values, terminal_values=qp.terminal_values)
         bounds = {"lower": qp.vector("lower"), "upper": qp.vector("upper"), "mu": self._mu, "rho": self._rho}
-        penalise, measure = (BatchKernel(function, progress) for function in _penalty_functions(s))
         self._penalise = penalise.bind(s.nodes, **bounds, point=self._point, weights=weights, targets=targets)
         self._measure = measure.bind(
             s.nodes, **bounds, rows=self._rows, weights=weights, targets=targets, multipliers=self._multipliers,
@@ -160,6 +159,15 @@ class RiccatiSolver:
                 end = -float(np.vdot(self._multipliers, step))
                 self._point[...], cost_before, phi = part_way(self._point, step, cost_before, cost, end, rho, low, high)
         return False
+
+
+def _compile(
+    s: OcpQpStructure, progress: Callable[[str], None] | None
+) -> tuple[CompiledFunction, BatchKernel, BatchKernel]:
+    """Return the regulator, and the functions before and after it."""
+    lqr = compile_function(lqr_function(s, f"qp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
+    penalise, measure = (BatchKernel(function, progress) for function in _penalty_functions(s))
+    return lqr, penalise, measure
 
 
 def _penalty_functions(s: OcpQpStructure) -> tuple[ca.Function, ca.Function]:

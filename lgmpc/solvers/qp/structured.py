@@ -116,7 +116,7 @@ class StructuredSolver:
         self.available = self._regulator.available
         self._lower, self._upper = np.zeros((s.nodes, s.ng)), np.zeros((s.nodes, s.ng))
         self._scale = self._rho = 0.0
-        self._ready, self._possible = False, True
+        self._ready, self._possible, self._convex = False, True, True
         r = s.blocks["R"]
         self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
         self.solution = QpSolution.zeros(qp)
@@ -139,6 +139,7 @@ class StructuredSolver:
         self._scale = float(np.partition(weights, middle)[middle]) if finite and weights.size else 0.0
         self._rho = self.settings.penalty * self._scale
         self._possible = possible or not finite or bool(np.isnan(self._lower).any() or np.isnan(self._upper).any())
+        self._convex = not finite or self._scale >= 0.0  # zero: controls without a cost of their own
         self._ready = self._regulator.available and finite and possible and self._scale > 0.0
         if self._ready:
             self._regulator.load(qp)
@@ -158,7 +159,7 @@ class StructuredSolver:
             if self._ready and all_finite(dx0) and self._is_infeasible():
                 self.took_over = False
                 return QpStatus.INFEASIBLE
-        if self._ready and not self.may_take_over:
+        if (self._ready or not self._convex) and not self.may_take_over:
             self.took_over = False
             return QpStatus.NUMERICAL
         self._fallback.prepare()

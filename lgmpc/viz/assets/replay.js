@@ -235,7 +235,8 @@ class Player {
 
 function describe(content) {
   const verdict = document.getElementById("verdict");
-  document.getElementById("name").textContent = content.name;
+  const words = content.name.split(/(?<=_)/).flatMap((word) => [word, document.createElement("wbr")]);
+  document.getElementById("name").replaceChildren(...words);
   document.getElementById("created").textContent = content.created;
   verdict.textContent = content.verdict;
   verdict.className = content.verdict;

@@ -1,0 +1,92 @@
+"""Exact Hessians in solvers whose steps need a convex model: as much of the exact curvature as keeps it convex.
+
+The difference between the Lagrangian's Hessian and Gauss-Newton's is added whole near a solution that satisfies the
+second-order conditions, for quadratic convergence, and in part, or not at all, where the model would not be convex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.linalg import lapack
+
+from lgmpc.ocp import OcpQp, SubproblemFunctions
+from lgmpc.solvers.qp import QpSolver, QpStatus, StructuredSolver
+from lgmpc.typing import Array
+
+__all__ = ["CURVATURES", "Hessians", "is_convex", "solve_curved"]
+
+Hessians = Annotated[
+    Literal["gauss_newton", "exact"],
+    Field(
+        description="Second derivatives: gauss_newton, without those of residuals, dynamics and constraints, convex; "
+        "exact, with them: converges quadratically. More is compiled, once."
+    ),
+]
+"""Second derivatives of a solver's quadratic model."""
+
+CURVATURES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125, 0.0)
+"""Parts of the difference between exact and Gauss-Newton Hessians, tried in this order until the model is convex."""
+
+Solve = Callable[[], tuple[QpStatus, float]]
+
+
+def solve_curved(
+    functions: SubproblemFunctions, solver: QpSolver, costates: Array, multipliers: Array, solve: Solve
+) -> tuple[QpStatus, float]:
+    """Solve a subproblem with exact Hessians, or with what part of them is convex.
+
+    lgmpc's own QP solver decides itself: a point that satisfies the optimality conditions, of a model that is convex
+    along the active rows, is what is looked for. Others, and its fallback without a compiler, are given models that are
+    convex without any row, which may leave out curvature where rows are active.
+
+    Args:
+        functions: with the subproblem around the current point.
+        solver: of the subproblem.
+        costates: (N, ndx) of the dynamics at the current point.
+        multipliers: (N, ng) of the path constraints.
+        solve: solves the subproblem as it is; returns the status, and the kept fraction of gaps and violations.
+    """
+    qp, own = functions.qp, solver if isinstance(solver, StructuredSolver) and solver.available else None
+    allowed = own is not None and own.may_take_over
+    arrays = qp.values, qp.terminal_values
+    convex, known = [array.copy() for array in arrays], [array.copy() for array in solver.solution.arrays]
+    functions.curve(costates, multipliers)
+    # Bounds may be infinite, and are the same.
+    extra = [np.where(array == flat, 0.0, array - flat) for array, flat in zip(arrays, convex, strict=True)]
+    status, kept = QpStatus.NUMERICAL, 1.0
+    for part in CURVATURES:
+        for array, flat, more in zip(arrays, convex, extra, strict=True):
+            array[...] = flat + part * more
+        if own is not None:
+            own.may_take_over = allowed and part == 0.0
+        elif part > 0.0 and not is_convex(qp):
+            continue
+        status, kept = solve()
+        if status is QpStatus.SOLVED and kept == 0.0:
+            break
+        solver.solution.write(*known)
+    if own is not None:
+        own.may_take_over = allowed
+    return status, kept
+
+
+def is_convex(qp: OcpQp) -> bool:
+    """Return whether the cost is strictly convex along the dynamics, by a backward sweep."""
+    ndx = qp.structure.ndx
+    matrices = {name: qp.dense(name) for name in "ABQSR"}
+    jacobian = np.concatenate([matrices["A"], matrices["B"]], axis=2)
+    upper = np.concatenate([matrices["Q"], np.swapaxes(matrices["S"], 1, 2)], axis=2)
+    hessian = np.concatenate([upper, np.concatenate([matrices["S"], matrices["R"]], axis=2)], axis=1)
+    value = qp.dense_terminal("Q")
+    for f, h in zip(jacobian[::-1], hessian[::-1], strict=True):
+        q = h + f.T @ value @ f
+        factor, failed = lapack.dpotrf(q[ndx:, ndx:])
+        if failed:
+            return False
+        solved, _ = lapack.dpotrs(factor, q[ndx:, :ndx])
+        value = q[:ndx, :ndx] - q[:ndx, ndx:] @ solved
+    return True

@@ -1,0 +1,53 @@
+"""Expansions of contacts of some axes, inverse dynamics and distances: the same bits in any number of lanes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.actions import Contact, ContactForwardDynamics, FreeInverseDynamics, MultibodyAction
+from lgmpc.actions.dynamics import Dynamics
+from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.costs.library import JointEffort, ShapePairDistance, StateError
+from lgmpc.ocp import ShootingProblem, SubproblemFunctions
+from lgmpc.robot import Capsule, place_shape
+
+MODEL = pin.buildSampleModelManipulator()
+HAND = MODEL.frames[-1].name
+
+
+def dynamics_of(kind: str) -> Dynamics:
+    if kind == "inverse":
+        return FreeInverseDynamics(MODEL)
+    sliding = Contact(HAND, 2, axes=((0.0, 0.6, 0.8),), frame_axes=((1.0, 0.0, 0.0),))
+    return ContactForwardDynamics(MODEL, [sliding])
+
+
+@pytest.mark.parametrize("kind", ["inverse", "sliding"])
+def test_any_number_of_lanes_gives_the_same_expansion(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eleven stages: whole groups of lanes and a remainder, at random points."""
+    first, second = (
+        place_shape(MODEL, Capsule(link=link, radius_m=0.05, half_length_m=0.2)) for link in (HAND, "universe")
+    )
+    dynamics = dynamics_of(kind)
+    items = [
+        CostItem("rest", StateError(dynamics.state), 0.1),
+        CostItem("effort", JointEffort(6), 1e-3),
+        CostItem("near", ShapePairDistance(first, second), 2.0),
+    ]
+    apart = [ConstraintItem("apart", ShapePairDistance(first, second), 0.02, np.inf)]
+    found = []
+    for flags in ("-DLANES=1", "-DLANES=4", "-DLANES=8"):
+        monkeypatch.setenv("LGMPC_CFLAGS", flags)
+        problem = ShootingProblem(MultibodyAction(f"lanes_{kind}", dynamics, items, apart), 11)
+        if kind == "sliding":
+            problem.set("contact_gains", [3.0, 2.0])
+        functions, rng = SubproblemFunctions(problem), np.random.default_rng(0)
+        functions.xs[...] = rng.uniform(-1.0, 1.0, functions.xs.shape)
+        functions.us[...] = rng.standard_normal(functions.us.shape)
+        functions.linearize()
+        assert not np.isnan(functions.qp.values).any()
+        found.append(functions.qp.values.copy())
+    np.testing.assert_array_equal(found[1], found[0])
+    np.testing.assert_array_equal(found[2], found[0])

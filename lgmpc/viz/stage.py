@@ -53,13 +53,15 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
         scene.add_segments(f"/floor/{name}", _grid(spacing, reach), color)
         scene.place(f"/floor/{name}", [*(spacing * np.round(middle[:2] / spacing)), 0.0])
 
+    # The replay moves the lights with the camera.
+    start = travel[0]
     key, key_light = "/Lights/SpotLight", "/Lights/SpotLight/<object>"
     scene.set(key, "visible", True)
-    scene.set(key_light, "position", (middle + size * np.array([1.1, -1.6, 4.2])).tolist())
+    scene.set(key_light, "position", (start + size * np.array([1.1, -1.6, 4.2])).tolist())
     for name, value in (("castShadow", True), ("intensity", 0.42), ("angle", 0.5), ("penumbra", 1.0), ("decay", 0.0)):
         scene.set(key_light, name, value)
     for name, where in (("PointLightNegativeX", [3.0, 2.5, 3.0]), ("PointLightPositiveX", [-3.0, -2.0, 2.5])):
-        scene.set(f"/Lights/{name}/<object>", "position", (middle + size * np.array(where)).tolist())
+        scene.set(f"/Lights/{name}/<object>", "position", (start + size * np.array(where)).tolist())
         scene.set(f"/Lights/{name}/<object>", "intensity", 0.13)
         scene.set(f"/Lights/{name}/<object>", "distance", 0.0)
     scene.set("/Lights/AmbientLight/<object>", "intensity", 0.45)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -135,6 +135,28 @@ def test_the_panels_work(browser, page) -> None:
     tab.get_by_text("planned forces").click()
     assert tab.evaluate(hidden, ["overlay", "planned"])
     assert problems == []
+    tab.close()
+
+
+def test_camera_and_light_follow_a_robot_that_leaves(browser, solo12, pushed_run, tmp_path) -> None:
+    """Camera and key light keep their places over the robot, so that it is lit, and its shadow below it, everywhere."""
+    q = pushed_run.log.q.copy()
+    q[:, 0] += 3.0 * pushed_run.log.time
+    walked = replace(pushed_run, log=replace(pushed_run.log, q=q))
+    tab = browser.new_page(viewport={"width": 320, "height": 240})
+    tab.goto(f"{write_page(replay_page(solo12, walked), tmp_path / 'walked.html').as_uri()}#t=0")
+    tab.evaluate("lgmpc.ready")
+    places = """time => {
+      lgmpc.seek(time);
+      const { viewer } = lgmpc, find = (path) => viewer.scene_tree.find(path).object;
+      viewer.scene.updateMatrixWorld();
+      const light = find(["Lights", "SpotLight", "<object>"]);
+      const at = (matrix) => matrix.elements.slice(12, 15);
+      return [viewer.camera.position.toArray(), at(light.matrixWorld), at(light.target.matrixWorld)];
+    }"""
+    before, after = (np.array(tab.evaluate(places, time)) for time in (0.0, 1.0))
+    np.testing.assert_allclose(after - before, np.tile([3.0, 0.0, 0.0], (3, 1)), atol=0.05)
+    np.testing.assert_allclose(before[2], [walked.log.q[0, 0], 0.0, -walked.log.q[0, 1]], atol=0.05)
     tab.close()
 
 

@@ -14,9 +14,11 @@ async function start() {
   }
   for (const command of content.commands) viewer.handle_command(resolve(command));
   const { THREE } = MeshCat;
-  viewer.scene_tree.find(["Lights", "SpotLight", "<object>"]).object.shadow.mapSize.set(2048, 2048);
+  const keyLight = viewer.scene_tree.find(["Lights", "SpotLight", "<object>"]).object;
+  keyLight.shadow.mapSize.set(2048, 2048);
+  viewer.scene_tree.find(["overlay"]).object.traverse((node) => { node.castShadow = false; });  // no part of the world
   viewer.scene.fog = new THREE.Fog(...content.fog);
-  aim(viewer, content.camera);
+  aim(viewer, keyLight, content.camera);
   const player = new Player(viewer, content, resolve(content.animations));
   describe(content);
   addLegend(viewer, content.legend);
@@ -35,12 +37,14 @@ async function start() {
   else player.play();
 }
 
-// Through the viewer's orbit controls, whose target is in the axes of the page's world (y up).
-function aim(viewer, { fov, near, far, position, target }) {
+// Through the viewer's orbit controls, whose target is in the axes of the page's world (y up); the light's is, too.
+function aim(viewer, keyLight, { fov, near, far, position, target }) {
   Object.assign(viewer.camera, { fov, near, far });
   viewer.camera.position.set(...position);
   viewer.controls.target.set(...target);
   viewer.controls.update();
+  keyLight.target.position.set(target[0], 0, target[2]);
+  keyLight.target.updateMatrixWorld();
 }
 
 // The payload is base64 of gzip of [length, JSON, arrays]; {"$array": [type, offset, count]} stands for a typed array.
@@ -138,7 +142,8 @@ class Player {
     return Math.max(0, (next < 0 ? time.length : next) - 1);
   }
 
-  // A robot that walks away takes the camera along, wherever the user has turned it to.
+  // A robot that walks away takes the camera along, wherever the user has turned it to, and the lights, whose axes are
+  // the scene's (z up).
   follow() {
     const moves = this.content.camera.follow;
     if (moves.length === 0) return;
@@ -148,6 +153,11 @@ class Player {
     const delta = new MeshCat.THREE.Vector3(...now.map((value, axis) => value - (this.moved || [0, 0, 0])[axis]));
     this.viewer.camera.position.add(delta);
     this.viewer.controls.target.add(delta);
+    const find = (path) => this.viewer.scene_tree.find(path).object;
+    find(["Lights"]).position.add(new MeshCat.THREE.Vector3(delta.x, -delta.z, delta.y));
+    const { target } = find(["Lights", "SpotLight", "<object>"]);
+    target.position.add(delta);
+    target.updateMatrixWorld();
     this.moved = now;
   }
 

@@ -33,11 +33,14 @@ class Stage:
         x_next: (nx,) state at the end of the interval.
         cost: running cost.
         path: path constraint.
+        move: m of ``x_next = x (+) m``, if the interval is one such motion: its derivatives are then known in closed
+            form.
     """
 
     x_next: Any
     cost: Cost
     path: Bounded
+    move: Any = None
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,10 @@ class Integrator(ABC):
     ) -> tuple[Any, Motion]:
         """Return the state (nx,) after ``values["duration"]``, and the motion at its beginning."""
 
+    def move(self, v: Any, v_next: Any, values: Mapping[str, Any]) -> Any:
+        """Return m of ``x_next = x (+) m``, as a function of both velocities; None if a step is not one such motion."""
+        return None
+
 
 class SemiImplicitEuler(Integrator):
     """``v+ = v + h a,  q+ = q (+) h v+``: first order, as Crocoddyl's IntegratedActionModelEuler."""
@@ -35,6 +39,10 @@ class SemiImplicitEuler(Integrator):
         motion = dynamics.motion(q, v, u, values, unknowns)
         v_next = v + h * motion.a
         return ca.vertcat(dynamics.robot.integrate(q, h * v_next), v_next), motion
+
+    def move(self, v: Any, v_next: Any, values: Mapping[str, Any]) -> Any:
+        """Return ``(h v+, v+ - v)``."""
+        return ca.vertcat(values["duration"] * v_next, v_next - v)
 
 
 class RungeKutta2(Integrator):

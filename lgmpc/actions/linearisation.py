@@ -23,6 +23,7 @@ import casadi as ca
 
 from lgmpc.actions.implicit import LinearUnknown, Unknowns
 from lgmpc.compile import PipelineStep
+from lgmpc.state import StateMultibody
 
 if TYPE_CHECKING:
     from lgmpc.actions.multibody import ItemAction
@@ -116,8 +117,7 @@ class StageSteps:
         filled = ca.sum1(ca.DM(slopes[0].sparsity(), 1.0)).sparsity()
         self._slopes = _product(ca.Sparsity.dense(z.shape[0], 1), filled)
         equations = self.function("equations", [x, u, z, own], slopes)
-        gap = self.action.state.diff_symbolic(self.x_next, self.stage.x_next)
-        gap, direct, through = self._derivatives(gap)
+        gap, direct, through = self._gap()
         self.columns["gap"] = ca.Sparsity.dense(*gap.shape)
         step = self.function("step", [x, u, self.x_next, z, own], [gap, direct, _entries(through)])
         return (
@@ -199,6 +199,20 @@ class StageSteps:
             PipelineStep(half, ("inner", "mixed", "slopes"), ("half",), size),
             PipelineStep(fill, ("direct_hessian", entries, "slopes", "half", "slopes"), ("hessian",), size),
         )
+
+    def _gap(self) -> tuple[Any, Any, Any]:
+        """Return ``x+ (-) x_next`` and its derivatives by d and by z.
+
+        Written out, the derivatives of the exponential and logarithm of a free base are three times as long.
+        """
+        state, move = self.action.state, self.stage.move
+        if move is None or not isinstance(state, StateMultibody):
+            return self._derivatives(state.diff_symbolic(self.x_next, self.stage.x_next))
+        [reached], (move, by_d, by_z) = at_zero([self.stage.x_next], self.dx), self._derivatives(move)
+        of_start, of_move = state.Jintegrate_symbolic(self.x, move)
+        _, of_end = state.Jdiff_symbolic(self.x_next, reached)
+        start = ca.horzcat(of_start, ca.SX(self.ndx, self.n - self.ndx))
+        return state.diff_symbolic(self.x_next, reached), of_end @ (start + of_move @ by_d), of_end @ (of_move @ by_z)
 
     @property
     def _inputs(self) -> list[Any]:

@@ -155,7 +155,8 @@ class MultibodyAction(ItemAction):
         x_next, motion = self.integrator.step(self.dynamics, x[:nq], x[nq:], u, values, unknowns)
         symbols = StageSymbols(self.robot, x, values, u=u, a=motion.a, tau=motion.tau, forces=motion.forces)
         cost = cost_of(self.costs, symbols, scale=values["duration"])
-        return Stage(x_next, cost, Bounded.stack(motion.path, constraint_of(self.constraints, symbols)))
+        path = Bounded.stack(motion.path, constraint_of(self.constraints, symbols))
+        return Stage(x_next, cost, path, self.integrator.move(x[nq:], x_next[nq:], values))
 
 
 class ImpulseAction(ItemAction):
@@ -211,7 +212,8 @@ class ImpulseAction(ItemAction):
         z = unknowns.define_linear(solver, ca.vertcat(mass @ v, -flags * before), residual)
         symbols = StageSymbols(robot, x, values, u=u, forces=contacts.by_frame(z[nv:], robot, q))
         path = constraint_of(self.constraints, symbols)
-        return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path)
+        move = ca.vertcat(ca.SX(nv, 1), z[:nv] - v)
+        return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path, move)
 
 
 def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, drag_ratio: ArrayLike = 0.0) -> Any:

@@ -63,7 +63,7 @@ class PenalizedAction(ItemAction):
         rho = values["constraint_penalty"]
         shift = values["constraint_multipliers"] / rho
         term = CostTerm(path.value, _SquaredDistance(path.lower - shift, path.upper - shift), rho)
-        return Stage(stage.x_next, Cost((*stage.cost.terms, term)), Bounded.stack())
+        return Stage(stage.x_next, Cost((*stage.cost.terms, term)), Bounded.stack(), stage.move)
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
         """Return the action's own."""

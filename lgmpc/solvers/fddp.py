@@ -94,7 +94,7 @@ class Fddp(IterativeSolver):
         start = self.settings.initial_regularization
         self._regularization = self.settings.regularization[0] if start is None else start
         self._accepted, self._step_length, self._was_closed = False, 1.0, False
-        self._cost = self._criterion = self._gap = np.nan
+        self._cost = self._criterion = np.nan
         self._expand()
         self._closed = self._gap <= self.settings.rounding
         self._bottom = _UNBOUNDED * (1.0 + abs(self._cost))
@@ -204,8 +204,7 @@ class Fddp(IterativeSolver):
         if not swept:
             self.sweep.value_gradient[...] = 0.0  # no multipliers are known
         costates, multipliers, rest = self._stationarity()
-        gap = float(np.abs(f.gaps).max())
-        kkt = KktResidual(float(np.abs(rest).max(initial=0.0)), gap, 0.0, 0.0)
+        kkt = KktResidual(float(np.abs(rest).max(initial=0.0)), self._gap, 0.0, 0.0)
         expansion, backward, forward = self._clock
         return Solution(
             self.problem.copy(), f.xs.copy(), f.us.copy(), f.feedback.copy(), f.feedforward.copy(), costates.copy(),
@@ -233,12 +232,15 @@ class Fddp(IterativeSolver):
         """Return multipliers (N, ng), and the rest of the Lagrangian's gradient in the controls (N, nu)."""
         return np.zeros((self.problem.nodes, 0)), gradient
 
+    @property
+    def _gap(self) -> float:
+        return float(np.abs(self.functions.gaps).max())
+
     def _expand(self) -> None:
         start = time.perf_counter()
         f = self.functions
         f.expand()
         self._cost = _sum(f.costs)
-        self._gap = float(np.abs(f.gaps).max())
         # Matrices are read by the sweep, whose result is not finite if they are not.
         self._finite = math.isfinite(self._cost) and all_finite(f.gradient, f.gaps, f.last_hessian, f.last_gradient)
         self._fresh, self._swept, self._curved = True, False, False
@@ -310,5 +312,5 @@ class Fddp(IterativeSolver):
 
 def _sum(costs: Array) -> float:
     """Return the sum, NaN if it is not finite."""
-    total = float(costs.sum())
+    total = float(np.add.reduce(costs))  # costs.sum() takes twice as long
     return total if math.isfinite(total) else math.nan

@@ -17,41 +17,42 @@ EXPORT int lgmpc_sweep(void** frame) {
 
   if (first == n - 1) {
     for (j = 0; j < NX; ++j) {
-      memcpy(v + j * X, last_hessian + j * NX, sizeof(double) * NX);
+      copy(last_hessian + j * NX, NX, v + j * X);
       v[j + j * X] += reg;
-      memcpy(value + (n * NX + j) * NX, v + j * X, sizeof(double) * NX);
+      copy(v + j * X, NX, value + (n * NX + j) * NX);
     }
-    memcpy(s, last_gradient, sizeof(double) * NX);
+    copy(last_gradient, NX, s);
   } else {
-    for (j = 0; j < NX; ++j) memcpy(v + j * X, value + ((first + 1) * NX + j) * NX, sizeof(double) * NX);
-    memcpy(s, slope + (first + 1) * NX, sizeof(double) * NX);
+    for (j = 0; j < NX; ++j) copy(value + ((first + 1) * NX + j) * NX, NX, v + j * X);
+    copy(slope + (first + 1) * NX, NX, s);
   }
   for (t = first;; --t) {
     /* s: gradient of the cost-to-go behind the interval, where the gap in front of it is closed. */
     const int known = t == first && first < n - 1;
     if (!closed && !known) strip(1, X, NX, 1.0, v, X, columns(gaps + (t + 1) * NX, NX), s, X);
-    memcpy(slope + (t + 1) * NX, s, sizeof(double) * NX);
+    copy(s, NX, slope + (t + 1) * NX);
     if (t < 0) return 0;
     const double *f = jacobian + t * NW * NX, *h = hessian + t * NW * NW;
     double *out = value + t * NX * NX, *feed = feedback + t * NU * NX;
 
     /* Q = H + F^T V F and g = h + F^T s. */
     transpose(f, NX, ft);
-    for (j = 0; j < NW; ++j) memcpy(q + j * W, h + j * NW, sizeof(double) * NW);
-    memcpy(g, gradient + t * NW, sizeof(double) * NW);
+    for (j = 0; j < NW; ++j) copy(h + j * NW, NW, q + j * W);
+    copy(gradient + t * NW, NW, g);
     memset(p, 0, sizeof(double) * X * NW);
     multiply(X, NW, NX, 1.0, v, X, columns(f, NX), p, X, 0);
     multiply(W, NW, NX, 1.0, ft, W, columns(p, X), q, W, 1);
     strip(1, W, NX, 1.0, ft, W, columns(s, X), g, W);
 
-    memcpy(control + t * NU, g + NX, sizeof(double) * NU);
+    copy(g + NX, NU, control + t * NU);
     if (!eliminate(q, reg, reciprocal)) return (int) t + 1;
     eliminate_gradient(q + NX * W, reciprocal, g, k);
     /* V = Qxx - half half^T, and K^T = half R^-1. */
     multiply(X, NX, NU, -1.0, q + NX * W, W, rows(q + NX * W, W), q, W, 1);
+    for (j = 0; j < NX; ++j) q[j + j * W] += reg;
     mirror(q, v);
-    memcpy(s, g, sizeof(double) * NX);
-    for (j = 0; j < NU; ++j) memcpy(gain + j * X, q + (NX + j) * W, sizeof(double) * NX);
+    copy(g, NX, s);
+    for (j = 0; j < NU; ++j) copy(q + (NX + j) * W, NX, gain + j * X);
     for (j = 0; j < NU; ++j) {
       double* mine = gain + j * X;
       for (i = 0; i < X; i += LANES) *(Vector*) (mine + i) *= all(reciprocal[j]);
@@ -61,12 +62,9 @@ EXPORT int lgmpc_sweep(void** frame) {
         add(NX - 1, -r, mine, gain + i * X);
         k[i] -= r * k[j];
       }
-      memcpy(feed + j * NX, mine, sizeof(double) * NX);
+      copy(mine, NX, feed + j * NX);
     }
-    memcpy(feedforward + t * NU, k, sizeof(double) * NU);
-    for (j = 0; j < NX; ++j) {
-      v[j + j * X] += reg;
-      memcpy(out + j * NX, v + j * X, sizeof(double) * NX);
-    }
+    copy(k, NU, feedforward + t * NU);
+    for (j = 0; j < NX; ++j) copy(v + j * X, NX, out + j * NX);
   }
 }

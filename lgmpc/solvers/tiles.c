@@ -10,7 +10,7 @@
 #ifdef __clang__
   #pragma STDC FP_CONTRACT ON
 #elif defined(__GNUC__)
-  #pragma GCC optimize ("O3,fp-contract=fast")
+  #pragma GCC optimize ("O3,fp-contract=fast,no-tree-loop-distribute-patterns")
 #endif
 #ifdef __GNUC__
   #define EXPORT __attribute__((visibility("default")))
@@ -32,6 +32,26 @@ typedef struct { const double* at; long row, column; } Factor;
 
 INLINE Factor columns(const double* at, long apart) { Factor f = {at, 1, apart}; return f; }
 INLINE Factor rows(const double* at, long apart) { Factor f = {at, apart, 1}; return f; }
+
+#if SQUARES
+/* A vector of its lanes' numbers. */
+INLINE V places(void) {
+  V v = {0};
+  int lane;
+  for (lane = 0; lane < LANES; ++lane) v[lane] = lane;
+  return v;
+}
+#endif
+
+/* Copies n numbers, known to the compiler, in whole vectors: memcpy moves halves of them, and a load of a vector then
+   waits until both have left the store buffer. */
+INLINE void copy(const double* from, const long n, double* to) {
+  long i = 0;
+#if SQUARES
+  for (; i + LANES <= n; i += LANES) *(Loose*) (to + i) = *(const Loose*) (from + i);
+#endif
+  for (; i < n; ++i) to[i] = from[i];
+}
 
 /* c += sign a b for a tile of c, 3 vectors by 4 columns at most: what the registers hold. Columns of a and c are
    `tall` and `apart` numbers long. */
@@ -57,7 +77,9 @@ INLINE void tile(int height, int width, long depth, double sign, const double* a
 
 /* Functions of their own: within larger ones the registers are given to other values. */
 #define TILE(name, height, width, sign)                                                                           \
-  static NOINLINE void name(long depth, const double* a, long tall, Factor b, double* c, long apart) {           \
+  static NOINLINE void name(long depth, const double* a, long tall, const double* at, double* c, long apart,     \
+                            long row, long column) {                                                             \
+    const Factor b = {at, row, column}; /* as a whole it would be passed in memory */                            \
     tile(height, width, depth, sign, a, tall, b, c, apart);                                                      \
   }
 TILE(add_3_4, 3, 4, 1.0)
@@ -73,7 +95,8 @@ TILE(subtract_3_1, 3, 1, -1.0)
 TILE(subtract_2_1, 2, 1, -1.0)
 TILE(subtract_1_1, 1, 1, -1.0)
 
-typedef void Tile(long depth, const double* a, long tall, Factor b, double* c, long apart);
+typedef void Tile(long depth, const double* a, long tall, const double* at, double* c, long apart, long row,
+                  long column);
 
 /* Of each sign the tiles of 3, 2 and 1 vectors by 4 columns, then by 1. */
 static Tile* const tiles[2][2][3] = {
@@ -88,7 +111,7 @@ INLINE void strip(int width, long height, long depth, double sign, const double*
   long i;
   for (i = 0; i < height; i += 3 * LANES) {
     const long left = height - i;
-    of[left > 2 * LANES ? 0 : left > LANES ? 1 : 2](depth, a + i, tall, b, c + i, apart);
+    of[left > 2 * LANES ? 0 : left > LANES ? 1 : 2](depth, a + i, tall, b.at, c + i, apart, b.row, b.column);
   }
 }
 
@@ -132,16 +155,16 @@ static void mirror(const double* q, double* v) {
   long i, j;
 #if SQUARES
   long c;
-  for (j = LANES; j < NX; j += LANES)
-    for (i = 0; i < j; i += LANES) {
-      V square[LANES];
-      for (c = 0; c < LANES; ++c) square[c] = *(const Vector*) (q + i + (j + c) * W);
-      for (c = 0; c < LANES && j + c < NX; ++c) *(Vector*) (v + i + (j + c) * X) = square[c];
-      transpose_square(square);
-      for (c = 0; c < LANES; ++c) *(Vector*) (v + j + (i + c) * X) = square[c];
+  for (j = 0; j < NX; j += LANES)
+    for (i = 0; i <= j; i += LANES) {
+      V square[LANES], turned[LANES];
+      for (c = 0; c < LANES; ++c) turned[c] = square[c] = *(const Vector*) (q + i + (j + c) * W);
+      transpose_square(turned);
+      for (c = 0; c < LANES && j + c < NX; ++c)
+        *(Vector*) (v + i + (j + c) * X) = i < j ? square[c] : CHOOSE(places() <= all((double) c), square[c], turned[c]);
+      if (i < j)
+        for (c = 0; c < LANES; ++c) *(Vector*) (v + j + (i + c) * X) = turned[c];
     }
-  for (j = 0; j < NX; ++j)
-    for (i = j / LANES * LANES; i <= j; ++i) v[i + j * X] = v[j + i * X] = q[i + j * W];
 #else
   for (j = 0; j < NX; ++j)
     for (i = 0; i <= j; ++i) v[i + j * X] = v[j + i * X] = q[i + j * W];

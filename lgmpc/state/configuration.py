@@ -16,14 +16,16 @@ import casadi as ca
 import pinocchio as pin
 
 from lgmpc.errors import ModelError
-from lgmpc.lie.symbolic import quaternion, se3
+from lgmpc.lie.symbolic import quaternion, se3, so3
 
 __all__ = [
     "Block",
     "BlockKind",
     "configuration_blocks",
+    "difference_jacobians_symbolic",
     "difference_symbolic",
     "integrate_configuration_symbolic",
+    "integrate_jacobians_symbolic",
 ]
 
 
@@ -119,6 +121,20 @@ def difference_symbolic(model: pin.Model, q0: Any, q1: Any) -> Any:
     return ca.vertcat(*(_DIFFERENCE[block.kind](q0[block.q], q1[block.q]) for block in blocks))
 
 
+def integrate_jacobians_symbolic(kind: BlockKind, dv: Any) -> tuple[Any, Any]:
+    """Return :func:`lgmpc.state.blocks.integrate_jacobians` as CasADi matrices."""
+    group = _GROUPS[kind]
+    jacobian = group.right_jacobian(dv)
+    return ca.DM.eye(dv.shape[0]) - group.ad(dv) @ jacobian, jacobian
+
+
+def difference_jacobians_symbolic(kind: BlockKind, d: Any) -> tuple[Any, Any]:
+    """Return :func:`lgmpc.state.blocks.difference_jacobians` as CasADi matrices."""
+    group = _GROUPS[kind]
+    jacobian = group.right_jacobian_inverse(d)
+    return group.ad(d) - jacobian, jacobian
+
+
 def _integrate_rotation(q: Any, dv: Any) -> Any:
     return quaternion.compose(q, quaternion.exp(dv))
 
@@ -147,6 +163,8 @@ def _placement_difference(q0: Any, q1: Any) -> Any:
     phi = _rotation_difference(q0[3:], q1[3:])
     return ca.vertcat(se3.untranslation(quaternion.act(quaternion.inverse(q0[3:]), q1[:3] - q0[:3]), phi), phi)
 
+
+_GROUPS = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
 
 _INTEGRATE: dict[BlockKind, Callable[[Any, Any], Any]] = {
     BlockKind.VECTOR: lambda q, dv: q + dv,

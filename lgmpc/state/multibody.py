@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -16,8 +17,10 @@ from lgmpc.state.configuration import (
     Block,
     BlockKind,
     configuration_blocks,
+    difference_jacobians_symbolic,
     difference_symbolic,
     integrate_configuration_symbolic,
+    integrate_jacobians_symbolic,
 )
 
 __all__ = ["StateMultibody"]
@@ -140,6 +143,29 @@ class StateMultibody(State):
         """Return ``(q1 (-) q0, v1 - v0)`` as a CasADi column; its derivatives at ``x0 = x1`` are exact."""
         gap = difference_symbolic(self.model, x0[: self.nq], x1[: self.nq])
         return ca.vertcat(gap, x1[self.nq :] - x0[self.nq :])
+
+    def Jintegrate_symbolic(self, x: Any, dx: Any) -> tuple[Any, Any]:
+        """Return the derivatives of :meth:`integrate_symbolic` in tangent coordinates, as CasADi matrices."""
+        return self._jacobians_symbolic(integrate_jacobians_symbolic, 1.0, dx)
+
+    def Jdiff_symbolic(self, x0: Any, x1: Any) -> tuple[Any, Any]:
+        """Return the derivatives of :meth:`diff_symbolic` in tangent coordinates, as CasADi matrices."""
+        return self._jacobians_symbolic(difference_jacobians_symbolic, -1.0, self.diff_symbolic(x0, x1))
+
+    def _jacobians_symbolic(
+        self, of_block: Callable[[BlockKind, Any], tuple[Any, Any]], sign: float, d: Any
+    ) -> tuple[Any, Any]:
+        """Return both Jacobians along the tangent vector d: the identity, with a sign, except for curved blocks."""
+        first, second = [], []
+        end = 0
+        for block in self.curved:
+            flat = ca.SX.eye(block.v.start - end)
+            left, right = of_block(block.kind, d[block.v])
+            first += [sign * flat, left]
+            second += [flat, right]
+            end = block.v.stop
+        flat = ca.SX.eye(self.ndx - end)
+        return ca.diagcat(*first, sign * flat), ca.diagcat(*second, flat)
 
     def check(self, x: object, argument: str = "x") -> Array:
         """Return ``x`` as a float64 array after full validation: shape, finite, quaternions of norm 1."""

@@ -329,3 +329,19 @@ def test_symbolic_configuration_functions_are_pinocchios(multibody) -> None:
         q1 = pin.integrate(model, q0, step)
         np.testing.assert_allclose(integrate(q0, step).full().ravel(), q1, atol=3e-14)
         np.testing.assert_allclose(difference(q0, q1).full().ravel(), pin.difference(model, q0, q1), atol=1e-13)
+
+
+@GRID
+def test_symbolic_jacobians_are_the_numeric_ones(multibody: StateMultibody, angle: float) -> None:
+    state = multibody
+    x, y, dx = (ca.SX.sym(name, n) for name, n in (("x", state.nx), ("y", state.nx), ("dx", state.ndx)))
+    integrate = ca.Function("integrate", [x, dx], list(state.Jintegrate_symbolic(x, dx)))
+    difference = ca.Function("difference", [x, y], list(state.Jdiff_symbolic(x, y)))
+    point, step = start(state, 3), tangent(state, angle, 3)
+    reached = state.integrate(point, step)
+    for got, expected in (
+        (integrate(point, step), state.Jintegrate(point, step)),
+        (difference(point, reached), state.Jdiff(point, reached)),
+    ):
+        for left, right in zip(got, expected, strict=True):
+            np.testing.assert_allclose(left.full(), right, rtol=0, atol=1e-12)

@@ -42,25 +42,25 @@ EXPORT int lgmpc_regulator(void** frame) {
       for (e = 0; e < entries; ++e) stage[places[2 * e + 1]] = values[t * size + places[2 * e]];
       transpose(stage + W * NW, X, stage + W * NW + X * NW);
     }
-    for (j = 0; j < NX; ++j) memcpy(togo + n * square + j * X, last_hessian + j * NX, sizeof(double) * NX);
+    for (j = 0; j < NX; ++j) copy(last_hessian + j * NX, NX, togo + n * square + j * X);
     return 0;
   }
   if (mode == MEASURE) {
     for (t = 0; t < n; ++t) {
       const double *h = stages + t * block, *ft = h + W * NW + X * NW, *c = ft + W * NX;
-      memcpy(z, dxs + t * NX, sizeof(double) * NX);
-      memcpy(z + NX, dus + t * NU, sizeof(double) * NU);
-      memcpy(g, gradient + t * NW, sizeof(double) * NW);
+      copy(dxs + t * NX, NX, z);
+      copy(dus + t * NU, NU, z + NX);
+      copy(gradient + t * NW, NW, g);
       strip(1, W, NW, 1.0, h, W, columns(z, W), g, W);
       strip(1, W, NX, 1.0, ft, W, columns(costates + t * NX, NX), g, W);
       strip(1, W, ng, 1.0, c, W, columns(multipliers + t * ng, ng), g, W);
       for (i = 0; i < NX; ++i) g[i] = t ? g[i] - costates[(t - 1) * NX + i] : 0;
-      memcpy(residual + t * NW, g, sizeof(double) * NW);
+      copy(g, NW, residual + t * NW);
     }
     return 0;
   }
 
-  memcpy(slopes + n * NX, last_gradient, sizeof(double) * NX);
+  copy(last_gradient, NX, slopes + n * NX);
   for (t = n - 1; t >= 0; --t) {
     const double *h = stages + t * block, *f = h + W * NW, *ft = f + X * NW, *c = ft + W * NX;
     const double *weight = weights + t * ng, *target = targets + t * ng, *next = togo + (t + 1) * square;
@@ -82,33 +82,33 @@ EXPORT int lgmpc_regulator(void** frame) {
       mirror(q, togo + t * square);
       memcpy(controls, q + NX * W, sizeof(double) * W * NU);
     }
-    memcpy(s, slopes + (t + 1) * NX, sizeof(double) * NX);
+    copy(slopes + (t + 1) * NX, NX, s);
     strip(1, X, NX, 1.0, next, X, columns(gaps + t * NX, NX), s, X);
-    memcpy(g, gradient + t * NW, sizeof(double) * NW);
+    copy(gradient + t * NW, NW, g);
     strip(1, W, NX, 1.0, ft, W, columns(s, X), g, W);
     for (i = 0; i < ng; ++i) pull[i] = -weight[i] * target[i];
     strip(1, W, ng, 1.0, c, W, columns(pull, ng), g, W);
     eliminate_gradient(controls, reciprocal, g, k);
-    memcpy(slopes + t * NX, g, sizeof(double) * NX);
-    memcpy(dus + t * NU, k, sizeof(double) * NU);
+    copy(g, NX, slopes + t * NX);
+    copy(k, NU, dus + t * NU);
   }
 
-  memcpy(dxs, dx0, sizeof(double) * NX);
+  copy(dx0, NX, dxs);
   *cost = 0;
   for (t = 0; t < n; ++t) {
     const double *h = stages + t * block, *f = h + W * NW, *c = f + X * NW + W * NX, *q_ = gradient + t * NW;
     const double *controls = factors + t * kept, *reciprocal = controls + W * NU;
     double *du = dus + t * NU, *after = dxs + (t + 1) * NX;
     /* R^T du = -(half^T dx + k). */
-    memcpy(z, dxs + t * NX, sizeof(double) * NX);
+    copy(dxs + t * NX, NX, z);
     for (j = 0; j < NU; ++j) z[NX + j] = -(dot(NX + j, controls + j * W, z) + du[j]) * reciprocal[j];
-    memcpy(du, z + NX, sizeof(double) * NU);
-    memcpy(s, gaps + t * NX, sizeof(double) * NX);
+    copy(z + NX, NU, du);
+    copy(gaps + t * NX, NX, s);
     strip(1, X, NW, 1.0, f, X, columns(z, W), s, X);
-    memcpy(after, s, sizeof(double) * NX);
-    memcpy(s, slopes + (t + 1) * NX, sizeof(double) * NX);
+    copy(s, NX, after);
+    copy(slopes + (t + 1) * NX, NX, s);
     strip(1, X, NX, 1.0, togo + (t + 1) * square, X, columns(after, NX), s, X);
-    memcpy(costates + t * NX, s, sizeof(double) * NX);
+    copy(s, NX, costates + t * NX);
     for (i = 0; i < ng; ++i) path[t * ng + i] = dot(NW, c + i * W, z);
     memset(hz, 0, sizeof(double) * W);
     strip(1, W, NW, 1.0, h, W, columns(z, W), hz, W);

@@ -18,7 +18,17 @@ from rich.text import Text
 
 from lgmpc.runs.figures import figure_number, figure_words
 
-__all__ = ["Counted", "Display", "Row", "Silent", "counting_display", "figure_table", "progress_bar", "warnings_on"]
+__all__ = [
+    "Counted",
+    "Display",
+    "Row",
+    "Silent",
+    "counting_display",
+    "duration_words",
+    "figure_table",
+    "progress_bar",
+    "warnings_on",
+]
 
 Step = TypeVar("Step", contravariant=True)
 
@@ -109,6 +119,13 @@ def counting_display(
     else:
         with progress_bar(console, "{task.completed} / {task.total}{task.fields[state]}") as bar:
             yield _Moving(bar, total, state)
+
+
+def duration_words(seconds: float) -> str:
+    """Return a duration in hours and minutes, or in minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def progress_bar(console: Console, text: str) -> Bar:

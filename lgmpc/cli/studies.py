@@ -144,7 +144,9 @@ def tune(
     ] = "max_tilt_deg",
     trials: Annotated[int, typer.Option(help="Number of trials, the first with the present values.")] = 40,
     overrides: Changes = [],  # noqa: B006
-    seeds: Annotated[int, typer.Option(help="Seeds of a config that are tuned over, and held out.")] = 4,
+    seeds: Annotated[
+        int | None, typer.Option(help="Seeds of a config that are tuned over, and as many held out; 4 if not given.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     out: NewFolder = None,
     workers: Workers = None,
@@ -154,8 +156,8 @@ def tune(
 ) -> None:
     """Search values of keys that improve an objective without failing more points (package optuna).
 
-    The result is compared with the present values on held-out points (other seeds and draws) and written as a config
-    with its provenance. Exit code 0 if it is better on those, 1 if not.
+    The result is compared with the present values on held-out points (other seeds, draws and directions) and written
+    as a config with its provenance. Exit code 0 if it is better on those, 1 if not.
     """
     from lgmpc.cli.tuning import tune_shown
 

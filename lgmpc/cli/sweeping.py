@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.display import counting_display
+from lgmpc.cli.display import counting_display, duration_words
 from lgmpc.cli.screen import err, out
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, versions
@@ -148,12 +148,6 @@ def _table(table: TextTable) -> Table:
 
 def _state(now: SweepProgress) -> str:
     failed = f"  {now.failed} not passed" if now.failed else ""
-    rest = "" if now.rest_s is None else f"  about {_duration(now.rest_s)} left"
+    rest = "" if now.rest_s is None else f"  about {duration_words(now.rest_s)} left"
     speed = "" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core"
     return f"{failed}{rest}{speed}"
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.display import counting_display
+from lgmpc.cli.display import counting_display, duration_words
 from lgmpc.cli.screen import err, out
 from lgmpc.errors import Interrupted
 from lgmpc.runs.atomic import json_values
@@ -32,7 +32,7 @@ def tune_shown(
     folder: Path | None,
     *,
     trials: int,
-    seeds: int,
+    seeds: int | None,
     seed: int,
     workers: int | None,
     resume: bool,
@@ -79,8 +79,8 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for heading in ("", "initial", f"best (trial {found.trial} of {found.trials})"):
         table.add_column(heading, overflow="fold")
-    for key, value in found.values.items():
-        table.add_row(key, _value(problem.initial[key]), _value(value))
+    for each in problem.dimensions:
+        table.add_row(each.key, _value(each.value(each.initial)), _value(found.values[each.key]))
     name = problem.objective.name
     table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", _score(found.initial), _score(found.best))
     held_out = f"{name}, {len(problem.held_out.points)} held-out points"
@@ -93,6 +93,8 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
     if found.best_held_out is not None:
         word, style = ("GAINED", "bold green") if gained else ("NO GAIN", "bold red")
         console.print(Text.assemble((word, style), "  on held-out points"))
+        if gained and found.difference is not None and found.difference.low <= 0.0 <= found.difference.high:
+            console.print(Text("the interval contains 0: tune over more points (samples.count, --seeds)", "yellow"))
     for file in found.files:
         console.print(Text(f"saved in {file}"))
 
@@ -102,8 +104,10 @@ def _score(score: Score | None) -> str:
 
 
 def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _state(now: TuningProgress) -> str:
-    return f"  initial {_score(now.initial)}  best {_score(now.best)}"
+    return f"  initial {_score(now.initial)}  best {_score(now.best)}  about {duration_words(now.rest_s)} left"

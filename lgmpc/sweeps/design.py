@@ -55,10 +55,12 @@ class Sweep:
     Attributes:
         settings: its document.
         points: points in the order of computation: variants next to each other.
+        bases: the base configs, without any of its changes.
     """
 
     settings: SweepSettings
     points: tuple[Point, ...]
+    bases: tuple[Config, ...]
 
 
 def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) -> Sweep:
@@ -108,7 +110,8 @@ def parse_sweep(
         ]
         raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
     _check_metrics(settings, source)
-    return Sweep(settings, tuple(_points(settings, source, folder or Path())))
+    bases = tuple(load_config(_base_file(base, folder or Path(), source)) for base in settings.base)
+    return Sweep(settings, tuple(_points(settings, bases, source)), bases)
 
 
 @dataclass(frozen=True)
@@ -119,15 +122,14 @@ class _Change:
     values: Mapping[str, Any]
 
 
-def _points(settings: SweepSettings, source: ConfigSource, folder: Path) -> Iterator[Point]:
+def _points(settings: SweepSettings, bases: tuple[Config, ...], source: ConfigSource) -> Iterator[Point]:
     """Yield the points; variants vary fastest, then draws, then factors, then bases."""
     drawn = list(enumerate(draws(settings.samples))) if settings.samples else [(None, ())]
     grid = list(itertools.product(*(factor_values(factor) for factor in settings.factors)))
     common = [_Change(f"set.{key}", {key: value}) for key, value in settings.set.items()]
     if settings.gate is not None:
         common.append(_Change("gate", {"gate": settings.gate.model_dump(exclude_unset=True)}))
-    for base in settings.base:
-        config = load_config(_base_file(base, folder, source))
+    for config in bases:
         for levels, (number, draw) in itertools.product(grid, drawn):
             named: dict[str, Any] = {}
             varied = []

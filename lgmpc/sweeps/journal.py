@@ -12,7 +12,8 @@ from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import MissingDependencyError, RunFolderError
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import reason_of
-from lgmpc.sweeps.tuning import Dimension, Score, TuningProblem
+from lgmpc.sweeps.dimensions import Dimension
+from lgmpc.sweeps.tuning import Score, TuningProblem
 
 if TYPE_CHECKING:
     import optuna

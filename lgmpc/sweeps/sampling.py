@@ -32,7 +32,8 @@ def factor_values(factor: Factor) -> tuple[Any, ...]:
     if isinstance(factor, Spaced):
         return tuple(float(x) for x in np.linspace(*factor.range, factor.count))
     if isinstance(factor, Directions):
-        angles = (2.0 * math.pi * i / factor.count for i in range(factor.count))
+        start = math.radians(factor.start_deg)
+        angles = (start + 2.0 * math.pi * i / factor.count for i in range(factor.count))
         return tuple(_horizontal(factor.size, angle) for angle in angles)
     return factor.values
 

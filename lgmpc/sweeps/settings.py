@@ -63,11 +63,12 @@ class Spaced(_Factor):
 
 
 class Directions(_Factor):
-    """Evenly spaced horizontal vectors around the circle, from the x axis on."""
+    """Evenly spaced horizontal vectors around the circle."""
 
     kind: Literal["directions"] = Field(description="Horizontal vectors [x, y, 0] around the circle.")
     count: Points = Field(description="Number of vectors.")
     size: Positive = Field(default=1.0, description="Length of the vectors, in the unit of the key.")
+    start_deg: Finite = Field(default=0.0, description="Angle of the first vector from the x axis, degrees.")
 
 
 class Uniform(_Factor):

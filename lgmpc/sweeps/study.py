@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
@@ -39,14 +40,16 @@ class TuningProgress:
     Attributes:
         done: finished trials.
         total: number of trials.
-        initial: score of the initial values; ``None`` before the first trial.
+        initial: score of the initial values.
         best: score of the best values so far.
+        rest_s: estimate of the time until the last trial is finished, s.
     """
 
     done: int
     total: int
-    initial: Score | None
-    best: Score | None
+    initial: Score
+    best: Score
+    rest_s: float
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Tuned:
     Attributes:
         trial: number of the best trial; 0 is that of the initial values.
         trials: number of finished trials.
-        values: the best values by their keys.
+        values: the best values by their keys, as they are in a config.
         initial: score of the initial values on the tuned points.
         best: score of the best values on the tuned points.
         initial_held_out: score of the initial values on the held-out points; ``None`` if stopped early.
@@ -157,6 +160,7 @@ class _Session:
         """Run trials up to their number, several at once if one does not occupy all workers."""
         points = self._problem.tuned.points
         together = max(1, workers // len(points))
+        started, earlier = perf_counter(), self._done()
         while (missing := trials - self._done()) > 0:
             first = not self._finished()
             drawn = [self._study.ask() for _ in range(1 if first else min(together, missing))]
@@ -165,8 +169,10 @@ class _Session:
             for trial in drawn:
                 with stop.held():
                     self._report(trial, rows[trial.number])
-                best = score_of(self._best())
-                self._progress(TuningProgress(self._done(), trials, score_of(self._finished()[0]), best))
+                done = self._done()
+                rest_s = (perf_counter() - started) / (done - earlier) * (trials - done)
+                initial, best = score_of(self._finished()[0]), score_of(self._best())
+                self._progress(TuningProgress(done, trials, initial, best, rest_s))
 
     def compare(self, pool: Pool) -> _HeldOut:
         """Return scores of initial and best values on the held-out points, and their difference in pairs."""
@@ -186,7 +192,7 @@ class _Session:
         found = Tuned(
             best.number,
             self._done(),
-            dict(best.params),
+            {each.key: each.value(best.params[each.key]) for each in self._problem.dimensions},
             initial,
             score_of(best),
             first,
@@ -195,7 +201,7 @@ class _Session:
             (),
             received,
         )
-        files = tuple(self._write(found, command)) if held_out else ()
+        files = tuple(self._write(found, best.params, command)) if held_out else ()
         return replace(found, files=files)
 
     def _finished(self) -> list[optuna.trial.FrozenTrial]:
@@ -261,15 +267,14 @@ class _Session:
         trial.set_constraint("lost passes", initial.passed - score.passed)
         self._study.tell(trial, score.value)
 
-    def _write(self, found: Tuned, command: str) -> Iterator[Path]:
+    def _write(self, found: Tuned, params: Mapping[str, Any], command: str) -> Iterator[Path]:
         """Write the best config of each base, with its provenance."""
-        bases = {point.base: point.config for point in reversed(self._problem.tuned.points)}
-        for base, config in bases.items():
-            file = self._folder / (BEST if len(bases) == 1 else f"best-{base}.yaml")
-            base_config = self._problem.apply(config, found.values)
-            head = "".join(f"# {line}\n" for line in _provenance(self._problem, found, base, command))
+        bases = list(self._problem.bases())
+        for base in bases:
+            file = self._folder / (BEST if len(bases) == 1 else f"best-{base.name}.yaml")
+            head = "".join(f"# {line}\n" for line in _provenance(self._problem, found, base.name, command))
             with atomic_write(file) as stream:
-                stream.write((head + dump_config(base_config)).encode())
+                stream.write((head + dump_config(self._problem.apply(base, params))).encode())
             yield file
 
 
@@ -277,13 +282,15 @@ def _provenance(problem: TuningProblem, found: Tuned, base: str, command: str) -
     name = problem.objective.name
     yield f"{base}, tuned: trial {found.trial} of {found.trials} of"
     yield f"  {command}"
-    for key, value in found.values.items():
-        yield f"{key}: {problem.initial[key]} became {value}"
+    for each in problem.dimensions:
+        yield f"{each.key}: {each.value(each.initial)} became {found.values[each.key]}"
     tuned = f"{_words(found.initial)} became {_words(found.best)}"
     yield f"{name} over the {len(problem.tuned.points)} tuned points: {tuned}"
     if found.initial_held_out is not None and found.best_held_out is not None:
         held = f"{_words(found.initial_held_out)} became {_words(found.best_held_out)}"
         yield f"{name} over the {len(problem.held_out.points)} held-out points: {held}"
+        if found.difference is not None:
+            yield f"mean difference in pairs on these: {found.difference}"
     yield ", ".join(f"{package} {version}" for package, version in versions().items())
     yield ""
 

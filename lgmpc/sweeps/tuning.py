@@ -1,52 +1,28 @@
-"""The definition of a tuning: keys and ranges, points, and objective."""
+"""The definition of a tuning: keys, objective, and points, of which some are held out."""
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from lgmpc.config.loading import load_config
 from lgmpc.config.schema import Config
-from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
+from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import InputError
 from lgmpc.runs import metric_names
 from lgmpc.shipped import config_file, shipped_sweeps, sweep_file
-from lgmpc.sweeps.bisection import scaled
 from lgmpc.sweeps.comparison import higher_is_better
 from lgmpc.sweeps.design import Point, Sweep, load_sweep, parse_sweep
+from lgmpc.sweeps.dimensions import Dimension, parse_dimensions
 from lgmpc.sweeps.rows import Row
-from lgmpc.sweeps.values import parse_assignments, value_at
+from lgmpc.sweeps.settings import Directions
+from lgmpc.sweeps.values import parse_assignments
 
-__all__ = ["Dimension", "Objective", "Score", "TuningProblem", "parse_dimension", "tuning_problem"]
-
-_SPREAD = 3.0
-"""Factor of the default range of a key, from a third of the present value to three times it."""
-
-
-@dataclass(frozen=True)
-class Dimension:
-    """A tuned key. If it is a vector, numbers multiply that vector.
-
-    Attributes:
-        key: dotted key.
-        low: lower end of the range; unused with choices.
-        high: upper end of the range.
-        logarithmic: whether the range is sampled logarithmically.
-        whole: whether only whole numbers are tried.
-        choices: values instead of a range; empty for a range.
-        initial: the present value; 1 where a vector is scaled.
-    """
-
-    key: str
-    low: float
-    high: float
-    logarithmic: bool
-    whole: bool
-    choices: tuple[Any, ...]
-    initial: Any
+__all__ = ["Objective", "Score", "TuningProblem", "task_key", "tuning_problem"]
 
 
 @dataclass(frozen=True)
@@ -107,7 +83,7 @@ class TuningProblem:
         dimensions: the tuned keys.
         objective: the objective.
         tuned: the points of the trials.
-        held_out: points of the same kind with other seeds and draws, not used in trials.
+        held_out: points of the same kind with other seeds, draws and directions, not used in trials.
     """
 
     name: str
@@ -118,19 +94,23 @@ class TuningProblem:
 
     @property
     def initial(self) -> dict[str, Any]:
-        """The present values by their keys."""
+        """The numbers and choices, by their keys, that leave the configs as they are."""
         return {each.key: each.initial for each in self.dimensions}
 
     def apply(self, config: Config, values: Mapping[str, Any]) -> Config:
-        """Return a config with tuned values.
+        """Return a config with the numbers and choices of a trial.
 
         Raises:
             InputError: a value is invalid in the config.
         """
         for each in self.dimensions:
-            value = values[each.key]
-            config = config.replace({each.key: value}) if each.choices else scaled(config, each.key, value)
+            config = each.apply(config, values[each.key])
         return config
+
+    def bases(self) -> Iterator[Config]:
+        """Yield the base configs, with the changes for all points, without factors, draws and variants."""
+        for base in self.tuned.bases:
+            yield base.replace(copy.deepcopy(dict(self.tuned.settings.set)))
 
     def document(self) -> dict[str, Any]:
         """Return the data that identify the problem, as plain values."""
@@ -145,84 +125,41 @@ class TuningProblem:
 
 
 def tuning_problem(
-    source: str | Path, keys: Sequence[str], objective: str, *, overrides: Sequence[str] = (), seeds: int = 4
+    source: str | Path, keys: Sequence[str], objective: str, *, overrides: Sequence[str] = (), seeds: int | None = None
 ) -> TuningProblem:
     """Return the problem of tuning a config over its seeds, or over the points of a sweep.
 
     Args:
         source: a config or a sweep: a file, or the name of a shipped one.
-        keys: see :func:`parse_dimension`.
+        keys: see :func:`lgmpc.sweeps.dimensions.parse_dimension`.
         objective: a metric of a run, ``passed``, or of sweeps with a bisection ``boundary``.
         overrides: changes ``key=value`` of the config, or of the document of the sweep.
-        seeds: number of seeds of a config to tune over, and of further ones held out; unused for sweeps.
+        seeds: number of seeds of a config to tune over, and of further ones held out, 4 unless given. Not for sweeps.
 
     Raises:
         ConfigError: config or sweep cannot be read or used.
         InputError: a key, the objective or ``seeds`` cannot be used.
     """
-    if seeds < 1:
-        raise InputError("seeds", seeds, "at least 1")
+    sweep = _is_sweep(source)
+    if seeds is not None and (sweep or seeds < 1):
+        raise InputError("seeds", seeds, "no seeds: a sweep has its own points" if sweep else "at least 1")
     if not keys:
         raise InputError("keys", "nothing", "keys to tune: --keys mpc.weights.force=1e-4:1e-2:log")
-    tuned, held_out = _sweep_pair(source, overrides) if _is_sweep(source) else _config_pair(source, overrides, seeds)
+    tuned, held_out = _sweep_pair(source, overrides) if sweep else _config_pair(source, overrides, seeds or 4)
     searched = tuned.settings.bisect is not None
     known = ["boundary"] if searched else ["passed", *metric_names()]
     if objective not in known:
         raise InputError(
             "objective", objective, "boundary" if searched else "a metric of a run, or passed", known, word=objective
         )
-    dimensions = tuple(parse_dimension(tuned.points[0].config, text) for text in keys)
-    problem = TuningProblem(tuned.settings.name, dimensions, Objective(objective), tuned, held_out)
+    problem = TuningProblem(tuned.settings.name, (), Objective(objective), tuned, held_out)
+    configs = [*(point.config for point in tuned.points), *problem.bases()]
+    dimensions = parse_dimensions(configs, keys)
+    problem = replace(problem, dimensions=dimensions)
     for each in dimensions:
         for end in each.choices or (each.low, each.high):
             problem.apply(tuned.points[0].config, {**problem.initial, each.key: end})
     return problem
-
-
-def parse_dimension(config: Config, text: str) -> Dimension:
-    """Parse a key to tune, with its range or choices.
-
-    Args:
-        config: config with the present values.
-        text: ``KEY``, ``KEY=LOW:HIGH``, ``KEY=LOW:HIGH:log`` or ``KEY=[A, B, C]``.
-
-    Raises:
-        InputError: no such key, it is neither a number nor a vector, or the range is invalid.
-    """
-    key, given, value = (part.strip() for part in text.partition("="))
-    present = value_at(config, key)
-    if value.startswith("["):
-        choices = parse_scalar(value, key, "--keys")
-        if not all(isinstance(each, (str, int, float)) for each in [*choices, present]):
-            raise InputError(key, value, "choices that are words, numbers or truth values: KEY=[A, B]")
-        choices = tuple(dict.fromkeys([present, *choices]))
-        if len(choices) < 2:
-            raise InputError(key, value, "a choice besides the present value")
-        return Dimension(key, math.nan, math.nan, False, False, choices, present)
-    vector = isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present)
-    if not vector and (isinstance(present, bool) or not isinstance(present, (int, float))):
-        raise InputError(key, present, "a number or a vector, or choices: KEY=[A, B]")
-    initial = 1.0 if vector else present
-    whole = isinstance(initial, int)
-    if not given:
-        if initial <= 0:
-            raise InputError(key, f"no range, and the present value is {initial:g}", "a range: KEY=LOW:HIGH")
-        low, high, logarithmic = initial / _SPREAD, initial * _SPREAD, True
-        if whole:
-            low, high = max(1, round(low)), round(high)
-        return Dimension(key, low, high, logarithmic, whole, (), initial)
-    ends, logarithmic = value.removesuffix(":log").split(":"), value.endswith(":log")
-    try:
-        low, high = map(int if whole else float, ends)
-    except ValueError:
-        kind = "whole numbers" if whole else "numbers"
-        raise InputError(key, value, f"a range of {kind}: LOW:HIGH or LOW:HIGH:log") from None
-    if not low < high or (logarithmic and low <= 0):
-        raise InputError(key, value, f"LOW below HIGH{', above zero' if logarithmic else ''}")
-    if not low <= initial <= high:
-        present_is = "1: a vector is scaled" if vector else f"the present value, {initial:g}"
-        raise InputError(key, value, f"a range that contains {present_is}")
-    return Dimension(key, low, high, logarithmic, whole, (), initial)
 
 
 def _is_sweep(source: str | Path) -> bool:
@@ -237,6 +174,7 @@ def _is_sweep(source: str | Path) -> bool:
 
 
 def _sweep_pair(source: str | Path, overrides: Sequence[str]) -> tuple[Sweep, Sweep]:
+    """Return a sweep, and the same with other draws or seeds, and with directions between its directions."""
     sweep = load_sweep(source, list(overrides))
     folder = sweep_file(source).resolve().parent
     document = sweep.settings.model_dump(mode="json", exclude_none=True)
@@ -245,6 +183,9 @@ def _sweep_pair(source: str | Path, overrides: Sequence[str]) -> tuple[Sweep, Sw
         samples["seed"] += samples["count"]
     else:
         document["set"] = {**document["set"], "seed": sweep.points[0].config.seed + 1000}
+    for factor, written in zip(sweep.settings.factors, document["factors"], strict=True):
+        if isinstance(factor, Directions):
+            written["start_deg"] = factor.start_deg + 180.0 / factor.count
     return sweep, parse_sweep(write_yaml(document), name=f"{source}, held out", folder=folder)
 
 

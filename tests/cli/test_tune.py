@@ -26,7 +26,7 @@ def test_a_stiffer_gain_is_found_saved_and_the_search_goes_on(invoke: Invoke) ->
     soft = ("--set", "wbc.gains.com.kp=2.0", "--set", "plant.base_added_mass_kg=0.3")
     code, output = invoke(*TUNE, *soft, "--trials", "4")
     assert code == 0, output
-    assert "4 of 4 trials" in output and "GAINED  on held-out points" in output
+    assert "4 of 4 trials" in output and "GAINED  on held-out points" in output and "left" in output
     assert "nothing is random" in output  # a state that is not estimated has no noise
     file = Path("tuning/solo12_stand/best.yaml")
     text = file.read_text(encoding="utf-8")

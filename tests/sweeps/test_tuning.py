@@ -9,9 +9,10 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.sweeps import Ending, Row
+from lgmpc.sweeps.dimensions import Dimension, parse_dimension
 from lgmpc.sweeps.journal import open_study
 from lgmpc.sweeps.study import _Session
-from lgmpc.sweeps.tuning import Dimension, Objective, Score, parse_dimension, tuning_problem
+from lgmpc.sweeps.tuning import Objective, Score, tuning_problem
 from lgmpc.sweeps.values import value_at
 
 CONFIG = load_config("solo12_balance")
@@ -20,11 +21,11 @@ CONFIG = load_config("solo12_balance")
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("wbc.gains.com.kp", Dimension("wbc.gains.com.kp", 100.0 / 3.0, 300.0, True, False, (), 100.0)),
-        ("mpc.weights.com", Dimension("mpc.weights.com", 1.0 / 3.0, 3.0, True, False, (), 1.0)),
-        ("mpc.nodes", Dimension("mpc.nodes", 7, 60, True, True, (), 20)),
-        ("mpc.nodes=10:30", Dimension("mpc.nodes", 10, 30, False, True, (), 20)),
-        ("mpc.weights.force=1e-4:1e-2:log", Dimension("mpc.weights.force", 1e-4, 1e-2, True, False, (), 1e-3)),
+        ("wbc.gains.com.kp", Dimension("wbc.gains.com.kp", 100.0, 100.0 / 3.0, 300.0, True)),
+        ("mpc.weights.com", Dimension("mpc.weights.com", (1e3, 1e3, 1e3), 1.0 / 3.0, 3.0, True)),
+        ("mpc.nodes", Dimension("mpc.nodes", 20, 7, 60, True)),
+        ("mpc.nodes=10:30", Dimension("mpc.nodes", 20, 10, 30)),
+        ("mpc.weights.force=1e-4:1e-2:log", Dimension("mpc.weights.force", 1e-3, 1e-4, 1e-2, True)),
     ],
 )
 def test_a_key_has_a_range(text: str, expected: Dimension) -> None:
@@ -41,6 +42,7 @@ def test_choices_include_the_present_value() -> None:
     [
         ("mpc.node", "mpc.nodes"),
         ("mpc.model", "a number or a vector, or choices"),
+        ("wbc.gains.com", "got a table; .* wbc.gains.com.kp"),
         ("mpc.enabled", r"or choices: KEY=\[A, B\]"),
         ("plant.joint_friction_nm", "no range, and the present value is 0"),
         ("mpc.nodes=10:20.5", "a range of whole numbers"),
@@ -72,6 +74,38 @@ def test_held_out_points_share_nothing_with_the_tuned_ones() -> None:
     tuned, held_out = problem.tuned.points, problem.held_out.points
     assert not {point.config.seed for point in tuned} & {point.config.seed for point in held_out}
     assert not {repr(point.levels) for point in tuned} & {repr(point.levels) for point in held_out}
+
+
+def test_held_out_directions_are_between_the_tuned_ones() -> None:
+    problem = tuning_problem("push_map", ["mpc.weights.force"], "boundary", overrides=["factors.0.count=4"])
+    tuned, held_out = (
+        {round(math.degrees(math.atan2(*point.config.pushes[0].impulse_ns[1::-1]))) % 360 for point in half.points}
+        for half in (problem.tuned, problem.held_out)
+    )
+    assert (tuned, held_out) == ({0, 90, 180, 270}, {45, 135, 225, 315})
+
+
+def test_the_best_config_is_the_base_without_factors_draws_and_variants() -> None:
+    problem = tuning_problem("random_1000", ["mpc.weights.com"], "passed", overrides=["samples.count=2"])
+    (base,) = problem.bases()
+    drawn, shipped = problem.tuned.points[0].config, load_config("solo12_balance_inekf")
+    assert (base.plant, base.seed, base.duration_s) == (shipped.plant, shipped.seed, drawn.duration_s)
+    assert base.plant != drawn.plant
+
+
+@pytest.mark.parametrize(
+    ("source", "keys", "changes", "message"),
+    [
+        ("push_map", ["mpc.nodes", "mpc.nodes=10:30"], {}, "mpc.nodes: got the key twice"),
+        ("push_map", ["mpc.enabled=[true]"], {}, "False, True at different points; .* one present value"),
+        ("push_map", ["mpc.nodes"], {"seeds": 2}, "seeds: got 2; expected no seeds"),
+    ],
+)
+def test_keys_without_one_present_value_are_an_error(
+    source: str, keys: list[str], changes: dict[str, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        tuning_problem(source, keys, "boundary", **changes)
 
 
 def test_more_passes_count_before_better_values(row: Callable[..., Row]) -> None:

@@ -74,7 +74,7 @@ class NumericContactAction(Action):
         nz: number of accelerations and forces.
 
     Raises:
-        InputError: another dynamics or integrator, loads, or contacts of some axes only.
+        InputError: another dynamics or integrator, loads, or an actuation matrix of one's own.
     """
 
     def __init__(self, action: MultibodyAction) -> None:
@@ -85,9 +85,6 @@ class NumericContactAction(Action):
             raise InputError("action.dynamics.actuation", "a matrix of one's own", "the standard one, of all joints")
         if action.dynamics.loads:
             raise InputError("action", f"dynamics with {len(action.dynamics.loads)} loads", "dynamics without loads")
-        for contact in action.dynamics.contacts.contacts:
-            if contact.size < 3:
-                raise InputError("action", f"contact {contact.frame} of size {contact.size}", "contacts of size 3 or 6")
         if type(action.integrator) is not SemiImplicitEuler:
             raise InputError("action", type(action.integrator).__name__, "SemiImplicitEuler")
         self.action = action

@@ -8,6 +8,10 @@ rows ``Phi J`` of flags Phi, compliance ``D = 1 - Phi + damping`` and ``g = -f``
 
 and a and g change as the inverse of this matrix times the derivatives of the residual at constant a and g. Carpentier
 and Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018.
+
+Rows of J are rows of the contact frames' Jacobians, or combinations of them along axes of a contact of size 1 or 2. Of
+an axis d that turns with its frame, the rate of ``d . v`` in local axes is ``d . (a - omega x v)``, with the spatial
+acceleration in brackets.
 """
 
 from __future__ import annotations
@@ -82,7 +86,18 @@ class PinocchioContactDynamics:
         self._ids = [int(model.getFrameId(contact.frame)) for contact in contacts.contacts]
         sizes = [contact.size for contact in contacts.contacts]
         self._of_row = np.repeat(np.arange(len(sizes)), sizes)
-        self._rows = np.concatenate([6 * i + np.arange(size) for i, size in enumerate(sizes)])
+        # Of each row, the factors of all frames' quantities in world axes, and in the frames' own.
+        self._world, self._own = np.zeros((2, sum(sizes), 6 * len(sizes)))
+        row = 0
+        for i, contact in enumerate(contacts.contacts):
+            if contact.size >= 3:
+                self._world[row : row + contact.size, 6 * i : 6 * i + contact.size] = np.eye(contact.size)
+            else:
+                held = np.reshape(contact.axes + contact.frame_axes, (-1, 3))
+                own = row + len(contact.axes)
+                self._world[row:own, 6 * i : 6 * i + 3] = held[: len(contact.axes)]
+                self._own[own : row + contact.size, 6 * i : 6 * i + 3] = held[len(contact.axes) :]
+            row += contact.size
         self._surfaces = [i for i, size in enumerate(sizes) if size == 6]
         # Wrenches of the contact frames, in their axes, to the joints that carry them, in the joints' axes.
         frames = [model.frames[i] for i in self._ids]
@@ -106,10 +121,11 @@ class PinocchioContactDynamics:
         effort[:, self._joints] += us
         errors = self._errors(frames, values)
         stiffness, damping = (gain[..., None] for gain in _gains(values))
-        local = frames.drifts + damping * frames.twists
-        pulled = _turned(frames.rotations, local[..., None])[..., 0] + stiffness * errors
-        held = flags * pulled.reshape(len(xs), -1)[:, self._rows]
-        rows = flags[:, :, None] * self._selected(_turned(frames.rotations, frames.jacobians))
+        local = (frames.drifts + damping * frames.twists)[..., None]
+        pulled = _turned(frames.rotations, local) + (stiffness * errors)[..., None]
+        local[..., :3, 0] -= np.cross(frames.twists[..., 3:], frames.twists[..., :3])
+        held = flags * self._selected(pulled, local)[:, :, 0]
+        rows = flags[:, :, None] * self._selected(_turned(frames.rotations, frames.jacobians), frames.jacobians)
         matrix[:, nv:, :nv], matrix[:, :nv, nv:] = rows, np.swapaxes(rows, 1, 2)
         diagonal = np.arange(nv, nv + flags.shape[1])
         matrix[:, diagonal, diagonal] = flags - 1.0 - values["contact_damping"]
@@ -127,15 +143,17 @@ class PinocchioContactDynamics:
             values: (n, size) each parameter.
         """
         n, nv, flags, frames = len(xs), self._nv, self._flags(values), solution.frames
-        forces = np.zeros((n, 6 * len(self._ids)))
-        forces[:, self._rows] = flags * solution.z[:, nv:]
-        wrenches = _turned(np.swapaxes(frames.rotations, -1, -2), forces.reshape(n, -1, 6, 1))
+        forces = flags * solution.z[:, nv:]
+        still = (forces @ self._world).reshape(n, -1, 6, 1)  # along axes that do not turn
+        wrenches = _turned(np.swapaxes(frames.rotations, -1, -2), still)[..., 0]
         right = np.empty((n, solution.z.shape[1], 2 * nv))
-        velocity_by_q, by_q, by_v = self._derivatives(xs, solution.z[:, :nv], wrenches[..., 0], right[:, :nv])
-        right[:, :nv, :nv] += self._turning(frames, wrenches[..., 0])
+        own = (forces @ self._own).reshape(n, -1, 6)
+        velocity_by_q, by_q, by_v = self._derivatives(xs, solution.z[:, :nv], wrenches + own, right[:, :nv])
+        right[:, :nv, :nv] += self._turning(frames, wrenches)
         spin, sweep = so3.hat.unchecked(frames.twists[..., 3:]), so3.hat.unchecked(frames.twists[..., :3])
         jacobian, turn = frames.jacobians, frames.jacobians[..., 3:, :]
         stiffness, damping = (gain[..., None, None] for gain in _gains(values))
+        local_by_q, local_by_v = by_q + damping * velocity_by_q, by_v + damping * jacobian
         # Classical acceleration: spatial plus omega x v. In axes that turn by theta a vector w changes by w x theta.
         acceleration = frames.drifts + (jacobian @ solution.z[:, None, :nv, None])[..., 0]
         by_q[..., :3, :] += spin @ velocity_by_q[..., :3, :] - sweep @ velocity_by_q[..., 3:, :]
@@ -149,8 +167,8 @@ class PinocchioContactDynamics:
             s = self._surfaces
             back = so3.left_jacobian_inverse.unchecked(solution.errors[:, s, 3:])
             by_q[:, s, 3:] += stiffness[:, s] * (back @ (frames.rotations[:, s] @ turn[:, s]))
-        right[:, nv:, :nv] = flags[:, :, None] * self._selected(by_q)
-        right[:, nv:, nv:] = flags[:, :, None] * self._selected(by_v)
+        right[:, nv:, :nv] = flags[:, :, None] * self._selected(by_q, local_by_q)
+        right[:, nv:, nv:] = flags[:, :, None] * self._selected(by_v, local_by_v)
         slopes = np.concatenate([-(solution.inverse @ right), solution.inverse[:, :, self._joints]], axis=2)
         slopes[:, nv:] *= -1.0
         return slopes
@@ -159,15 +177,18 @@ class PinocchioContactDynamics:
         """Return (n, nf)."""
         return values["contact_flags"][:, self._of_row]
 
-    def _selected(self, matrices: Array) -> Array:
-        """Return the rows (n, nf, m) that have a force, of (n, c, 6, m)."""
-        n, *_, columns = matrices.shape
-        return matrices.reshape(n, -1, columns)[:, self._rows]
+    def _selected(self, world: Array, local: Array) -> Array:
+        """Return the rows (n, nf, m) that have a force, of (n, c, 6, m) in world and in local axes."""
+        n, *_, columns = world.shape
+        rows: Array = self._world @ world.reshape(n, -1, columns)
+        if self._own.any():
+            rows += self._own @ local.reshape(n, -1, columns)
+        return rows
 
     def _equations(self, xs: Array) -> tuple[Array, Array, _Frames]:
         """Return the matrix with M alone, ``-nle``, and the contact frames."""
         model, data, ids, nq, nv = self.model, self._data, self._ids, self.model.nq, self._nv
-        n, c, size = len(xs), len(ids), nv + self._rows.size
+        n, c, size = len(xs), len(ids), nv + self._of_row.size
         matrix, effort = np.zeros((n, size, size)), np.empty((n, nv))
         rotations, positions = np.empty((n, c, 3, 3)), np.empty((n, c, 3))
         twists, drifts, jacobians = np.empty((n, c, 6)), np.empty((n, c, 6)), np.empty((n, c, 6, nv))

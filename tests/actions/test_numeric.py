@@ -34,9 +34,21 @@ def solo() -> Robot:
     return load_robot(spec)
 
 
+CONTACTS = {
+    "points": FEET,
+    "surface": (Contact(FEET[0], 6), FEET[3]),
+    "axes": (
+        Contact(FEET[0], 1),
+        Contact(FEET[1], 2, axes=((1.0, 0.0, 0.5),), frame_axes=((0.0, 1.0, 0.2),)),
+        Contact(FEET[2], 2, frame_axes=((0.0, 0.6, 0.8), (1.0, 0.0, 0.0))),
+        FEET[3],
+    ),
+}
+
+
 @lru_cache
-def action(surface: bool) -> MultibodyAction:
-    contacts = (Contact(FEET[0], 6), FEET[3]) if surface else FEET
+def action(kind: str) -> MultibodyAction:
+    contacts = CONTACTS[kind]
     dynamics = ContactForwardDynamics(solo().model, contacts)
     costs = [
         CostItem("x", StateError(dynamics.state, solo().x_reference)),
@@ -45,12 +57,12 @@ def action(surface: bool) -> MultibodyAction:
         CostItem("cone", FrictionCone(FEET[3], 6), 0.1, QuadraticBarrier(0.0, np.inf)),
     ]
     bounds = [ConstraintItem("force", ContactForce(FEET[3]), [-1, -1, 0], [1, 1, 9])]
-    return MultibodyAction("surface" if surface else "points", dynamics, costs, bounds)
+    return MultibodyAction(kind, dynamics, costs, bounds)
 
 
-@pytest.mark.parametrize("surface", [False, True])
-def test_compiled_and_numeric_expansions_are_the_same(surface: bool) -> None:
-    compiled = action(surface)
+@pytest.mark.parametrize("kind", CONTACTS)
+def test_compiled_and_numeric_expansions_are_the_same(kind: str) -> None:
+    compiled = action(kind)
     numeric = NumericContactAction(compiled)
     rng = np.random.default_rng(0)
     for flags in ([1, 1, 1, 1], [0, 1, 0, 1]):
@@ -59,7 +71,7 @@ def test_compiled_and_numeric_expansions_are_the_same(surface: bool) -> None:
         u, p = rng.standard_normal(12), compiled.parameters.default.copy()
         for name in ("contact_points", "contact_gains"):
             p[compiled.parameters[name]] = rng.uniform(0.1, 2.0, p[compiled.parameters[name]].size)
-        p[compiled.parameters["contact_flags"]] = flags[: 2 if surface else 4]
+        p[compiled.parameters["contact_flags"]] = flags[: len(CONTACTS[kind])]
         p[compiled.parameters["contact_damping"]] = 1e-3
         here, there = compiled.evaluate(x, u, p), numeric.evaluate(x, u, p)
         for field in ("x_next", "cost", "constraint", "lower", "upper"):
@@ -74,14 +86,15 @@ def test_compiled_and_numeric_expansions_are_the_same(surface: bool) -> None:
             np.testing.assert_allclose(other.reshape(one.shape), one, rtol=0, atol=1e-9 * scale, err_msg=name)
 
 
-def test_expansions_of_several_stages_are_the_central_differences_of_their_values() -> None:
+@pytest.mark.parametrize("kind", ["surface", "axes"])
+def test_expansions_of_several_stages_are_the_central_differences_of_their_values(kind: str) -> None:
     """Three stages at once, with flags, gains and durations of their own, errors of orientation up to 1 rad."""
-    numeric = NumericContactAction(action(True))
+    numeric, contacts = NumericContactAction(action(kind)), len(CONTACTS[kind])
     state, layout, rng = numeric.state, numeric.parameters, np.random.default_rng(2)
     xs = np.array([state.integrate(solo().x_reference, rng.uniform(-0.5, 0.5, 36)) for _ in range(3)])
     us, ps = rng.standard_normal((3, 12)), np.tile(layout.default, (3, 1))
-    ps[:, layout["contact_gains"]] = rng.uniform(1.0, 9.0, (3, 4))
-    ps[:, layout["contact_flags"]] = [[1, 1], [0, 1], [1, 0]]
+    ps[:, layout["contact_gains"]] = rng.uniform(1.0, 9.0, (3, 2 * contacts))
+    ps[:, layout["contact_flags"]] = np.array([[1, 1, 1, 1], [0, 1, 0, 1], [1, 0, 1, 1]])[:, :contacts]
     ps[:, layout["duration"]] = [[0.01], [0.02], [0.03]]
     xs_next = np.array([numeric.evaluate(x, u, p).x_next for x, u, p in zip(xs, us, ps, strict=True)])
     found = numeric.quadratics(xs, us, xs_next, ps)
@@ -100,7 +113,7 @@ def test_expansions_of_several_stages_are_the_central_differences_of_their_value
 
 
 def test_a_stage_without_a_solution_leaves_the_others_alone() -> None:
-    numeric = NumericContactAction(action(False))
+    numeric = NumericContactAction(action("points"))
     xs, us, ps = np.tile(solo().x_reference, (2, 1)), np.zeros((2, 12)), np.tile(numeric.parameters.default, (2, 1))
     expected = numeric.quadratics(xs, us, xs, ps)
     ps[0, numeric.parameters["contact_damping"]] = np.nan
@@ -112,7 +125,7 @@ def test_a_stage_without_a_solution_leaves_the_others_alone() -> None:
 
 def test_expansions_are_the_same_where_the_base_turns_by_a_small_angle_in_a_step() -> None:
     """From 1.2e-4 rad on ``pin.dIntegrate`` is off by up to 2e-5 of the distance that the base moves in a step."""
-    compiled = action(False)
+    compiled = action("points")
     numeric = NumericContactAction(compiled)
     rng, p = np.random.default_rng(1), compiled.parameters.default.copy()
     p[compiled.parameters["contact_flags"]] = 0.0
@@ -136,6 +149,6 @@ def test_other_dynamics_and_integrators_are_refused() -> None:
     with pytest.raises(InputError, match="action: got dynamics with 1 loads"):
         loaded = ContactForwardDynamics(model, FEET, [ExternalWrench(model)])
         NumericContactAction(MultibodyAction("loaded", loaded))
-    with pytest.raises(InputError, match="got contact FL_FOOT of size 2; expected contacts of size 3 or 6"):
-        some_axes = ContactForwardDynamics(model, [Contact(FEET[0], 2), FEET[3]])
-        NumericContactAction(MultibodyAction("some_axes", some_axes))
+    with pytest.raises(InputError, match="actuation: got a matrix of one's own"):
+        one_motor = ContactForwardDynamics(model, FEET, actuation=np.eye(18)[:, 6:7])
+        NumericContactAction(MultibodyAction("one_motor", one_motor))

@@ -6,6 +6,10 @@ this does not reduce the violation to a quarter (Birgin and Martinez, "Practical
 constrained optimization", SIAM 2014; on trajectories: Howell, Jackson, Manchester, "ALTRO", IROS 2019; Jallet et al.,
 "ProxDDP", IEEE T-RO 2025). No subproblem can be infeasible, and the states follow the dynamics under feedback.
 
+The first penalty weighs violation and cost of the guess equally. A guess that violates nothing says nothing about this
+weight: then a minimum almost without constraints decides. Were the penalty much larger than the cost's curvature, every
+step that reaches another bound would be cut short.
+
 Where no point satisfies the constraints the minima approach a stationary point of the violation c: ``|J^T c|`` is the
 cost's gradient over the penalty, which grows, while c stays. This is the status INFEASIBLE.
 """
@@ -32,9 +36,10 @@ from lgmpc.solvers.solution import Solution, Status
 __all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
 
 _ENOUGH = 0.25  # fraction of the last violation that counts as progress
-_FIRST = (1e-3, 1e3)  # range of the first penalty
+_FIRST = (1e-3, 1e3)  # range of the first penalty, and of the one that a minimum with the least of them decides
 _DOMINANT = 1e2  # ratio of penalties to costs from which minima are those of the violation
 _STAYS = 1e-2  # relative decrease of the violation, by a penalty that is larger by the factor, that counts as none
+_STIFF = 1e6  # penalty of the rows in the gains of a solution
 _ENDED = (Status.CONVERGED, Status.STALLED, Status.PRECISION_LIMIT)  # FDDP cannot minimise further
 
 
@@ -115,8 +120,10 @@ class AugmentedLagrangianFddp(IterativeSolver):
             return status
         if not (self._path.lower <= self._path.upper).all():
             return Status.INFEASIBLE
-        cost, outside = self._cost(), float(np.vdot(self._outside, self._outside))
-        self._penalty = float(np.clip(2.0 * max(abs(cost), 1.0) / max(outside, 1e-12), *_FIRST))
+        self._penalty, self._guess = self._balance(), guess
+        self._undecided = self._penalty == _FIRST[1] and not self._multipliers.any()
+        if self._undecided:
+            self._penalty = _FIRST[0]
         self._accuracy = 1e-2
         self._restart()
         return None
@@ -125,7 +132,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         inner = self._fddp
         status = inner._iterate()
         if status is not None and status not in _ENDED:
-            return status
+            return self._begin_within() if self._undecided else status
         scale = 1.0 + abs(inner._cost)
         near = inner._accepted and inner._criterion < self._accuracy * scale
         if status is None and not near:
@@ -135,7 +142,9 @@ class AugmentedLagrangianFddp(IterativeSolver):
         if self._measured <= tolerance and status is not None:
             return status
         progress = self._measured <= _ENOUGH * self._violation
-        if not progress and self._measured > tolerance:
+        if self._undecided:
+            self._penalty, self._undecided = self._balance(), False
+        elif not progress and self._measured > tolerance:
             if self._violation_is_least():
                 return Status.INFEASIBLE
             if self._penalty >= self.settings.highest_penalty:
@@ -158,6 +167,27 @@ class AugmentedLagrangianFddp(IterativeSolver):
         self._estimate = self._penalty * self._apart
         # What violates a bound, and what keeps a row with a multiplier away from it, both change the multiplier.
         self._measured = float(np.abs(self._estimate - mu).max(initial=0.0)) / self._penalty
+
+    def _begin_within(self) -> Status | None:
+        """Begin again with the highest first penalty: without constraints the cost has no minimum."""
+        self._penalty, self._undecided = _FIRST[1], False
+        self._write()
+        return self._fddp._begin(self._guess)
+
+    def _balance(self) -> float:
+        """Return the penalty at which the last measurement's violation weighs as much as its cost."""
+        outside = float(np.vdot(self._outside, self._outside))
+        return float(np.clip(2.0 * max(abs(self._cost()), 1.0) / max(outside, 1e-12), *_FIRST))
+
+    def _hold_rows(self) -> None:
+        """Raise the penalty and shift the multipliers so that the gradient stays: gains then hold rows at bounds."""
+        self._measure()
+        if np.isfinite(self._estimate).all():
+            apart, stiff = self._apart - self._multipliers / self._penalty, max(self._penalty, _STIFF)
+            self._multipliers[...] = np.where(self._estimate == 0.0, 0.0, self._estimate - stiff * apart)
+            self._penalty = stiff
+            self._write()
+            self._fddp._fresh = False
 
     def _violation_is_least(self) -> bool:
         """Return whether penalties that outweigh the cost have not lowered the violation twice in a row."""
@@ -190,6 +220,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         return self._fddp._progress(iteration, elapsed)
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
+        self._hold_rows()
         found = self._fddp._finish(status, iterations, start)
         self._measure()
         mu, path = self._estimate, self._path

@@ -6,10 +6,20 @@ from collections.abc import Callable, Iterator
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, FreeForwardDynamics, HoldAction, MultibodyAction, PenalizedAction
-from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.actions import Action, FreeForwardDynamics, HoldAction, MultibodyAction, PenalizedAction, thrusters
+from lgmpc.costs import (
+    Activation,
+    Bounded,
+    ConstraintItem,
+    Cost,
+    CostItem,
+    CostTerm,
+    LeastSquares,
+    ParameterLayout,
+)
 from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -24,6 +34,7 @@ from lgmpc.solvers import (
     NlpSolver,
     Status,
 )
+from lgmpc.state import StateVector
 
 Make = Callable[..., ShootingProblem]
 
@@ -88,6 +99,71 @@ def test_contradictory_bounds_and_nan_are_known_at_once(cart: ShootingProblem) -
     assert solver.solve().status is Status.NOT_FINITE
     with pytest.raises(InputError, match="penalty_factor"):
         AugmentedLagrangianSettings(penalty_factor=1.0)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 6.0), (2.0, 5.0), (3.0, 4.5)])
+def test_a_guess_within_all_bounds_takes_few_iterations(low: float, high: float) -> None:
+    """A quadrotor that hovers far from where it must be: a hundred iterations, and two from the solution."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(1, pin.Inertia(1.5, np.zeros(3), np.diag([0.03, 0.03, 0.05])), pin.SE3.Identity())
+    arms = 0.2 * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    dynamics = FreeForwardDynamics(model, thrusters(model, arms, up, [0.05, -0.05, 0.05, -0.05]))
+    state, weights = dynamics.state, np.repeat([5.0, 2.0, 0.5], [3, 3, 6])
+    turn = state.integrate(state.neutral(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0, *np.zeros(6)]))
+    goal = np.concatenate([[1.0, -0.5, 0.8], turn[3:]])
+    costs = [CostItem("goal", StateError(state, goal), weights), CostItem("thrust", Control(4), 1e-2)]
+    limits = [ConstraintItem("limits", Control(4), low, high)]
+    problem = ShootingProblem(MultibodyAction("quadrotor", dynamics, costs, limits), 30)
+    problem.set("duration", 0.03)
+    problem.set_initial_state(state.neutral())
+    guess = Trajectory(problem.hold().xs, np.full((30, 4), 1.5 * 9.81 / 4))
+    solver, box = AugmentedLagrangianFddp(problem), BoxFddp(problem).solve(guess)
+    solution = solver.solve(guess)
+    assert solution.status is Status.CONVERGED and solution.iterations <= 100
+    assert solution.cost == pytest.approx(box.cost, rel=1e-6)
+    assert solver.solve(solution).iterations <= 2
+
+
+class Concave(Activation):
+    def value(self, r):
+        return -0.5 * r * r
+
+    def gradient(self, r):
+        return -r
+
+    def curvature(self, r):
+        return -type(r).ones(*r.shape)
+
+
+class Spread(Action):
+    """A cost that falls with the square of the control, which only bounds end."""
+
+    name, nu = "spread", 1
+
+    def __init__(self) -> None:
+        self.state, self.parameters = StateVector(1), ParameterLayout()
+
+    def step(self, x, u, p):
+        return 0.9 * x + 0.1 * u
+
+    def cost(self, x, u, p):
+        return Cost((CostTerm(u, Concave(), 1.0),))
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x, 0.1)
+
+    def constraint(self, x, u, p):
+        return Bounded(u, -3.0, 3.0)
+
+
+def test_bounds_may_be_all_that_gives_the_cost_a_minimum() -> None:
+    problem = ShootingProblem(Spread(), 4)
+    guess = Trajectory(np.zeros((5, 1)), np.array([[1.0], [-1.0], [1.0], [-1.0]]))
+    solution = AugmentedLagrangianFddp(problem).solve(guess)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    np.testing.assert_allclose(np.abs(solution.us), 3.0, atol=1e-6)
 
 
 class Loop(Action):

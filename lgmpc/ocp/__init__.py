@@ -1,7 +1,6 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
-from lgmpc.ocp.horizon import HorizonFunctions
 from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.path import PathFunctions
@@ -17,7 +16,6 @@ __all__ = [
     "DerivativeReport",
     "FreeDurations",
     "FreePhase",
-    "HorizonFunctions",
     "KktResidual",
     "LagrangianHessians",
     "MultipleShooting",

@@ -1,117 +1,114 @@
-"""A problem's compiled functions over the whole horizon, one call for all stages."""
+"""The stages of a problem, evaluated all together: kernels of its actions on the caller's arrays.
+
+Every distinct action is compiled once, for any horizon and any position in it; consecutive nodes of the same action are
+one call, a loop in C.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import Protocol
 
 import casadi as ca
-import numpy as np
 
-from lgmpc.actions import Action
-from lgmpc.compile import BatchKernel, CompiledFunction, compile_functions, recall
-from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
-from lgmpc.ocp.python_stages import watched
-from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure, kkt_function
+from lgmpc.actions import Action, PythonAction
+from lgmpc.ocp.problem import ShootingProblem
+from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["HorizonFunctions"]
+__all__ = ["Stages", "advance", "bind_intervals", "bind_last", "difference", "distinct", "retraction", "runs_of"]
 
 
-class HorizonFunctions:
-    """The functions of one action over N intervals, compiled (or interpreted where there is no compiler).
+class Stages(Protocol):
+    """What evaluates stages of one action: a :class:`~lgmpc.compile.StageKernel`, for instance."""
 
-    The linearisation works on rows of arrays of its own; the others take and return one column a stage.
+    def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
+        """Return the call that evaluates all stages on this memory; it returns 0."""
+
+
+def runs_of(actions: Sequence[Action]) -> list[tuple[Action, int, int]]:
+    """Return the runs of nodes of the same action: (action, first node, node after the last)."""
+    runs, start = [], 0
+    for _, group in groupby(actions, key=id):
+        length = len(list(group))
+        runs.append((actions[start], start, start + length))
+        start += length
+    return runs
+
+
+def distinct(problem: ShootingProblem) -> tuple[Action, ...]:
+    """Return the actions of a problem's intervals, each object once."""
+    return tuple({id(action): action for action in problem.actions}.values())
+
+
+def bind_intervals(
+    problem: ShootingProblem, stages: Sequence[Stages | None], **memory: Array
+) -> list[Callable[[], int]]:
+    """Return the calls that evaluate all intervals in order.
 
     Args:
-        action: the interval.
-        nodes: N.
-        progress: called with a description of what is being compiled.
-
-    Attributes:
-        structure: of the linear-quadratic problem.
-        xs: (N+1, nx) point of expansion.
-        us: (N, nu).
-        parameters: (N+1, np).
-        qp: the linear-quadratic problem around it, as :meth:`linearize` wrote it.
-        compiled: whether the functions are machine code.
-        kkt: see :func:`lgmpc.ocp.quadratic.kkt_function`.
-        retract: ``(xs (nx, N+1), dxs (ndx, N+1)) -> xs (+) dxs``.
-        advance: ``(xs (nx, N+1), fraction) -> xs`` interpolated at a fraction of an interval from each node to the
-            next; the last state stays.
-        difference: ``(x0 (nx,), x1 (nx,)) -> x1 (-) x0``.
+        problem: its actions decide which node is evaluated by what; its parameters are the argument ``p``.
+        stages: of each of the :func:`distinct` actions; None evaluates nothing.
+        memory: all other arguments and results, (N, ...) or with more rows; (n,) if all nodes share it.
     """
-
-    def __init__(self, action: Action, nodes: int, progress: Callable[[str], None] | None = None) -> None:
-        kernels = recall(_compile, action, nodes, progress=progress)
-        self.structure = kernels.structure
-        self.qp = OcpQp(self.structure)
-        self.xs: Array = np.zeros((nodes + 1, action.state.nx))
-        self.us: Array = np.zeros((nodes, action.nu))
-        self.parameters: Array = np.zeros((nodes + 1, action.parameters.size))
-        self.compiled = kernels.stage.compiled
-        stages = kernels.stage.bind(
-            nodes, x=self.xs, u=self.us, x_next=self.xs[1:], p=self.parameters, values=self.qp.values
-        )
-        last = kernels.terminal.bind(
-            1, x=self.xs[nodes:], p=self.parameters[nodes:], values=self.qp.terminal_values.reshape(1, -1)
-        )
-        self._stages, self._terminal = watched(stages, action, 0), watched(last, action, nodes)
-        self.kkt, self.retract, self.advance, self.difference = kernels.functions
-
-    def linearize(self) -> None:
-        """Write the linear-quadratic problem around (xs, us)."""
-        self._stages()
-        self._terminal()
+    kernels = dict(zip(map(id, distinct(problem)), stages, strict=True))
+    calls = []
+    for action, start, stop in runs_of(problem.actions):
+        kernel = kernels[id(action)]
+        if kernel is not None:
+            rows = {name: _rows(array, start, stop) for name, array in memory.items()}
+            call = kernel.bind(stop - start, p=problem.parameters[start:stop], **rows)
+            calls.append(_attributed(call, action, start))
+    return calls
 
 
-@dataclass(frozen=True)
-class _Compiled:
-    structure: OcpQpStructure
-    stage: BatchKernel
-    terminal: BatchKernel
-    functions: tuple[CompiledFunction, CompiledFunction, CompiledFunction, CompiledFunction]
+def bind_last(problem: ShootingProblem, stages: Stages, **memory: Array) -> Callable[[], int]:
+    """Return the call that evaluates the terminal cost; ``memory`` is as of :func:`bind_intervals`, with one row."""
+    call = stages.bind(1, p=problem.parameters[problem.nodes :], **memory)
+    return _attributed(call, problem.terminal, problem.nodes)
 
 
-def _compile(action: Action, nodes: int, progress: Callable[[str], None] | None) -> _Compiled:
-    matrices = StageMatrices(action)
-    structure = structure_of([matrices], action, nodes)
-    stage = BatchKernel(matrices.packed(structure.blocks), progress)
-    terminal = BatchKernel(pack_terminal(action, structure.terminal_blocks), progress)
-    functions = (
-        kkt_function(structure, action.name),
-        _retract(action, nodes),
-        _advance(action, nodes),
-        _difference(action),
-    )
-    kkt, retract, advance, difference = compile_functions(functions, progress=progress)
-    return _Compiled(structure, stage, terminal, (kkt, retract, advance, difference))
-
-
-def _retract(action: Action, nodes: int) -> ca.Function:
-    state = action.state
+def retraction(state: State) -> ca.Function:
+    """Return ``(x, dx) -> x_next``, ``x (+) dx``."""
     x, dx = ca.SX.sym("x", state.nx), ca.SX.sym("dx", state.ndx)
-    stage = ca.Function(f"{action.name}_integrate", [x, dx], [state.integrate_symbolic(x, dx)])
-    xs, dxs = ca.MX.sym("xs", state.nx, nodes + 1), ca.MX.sym("dxs", state.ndx, nodes + 1)
-    return ca.Function(
-        f"{action.name}_retract_{nodes}", [xs, dxs], [stage.map(nodes + 1)(xs, dxs)], ["xs", "dxs"], ["xs_next"]
-    )
+    return ca.Function("retraction", [x, dx], [state.integrate_symbolic(x, dx)], ["x", "dx"], ["x_next"])
 
 
-def _advance(action: Action, nodes: int) -> ca.Function:
-    state = action.state
+def difference(state: State) -> ca.Function:
+    """Return ``(x0, x1) -> dx``, ``x1 (-) x0``."""
+    x0, x1 = ca.SX.sym("x0", state.nx), ca.SX.sym("x1", state.nx)
+    return ca.Function("difference", [x0, x1], [state.diff_symbolic(x0, x1)], ["x0", "x1"], ["dx"])
+
+
+def advance(state: State) -> ca.Function:
+    """Return ``(x, x_next, fraction) -> moved``, the state at a fraction of the way from one to the next."""
     x, x_next, fraction = ca.SX.sym("x", state.nx), ca.SX.sym("x_next", state.nx), ca.SX.sym("fraction")
     moved = state.integrate_symbolic(x, fraction * state.diff_symbolic(x, x_next))
-    stage = ca.Function(f"{action.name}_move", [x, x_next, fraction], [moved])
-    xs, s = ca.MX.sym("xs", state.nx, nodes + 1), ca.MX.sym("fraction")
-    ahead = stage.map(nodes)(xs[:, :nodes], xs[:, 1:], ca.repmat(s, 1, nodes))
-    return ca.Function(
-        f"{action.name}_advance_{nodes}", [xs, s], [ca.horzcat(ahead, xs[:, nodes])], ["xs", "fraction"], ["xs_next"]
-    )
+    return ca.Function("advance", [x, x_next, fraction], [moved], ["x", "x_next", "fraction"], ["moved"])
 
 
-def _difference(action: Action) -> ca.Function:
-    x0, x1 = ca.SX.sym("x0", action.state.nx), ca.SX.sym("x1", action.state.nx)
-    return ca.Function(
-        f"{action.name}_difference", [x0, x1], [action.state.diff_symbolic(x0, x1)], ["x0", "x1"], ["dx"]
-    )
+def _rows(array: Array, start: int, stop: int) -> Array:
+    """Return the rows of some stages, a matrix's entries in a row; an array that all stages share as it is."""
+    part = array if array.ndim == 1 else array[start:stop]
+    return part.reshape(len(part), -1) if part.ndim > 2 else part
+
+
+def _attributed(call: Callable[[], int], action: Action, first: int) -> Callable[[], int]:
+    """Return a call that raises, with the node, what an action of Python raised; of other actions the call itself.
+
+    Args:
+        call: evaluates the action at consecutive nodes, once each.
+        action: the action.
+        first: the first of these nodes.
+    """
+    if not isinstance(action, PythonAction):
+        return call
+
+    def evaluate() -> int:
+        action.watch.begin()
+        result = call()
+        action.watch.raise_at(action.name, first)
+        return result
+
+    return evaluate

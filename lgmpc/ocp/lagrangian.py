@@ -8,8 +8,8 @@ import numpy as np
 
 from lgmpc.actions.lagrangian import lagrangian_hessian, terminal_hessian
 from lgmpc.compile import BatchKernel
+from lgmpc.ocp.horizon import bind_intervals, bind_last, distinct, runs_of
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.shooting import runs_of
 from lgmpc.typing import Array
 
 __all__ = ["LagrangianHessians"]
@@ -37,29 +37,26 @@ class LagrangianHessians:
         self, problem: ShootingProblem, xs: Array, us: Array, progress: Callable[[str], None] | None = None
     ) -> None:
         n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
-        runs = runs_of(problem.actions)
-        rows = {id(action): action.path_rows for action, _, _ in runs}
+        actions = distinct(problem)
         self.costates: Array = np.zeros((n, ndx))
-        self.multipliers: Array = np.zeros((n, max(rows.values())))
+        self.multipliers: Array = np.zeros((n, max(action.path_rows for action in actions)))
         self.hessian: Array = np.tile(np.eye(ndx + nu), (n, 1, 1))
         self.last_hessian: Array = np.zeros((ndx, ndx))
-        kernels: dict[int, BatchKernel] = {}
-        self._copies = []
-        self._calls = []
-        for action, start, stop in runs:
-            if id(action) not in kernels:
-                kernels[id(action)] = BatchKernel.of(lagrangian_hessian, action, progress=progress)
-            k, width = slice(start, stop), ndx + action.nu
-            found = np.zeros((stop - start, width * width))
-            self._calls.append(
-                kernels[id(action)].bind(
-                    stop - start, x=xs[k], u=us[k], x_next=xs[start + 1 : stop + 1], p=problem.parameters[k],
-                    costate=self.costates[k], multiplier=self.multipliers[k], hessian=found,
-                )
-            )  # fmt: skip
-            self._copies.append((self.hessian[k, :width, :width], found.reshape(-1, width, width)))
+        found = np.zeros((n, (ndx + nu) ** 2))  # of fewer controls as many entries fewer, one after the other
+        kernels = [BatchKernel.of(lagrangian_hessian, action, progress=progress) for action in actions]
         last = BatchKernel.of(terminal_hessian, problem.terminal, progress=progress)
-        self._calls.append(last.bind(1, x=xs[n:], p=problem.parameters[n:], hessian=self.last_hessian.reshape(1, -1)))
+        self._calls = (
+            *bind_intervals(
+                problem, kernels, x=xs, u=us, x_next=xs[1:], costate=self.costates, multiplier=self.multipliers,
+                hessian=found,
+            ),
+            bind_last(problem, last, x=xs[n:], hessian=self.last_hessian.reshape(1, -1)),
+        )  # fmt: skip
+        self._copies = []
+        for action, start, stop in runs_of(problem.actions):
+            width = ndx + action.nu
+            part = found[start:stop, : width * width].reshape(stop - start, width, width)
+            self._copies.append((self.hessian[start:stop, :width, :width], part))
 
     def evaluate(self) -> None:
         """Write :attr:`hessian` and :attr:`last_hessian`."""

@@ -9,10 +9,9 @@ import numpy as np
 
 from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, recall
+from lgmpc.ocp.horizon import bind_intervals, distinct
 from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.python_stages import watched
-from lgmpc.ocp.shooting import runs_of
 from lgmpc.typing import Array
 
 __all__ = ["PathFunctions"]
@@ -36,35 +35,18 @@ class PathFunctions:
     def __init__(
         self, problem: ShootingProblem, xs: Array, us: Array, progress: Callable[[str], None] | None = None
     ) -> None:
-        runs = runs_of(problem.actions)
-        actions = tuple({id(action): action for action, _, _ in runs}.values())
-        found = recall(_compile, actions, problem.nu, progress=progress)
-        kernels = {id(action): kernel for action, kernel in zip(actions, found, strict=True)}
-        ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in found)
+        kernels = recall(_compile, distinct(problem), problem.nu, progress=progress)
+        ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in kernels)
         self.values: Array = np.zeros((problem.nodes, ng))
         self.lower: Array = np.full((problem.nodes, ng), -np.inf)
         self.upper: Array = np.full((problem.nodes, ng), np.inf)
-        self._calls, self._copies = [], []
-        for action, start, stop in runs:
-            kernel = kernels[id(action)]
-            if kernel is None:
-                continue
-            rows = kernel.output_sizes["values"]
-            k = slice(start, stop)
-            bounded = np.zeros((3, stop - start, rows))
-            call = kernel.bind(
-                stop - start, x=xs[k], u=us[k], p=problem.parameters[k],
-                values=bounded[0], lower=bounded[1], upper=bounded[2],
-            )  # fmt: skip
-            self._calls.append(watched(call, action, start))
-            self._copies.append((k, rows, bounded))
+        results = {"values": self.values, "lower": self.lower, "upper": self.upper}
+        self._calls = bind_intervals(problem, kernels, x=xs, u=us, **results)
 
     def evaluate(self) -> None:
         """Write :attr:`values`, :attr:`lower` and :attr:`upper`."""
         for call in self._calls:
             call()
-        for k, rows, found in self._copies:
-            self.values[k, :rows], self.lower[k, :rows], self.upper[k, :rows] = found
 
 
 def _compile(

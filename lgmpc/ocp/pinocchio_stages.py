@@ -5,15 +5,24 @@ Each kernel is bound to the same memory as the compiled one and writes the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from lgmpc.actions import NumericContactAction, StageQuadratics
+from lgmpc.actions import Action, NumericContactAction, StageQuadratics
+from lgmpc.ocp.horizon import Stages
 from lgmpc.ocp.quadratic import Block
 from lgmpc.typing import Array
 
-__all__ = ["NumericExpansion", "NumericRollOut", "NumericSubproblem"]
+__all__ = ["NumericExpansion", "NumericRollOut", "NumericSubproblem", "with_numeric"]
+
+
+def with_numeric(
+    kernels: Sequence[Stages | None], actions: Sequence[Action], make: Callable[[NumericContactAction], Stages]
+) -> list[Stages | None]:
+    """Return the kernels of a problem's distinct actions, those that Pinocchio evaluates made by a function."""
+    pairs = zip(kernels, actions, strict=True)
+    return [make(action) if isinstance(action, NumericContactAction) else kernel for kernel, action in pairs]
 
 
 class NumericExpansion:

@@ -1,14 +1,9 @@
-"""Expansion and roll-out of a whole horizon on shared arrays, without copies, for shooting methods.
-
-Every distinct action is compiled once, for any horizon and any position in it; consecutive nodes of the same action are
-one loop in C.
-"""
+"""Expansion and roll-out of a whole horizon on shared arrays, without copies, for shooting methods."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 import casadi as ca
@@ -16,14 +11,14 @@ import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
 from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, recall
+from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct
 from lgmpc.ocp.packing import like, pipeline_of, symbols_of
-from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut
+from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut, with_numeric
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.python_stages import watched
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["ShootingFunctions", "runs_of"]
+__all__ = ["ShootingFunctions"]
 
 
 class ShootingFunctions:
@@ -82,50 +77,28 @@ class ShootingFunctions:
         self.costs_try: Array = np.zeros(n + 1)
         self.moved: Array = np.zeros((n + 1, ndx))
 
-        self.runs = runs_of(problem.actions)
-        actions = tuple({id(action): action for action, _, _ in self.runs}.values())
+        actions = distinct(problem)
         made = recall(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
-        kernels: dict[int, _Kernels] = {}
-        for action, compiled in zip(actions, made.of_actions, strict=True):
-            if isinstance(action, NumericContactAction):
-                kernels[id(action)] = _Kernels(NumericExpansion(action, nu), NumericRollOut(action, nu))
-            elif compiled is not None:
-                kernels[id(action)] = compiled
-        expand, roll = [], []
-        for action, start, stop in self.runs:
-            k, behind, length = slice(start, stop), slice(start + 1, stop + 1), stop - start
-            x, u, p = self.xs[k], self.us[k], problem.parameters[k]
-            call = kernels[id(action)].expand.bind(
-                length, x=x, u=u, x_next=self.xs[behind], p=p,
-                jacobian=_flat(self.jacobian[k]), hessian=_flat(self.hessian[k]), gradient=self.gradient[k],
-                gap=self.gaps[behind], cost=self.costs[k, None],
-            )  # fmt: skip
-            expand.append(watched(call, action, start))
-            simulated = {
-                "x": self.xs_try[k], "x_base": x, "u_base": u, "feedback": _flat(self.feedback[k]),
-                "feedforward": self.feedforward[k], "gap": self.gaps[behind], "lower": self.u_lower[k],
-                "upper": self.u_upper[k], "alpha": self.step_length, "p": p,
-                "x_next": self.xs_try[behind], "u": self.us_try[k],
-            }  # fmt: skip
-            cost = self.costs_try[k, None]
-            run = kernels[id(action)].roll_out
-            if not isinstance(run, _RollOut):
-                roll.append(watched(run.bind(length, **simulated, cost=cost), action, start))
-                continue
-            # Costs do not depend on each other: they are evaluated after the roll-out, several at a time.
-            z = np.zeros((length, run.simulate.output_sizes["z"]))
-            roll.append(run.simulate.bind(length, **simulated, z=z))
-            roll.append(run.cost.bind(length, x=self.xs_try[k], u=self.us_try[k], z=z, p=p, cost=cost))
-        p_last = problem.parameters[n:]
-        last = problem.terminal
-        call = made.expand_last.bind(
-            1, x=self.xs[n:], p=p_last,
-            hessian=self.last_hessian.reshape(1, -1), gradient=self.last_gradient, cost=self.costs[n:],
+        expansions = with_numeric(made.expand, actions, lambda action: NumericExpansion(action, nu))
+        roll_outs = with_numeric(made.roll_out, actions, lambda action: NumericRollOut(action, nu))
+        self._expand = (
+            *bind_intervals(
+                problem, expansions, x=self.xs, u=self.us, x_next=self.xs[1:], jacobian=self.jacobian,
+                hessian=self.hessian, gradient=self.gradient, gap=self.gaps[1:], cost=self.costs[:, None],
+            ),
+            bind_last(
+                problem, made.expand_last, x=self.xs[n:], hessian=self.last_hessian.reshape(1, -1),
+                gradient=self.last_gradient, cost=self.costs[n:],
+            ),
         )  # fmt: skip
-        expand.append(watched(call, last, n))
-        call = made.last_cost.bind(1, x=self.xs_try[n:], p=p_last, cost=self.costs_try[n:])
-        roll.append(watched(call, last, n))
-        self._expand, self._roll = tuple(expand), tuple(roll)
+        self._roll = (
+            *bind_intervals(
+                problem, roll_outs, x=self.xs_try, x_base=self.xs, u_base=self.us, feedback=self.feedback,
+                feedforward=self.feedforward, gap=self.gaps[1:], lower=self.u_lower, upper=self.u_upper,
+                alpha=self.step_length, x_next=self.xs_try[1:], u=self.us_try, cost=self.costs_try[:, None],
+            ),
+            bind_last(problem, made.last_cost, x=self.xs_try[n:], cost=self.costs_try[n:]),
+        )  # fmt: skip
         self._difference = made.difference.bind(n + 1, x0=self.xs_try, x1=self.xs, dx=self.moved)
         self.compiled = made.difference.compiled
 
@@ -152,25 +125,25 @@ class ShootingFunctions:
 
 @dataclass(frozen=True)
 class _RollOut:
-    """A roll-out in two kernels: the simulation, and the cost of all nodes at once."""
+    """A roll-out in two kernels: the simulation, and all nodes' costs, several at a time."""
 
     simulate: StageKernel
     cost: BatchKernel
 
-
-@dataclass(frozen=True)
-class _Kernels:
-    """What evaluates the nodes of one action."""
-
-    expand: BatchKernel | NumericExpansion
-    roll_out: StageKernel | _RollOut | NumericRollOut
+    def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
+        """Return the call that evaluates all stages on this memory; it returns 0."""
+        z = np.zeros((stages, self.simulate.output_sizes["z"]))
+        cost = self.cost.bind(stages, z=z, **{name: memory[name] for name in ("x", "u", "p", "cost")})
+        simulate = self.simulate.bind(stages, z=z, **{name: memory[name] for name in memory if name != "cost"})
+        return lambda: simulate() or cost()
 
 
 @dataclass(frozen=True)
 class _Compiled:
     """The kernels of a problem; None for actions that Pinocchio evaluates."""
 
-    of_actions: tuple[_Kernels | None, ...]
+    expand: tuple[BatchKernel | None, ...]
+    roll_out: tuple[StageKernel | _RollOut | None, ...]
     expand_last: BatchKernel
     last_cost: StageKernel
     difference: StageKernel
@@ -179,35 +152,23 @@ class _Compiled:
 def _compile(
     actions: tuple[Action, ...], last: Action, state: State, nu: int, progress: Callable[[str], None] | None
 ) -> _Compiled:
-    def kernels(action: Action) -> _Kernels | None:
-        if isinstance(action, NumericContactAction):
-            return None
+    def expand(action: Action) -> BatchKernel:
+        write = _expansion if action.expansion is None else _expansion_pipeline
+        return BatchKernel(write(action, nu), progress)
+
+    def roll_out(action: Action) -> StageKernel | _RollOut:
         if action.expansion is None:
-            return _Kernels(BatchKernel(_expansion(action, nu), progress), StageKernel(_roll_out(action, nu), progress))
-        expand = BatchKernel(_expansion_pipeline(action, nu), progress)
+            return StageKernel(_roll_out(action, nu), progress)
         simulate = StageKernel(_simulation(action, nu), progress)
-        return _Kernels(expand, _RollOut(simulate, BatchKernel(action.expansion.cost, progress)))
+        return _RollOut(simulate, BatchKernel(action.expansion.cost, progress))
 
     return _Compiled(
-        tuple(kernels(action) for action in actions),
+        tuple(None if isinstance(action, NumericContactAction) else expand(action) for action in actions),
+        tuple(None if isinstance(action, NumericContactAction) else roll_out(action) for action in actions),
         BatchKernel(_last_expansion(last), progress),
         StageKernel(last.terminal_value_function, progress),
-        StageKernel(_difference(state, last.name), progress),
+        StageKernel(difference(state), progress),
     )
-
-
-def _flat(array: Array) -> Array:
-    return array.reshape(array.shape[0], -1)
-
-
-def runs_of(actions: tuple[Action, ...]) -> list[tuple[Action, int, int]]:
-    """Yield runs of nodes of the same action: (action, first node, node after the last)."""
-    runs, start = [], 0
-    for _, group in groupby(actions, key=id):
-        length = len(list(group))
-        runs.append((actions[start], start, start + length))
-        start += length
-    return runs
 
 
 def _padded(matrix: ca.SX, rows: int, columns: int) -> ca.SX:
@@ -306,8 +267,3 @@ def _last_expansion(action: Action) -> ca.Function:
     m = dict(zip(function.name_out(), function.call([x, p]), strict=True))
     outputs = [m["Q"], m["q"], m["cost"]]
     return ca.Function(f"{action.name}_last_expansion", [x, p], outputs, ["x", "p"], ["hessian", "gradient", "cost"])
-
-
-def _difference(state: State, name: str) -> ca.Function:
-    x0, x1 = ca.SX.sym("x0", state.nx), ca.SX.sym("x1", state.nx)
-    return ca.Function(f"{name}_move", [x0, x1], [state.diff_symbolic(x0, x1)], ["x0", "x1"], ["dx"])

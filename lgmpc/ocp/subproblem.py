@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
 from lgmpc.compile import BatchKernel, recall
+from lgmpc.ocp.horizon import bind_intervals, bind_last, distinct, retraction
 from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
-from lgmpc.ocp.pinocchio_stages import NumericSubproblem
+from lgmpc.ocp.pinocchio_stages import NumericSubproblem, with_numeric
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.python_stages import watched
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
-from lgmpc.ocp.shooting import runs_of
 from lgmpc.typing import Array
 
 __all__ = ["SubproblemFunctions"]
@@ -35,6 +33,7 @@ class SubproblemFunctions:
             zeros.
 
     Attributes:
+        compiled: whether it is machine code.
         qp: the subproblem around (xs, us), written by :meth:`linearize`.
         xs: (N+1, nx) point of expansion.
         us: (N, nu).
@@ -47,8 +46,7 @@ class SubproblemFunctions:
         self, problem: ShootingProblem, progress: Callable[[str], None] | None = None, *, exact: bool = False
     ) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
-        runs = runs_of(problem.actions)
-        actions = tuple({id(action): action for action, _, _ in runs}.values())
+        actions = distinct(problem)
         structure, compiled, terminal, retract = recall(
             _compile, actions, problem.terminal, n, nu, "QRS" if exact else "", progress=progress
         )
@@ -57,25 +55,15 @@ class SubproblemFunctions:
         self.us: Array = np.zeros((n, nu))
         self.xs_base: Array = self.xs.copy()
         self.dxs: Array = np.zeros((n + 1, state.ndx))
-        kernels: dict[int, BatchKernel | NumericSubproblem] = {}
-        for action, kernel in zip(actions, compiled, strict=True):
-            if isinstance(action, NumericContactAction):
-                kernels[id(action)] = NumericSubproblem(action, structure.blocks)
-            elif kernel is not None:
-                kernels[id(action)] = kernel
-        calls = []
-        for action, start, stop in runs:
-            k, behind = slice(start, stop), slice(start + 1, stop + 1)
-            call = kernels[id(action)].bind(
-                stop - start, x=self.xs[k], u=self.us[k], x_next=self.xs[behind], p=problem.parameters[k],
-                values=self.qp.values[k],
-            )  # fmt: skip
-            calls.append(watched(call, action, start))
-        call = terminal.bind(1, x=self.xs[n:], p=problem.parameters[n:], values=self.qp.terminal_values.reshape(1, -1))
-        calls.append(watched(call, problem.terminal, n))
+        kernels = with_numeric(compiled, actions, lambda action: NumericSubproblem(action, structure.blocks))
+        last = self.qp.terminal_values.reshape(1, -1)
+        self._calls = (
+            *bind_intervals(problem, kernels, x=self.xs, u=self.us, x_next=self.xs[1:], values=self.qp.values),
+            bind_last(problem, terminal, x=self.xs[n:], values=last),
+        )
         self.lagrangian = LagrangianHessians(problem, self.xs, self.us, progress) if exact else None
-        self._calls = tuple(calls)
         self._retract = retract.bind(n + 1, x=self.xs_base, dx=self.dxs, x_next=self.xs)
+        self.compiled = retract.compiled
 
     def linearize(self) -> None:
         """Write the subproblem around (xs, us)."""
@@ -124,10 +112,4 @@ def _compile(
         for action, stage in zip(actions, matrices, strict=True)
     )
     terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks), progress)
-    return structure, kernels, terminal, BatchKernel(_retract(last), progress)
-
-
-def _retract(action: Action) -> ca.Function:
-    state = action.state
-    x, dx = ca.SX.sym("x", state.nx), ca.SX.sym("dx", state.ndx)
-    return ca.Function(f"{action.name}_add", [x, dx], [state.integrate_symbolic(x, dx)], ["x", "dx"], ["x_next"])
+    return structure, kernels, terminal, BatchKernel(retraction(last.state), progress)

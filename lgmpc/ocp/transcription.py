@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, PythonAction
+from lgmpc.ocp.horizon import runs_of
 from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
-from lgmpc.ocp.shooting import runs_of
 from lgmpc.state import State
 from lgmpc.typing import Array
 

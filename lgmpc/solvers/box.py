@@ -12,7 +12,7 @@ import numpy as np
 from lgmpc.actions import Action, PythonAction
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
-from lgmpc.ocp.shooting import runs_of
+from lgmpc.ocp.horizon import runs_of
 from lgmpc.solvers.compiled_sweep import make_sweep
 from lgmpc.solvers.sweep import all_finite, bilinear, products
 from lgmpc.typing import Array, IntArray

@@ -18,9 +18,13 @@ from enum import Enum
 
 import numpy as np
 
+from lgmpc.compile import BatchKernel, CompiledFunction, StageKernel, compile_function, recall
 from lgmpc.errors import InputError
-from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem, Trajectory
+from lgmpc.ocp import KktResidual, OcpQp, OcpQpStructure, ShootingProblem, SubproblemFunctions, Trajectory
+from lgmpc.ocp.horizon import advance, difference
+from lgmpc.ocp.quadratic import kkt_function
 from lgmpc.solvers.qp import QpSolver, QpStatus, make_qp_solver
+from lgmpc.state import State
 from lgmpc.typing import Array
 
 __all__ = ["RealTimeResult", "RealTimeSqp", "RealTimeStatus", "RealTimeTimings"]
@@ -104,7 +108,7 @@ class RealTimeSqp:
         qp_solver: its solver.
 
     Raises:
-        InputError: no such QP solver.
+        InputError: actions that differ, or no such QP solver.
         MissingDependencyError: its package is not installed.
     """
 
@@ -115,19 +119,20 @@ class RealTimeSqp:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
-        functions = HorizonFunctions(problem.action, problem.nodes, progress)
-        self._functions = functions
-        self.xs: Array = functions.xs
-        self.us: Array = functions.us
-        self.qp = functions.qp
+        state = problem.action.state  # controls and multipliers are shifted: all nodes have the same
+        f = self._functions = SubproblemFunctions(problem, progress)
+        self.xs: Array = f.xs
+        self.us: Array = f.us
+        self.qp = f.qp
         self.qp_solver = (
             make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
         )
+        self._kkt, move, subtract = recall(_compile, self.qp.structure, state, progress=progress)
         # On the same memory: the problem's numbers are not copied from one function to the next.
-        self._measure = functions.kkt.bind(values=self.qp.values, terminal_values=self.qp.terminal_values)
-        self._move = functions.advance.bind(xs=self.xs)
-        self._retract = functions.retract.bind(xs=self.xs)
-        self._subtract = functions.difference.bind(x0=self.xs[0])
+        self._measure = self._kkt.bind(values=self.qp.values, terminal_values=self.qp.terminal_values)
+        self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
+        self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
+        self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)
         self._preparation = 0.0
 
     @property
@@ -153,10 +158,9 @@ class RealTimeSqp:
 
         States are moved along the line from each node to the next; controls and multipliers likewise; the end stays.
         """
-        advance = self._functions.advance
-        advance.inputs[1][...] = fraction
+        self._functions.xs_base[...] = self.xs
+        self._fraction[0] = fraction
         self._move()
-        self.xs[:] = advance.outputs[0].T
         point = self.qp_solver.solution
         for array in (self.us, point.costates, point.multipliers):
             array[:-1] += fraction * (array[1:] - array[:-1])
@@ -164,7 +168,6 @@ class RealTimeSqp:
     def prepare(self) -> None:
         """Expand the problem around the current trajectory and pass the matrices to the QP solver."""
         start = time.perf_counter()
-        self._functions.parameters[:] = self.problem.parameters
         self._functions.linearize()
         self.qp_solver.prepare()
         self._preparation = time.perf_counter() - start
@@ -205,28 +208,26 @@ class RealTimeSqp:
             taken += 1
 
     def _step(self, x0: Array) -> QpStatus:
-        difference = self._functions.difference
-        difference.inputs[1][...] = x0
+        f, step = self._functions, self.qp_solver.solution
+        self._x0[...] = x0
         self._subtract()
-        status = self.qp_solver.solve(difference.outputs[0])
+        status = self.qp_solver.solve(self._dx0)
         if _AFTER_STEP[status].usable:
-            step, retract = self.qp_solver.solution, self._functions.retract
-            retract.inputs[1][...] = step.dxs.T
-            self._retract()
-            self.xs[:] = retract.outputs[0].T
+            f.xs_base[...], f.dxs[...] = f.xs, step.dxs
+            f.retract()
             self.us += step.dus
         return status
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Residual of the subproblem at its solution, or of the nonlinear problem at the point of expansion."""
-        _, _, dxs, dus, costates, multipliers = self._functions.kkt.inputs
+        _, _, dxs, dus, costates, multipliers = self._kkt.inputs
         point = self.qp_solver.solution
         dxs[...] = point.dxs.T if at_step else 0.0
         dus[...] = point.dus.T if at_step else 0.0
         costates[...] = point.costates.T
         multipliers[...] = point.multipliers.T
         self._measure()
-        return KktResidual.of(self._functions.kkt.outputs[0])
+        return KktResidual.of(self._kkt.outputs[0])
 
     def _result(
         self, status: RealTimeStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
@@ -238,6 +239,14 @@ class RealTimeSqp:
         return RealTimeResult(
             trajectory, point.costates.copy(), point.multipliers.copy(), status, iterations, inner, kkt, timings
         )
+
+
+def _compile(
+    s: OcpQpStructure, state: State, progress: Callable[[str], None] | None
+) -> tuple[CompiledFunction, BatchKernel, StageKernel]:
+    """Return the residual of the optimality conditions, the shift of states in time, and their difference."""
+    kkt = compile_function(kkt_function(s, f"sqp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
+    return kkt, BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
 
 
 _AFTER_STEP = {

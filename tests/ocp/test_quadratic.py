@@ -3,26 +3,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lgmpc.ocp import HorizonFunctions, KktResidual, OcpQp, ShootingProblem
+from lgmpc.compile import BatchKernel, compile_function
+from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions
+from lgmpc.ocp.horizon import advance
+from lgmpc.ocp.quadratic import kkt_function
 
 
 @pytest.fixture
-def functions(problem: ShootingProblem) -> HorizonFunctions:
-    return HorizonFunctions(problem.action, problem.nodes)
+def functions(problem: ShootingProblem) -> SubproblemFunctions:
+    return SubproblemFunctions(problem)
 
 
 @pytest.fixture
-def qp(problem: ShootingProblem, functions: HorizonFunctions) -> OcpQp:
+def qp(problem: ShootingProblem, functions: SubproblemFunctions) -> OcpQp:
     rng = np.random.default_rng(0)
     trajectory = problem.rollout(rng.standard_normal((5, 12)))
     functions.xs[:] = trajectory.xs + 0.1 * rng.standard_normal((6, 9))
     functions.us[:] = trajectory.us
-    functions.parameters[:] = problem.parameters
     functions.linearize()
     return functions.qp
 
 
-def test_one_call_gives_every_stage(problem: ShootingProblem, functions: HorizonFunctions, qp: OcpQp) -> None:
+def test_one_call_gives_every_stage(problem: ShootingProblem, functions: SubproblemFunctions, qp: OcpQp) -> None:
     xs, us = functions.xs, functions.us
     stage = problem.action.quadratic_function
     for k in range(5):
@@ -63,11 +65,15 @@ def dense_kkt(qp: OcpQp, dxs, dus, costates, multipliers) -> KktResidual:
     return KktResidual(*largest, max(float(v.max()) for v in loose))
 
 
-def test_kkt_residual_is_its_definition(functions: HorizonFunctions, qp: OcpQp) -> None:
+def measured_kkt(qp: OcpQp, point) -> KktResidual:
+    measure = compile_function(kkt_function(qp.structure, "random"))
+    return KktResidual.of(measure(qp.values.T, qp.terminal_values, *(array.T for array in point))[0])
+
+
+def test_kkt_residual_is_its_definition(qp: OcpQp) -> None:
     rng = np.random.default_rng(2)
     point = [rng.standard_normal(shape) for shape in ((6, 9), (5, 12), (5, 9), (5, 20))]
-    inputs = [qp.values.T, qp.terminal_values, *(array.T for array in point)]
-    measured = KktResidual.of(functions.kkt(*inputs)[0])
+    measured = measured_kkt(qp, point)
     expected = dense_kkt(qp, *point)
     for name in ("stationarity", "dynamics", "constraint", "complementarity"):
         assert getattr(measured, name) == pytest.approx(getattr(expected, name), rel=1e-12), name
@@ -75,15 +81,14 @@ def test_kkt_residual_is_its_definition(functions: HorizonFunctions, qp: OcpQp) 
 
 
 @pytest.mark.parametrize("which", range(4))
-def test_kkt_residual_of_nan_is_nan(functions: HorizonFunctions, qp: OcpQp, which: int) -> None:
+def test_kkt_residual_of_nan_is_nan(qp: OcpQp, which: int) -> None:
     point = [np.zeros(shape) for shape in ((6, 9), (5, 12), (5, 9), (5, 20))]
     point[which][2, 3] = np.nan
-    measured = KktResidual.of(functions.kkt(qp.values.T, qp.terminal_values, *(array.T for array in point))[0])
+    measured = measured_kkt(qp, point)
     assert all(np.isnan(value) for value in vars(measured).values()) and np.isnan(measured.largest)
 
 
-def test_advance_moves_along_the_line_to_the_next_node(functions: HorizonFunctions) -> None:
-    xs = np.random.default_rng(3).standard_normal((6, 9))
-    (moved,) = functions.advance(xs.T, 0.25)
-    np.testing.assert_allclose(moved.T[:-1], 0.75 * xs[:-1] + 0.25 * xs[1:], rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(moved.T[-1], xs[-1])
+def test_advance_moves_along_the_line_to_the_next_node(problem: ShootingProblem) -> None:
+    xs, moved = np.random.default_rng(3).standard_normal((6, 9)), np.zeros((5, 9))
+    BatchKernel(advance(problem.state)).bind(5, x=xs, x_next=xs[1:], fraction=np.array([0.25]), moved=moved)()
+    np.testing.assert_allclose(moved, 0.75 * xs[:-1] + 0.25 * xs[1:], rtol=0, atol=1e-15)

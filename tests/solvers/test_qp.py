@@ -8,7 +8,7 @@ import pytest
 
 from lgmpc.compile import compile_function
 from lgmpc.errors import InputError, MissingDependencyError
-from lgmpc.ocp import HorizonFunctions, OcpQp, ShootingProblem
+from lgmpc.ocp import OcpQp, ShootingProblem, SubproblemFunctions
 from lgmpc.proxqp import proxqp
 from lgmpc.solvers.qp import (
     QP_SOLVERS,
@@ -36,10 +36,7 @@ FORCE_ACCURACY = {
 
 def expand(problem: ShootingProblem) -> OcpQp:
     """Expand around standing still at the first state, with its gaps."""
-    functions = HorizonFunctions(problem.action, problem.nodes)
-    functions.xs[:] = problem.x0
-    functions.us[:] = 0.0
-    functions.parameters[:] = problem.parameters
+    functions = SubproblemFunctions(problem)
     functions.linearize()
     return functions.qp
 

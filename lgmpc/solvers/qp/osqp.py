@@ -13,8 +13,8 @@ import numpy as np
 from lgmpc.errors import MissingDependencyError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.protocol import QpSolution, QpStatus
-from lgmpc.typing import Array
+from lgmpc.solvers.qp.general import GeneralQpSolver
+from lgmpc.solvers.qp.protocol import QpStatus
 
 __all__ = ["OsqpSettings", "OsqpSolver"]
 
@@ -49,7 +49,7 @@ class OsqpSettings:
     polish: bool = False
 
 
-class OsqpSolver:
+class OsqpSolver(GeneralQpSolver):
     """:class:`~lgmpc.solvers.qp.QpSolver` on OSQP; warm-started in z and y; factorises in :meth:`prepare`.
 
     Args:
@@ -61,45 +61,30 @@ class OsqpSolver:
     """
 
     name = "osqp"
+    warm_started = True
 
     def __init__(self, qp: OcpQp, settings: OsqpSettings | None = None) -> None:
         try:
             from osqp import ext_builtin
         except ImportError as error:
             raise MissingDependencyError("osqp", "the QP solver 'osqp'", 'pip install "osqp>=1.0,<2"') from error
-        self.qp = qp
+        super().__init__(SparseAssembly(qp, triangular=True, stacked=True))
         self.settings = OsqpSettings() if settings is None else settings
-        self.iterations = 0
         self._module: Any = ext_builtin
-        self._assembly = SparseAssembly(qp, triangular=True, stacked=True)
-        self.solution: QpSolution = self._assembly.solution
-        self._solver: Any = None
-        self._finite = False
         self._zero = np.zeros(self._assembly.size)
         self._codes = {
             int(v): _STATUS.get(k, QpStatus.NUMERICAL) for k, v in ext_builtin.osqp_status_type.__members__.items()
         }
 
-    def reset(self) -> None:
-        """Discard all state of earlier solves."""
-        self._solver = None
-        self._assembly.z[:] = 0.0
-        self._assembly.y[:] = 0.0
-        self._assembly.finish()
-
     def prepare(self) -> None:
         """Take over the matrices and factorise."""
+        super().prepare()
         a = self._assembly
-        self._finite = a.load_matrices()
         if self._finite and self._solver is not None:
             self._solver.update_data_mat(a.hessian.matrix.data, None, a.constraints[0].matrix.data, None)
 
-    def solve(self, dx0: Array) -> QpStatus:
-        """Solve from the current point; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+    def _run(self) -> QpStatus:
         a = self._assembly
-        if not (a.load_vectors(dx0) and self._finite):
-            self._solver = None
-            return QpStatus.NOT_FINITE
         np.maximum(a.lower, -_INFINITY, out=a.lower)
         np.minimum(a.upper, _INFINITY, out=a.upper)
         if self._solver is None:
@@ -114,9 +99,6 @@ class OsqpSolver:
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             a.z[:] = self._solver.solution.x
             a.y[:] = self._solver.solution.y
-            a.finish()
-        else:
-            self._solver = None  # its internal iterates are of no use to the next solve
         return status
 
     def _setup(self) -> None:

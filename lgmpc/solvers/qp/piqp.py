@@ -10,8 +10,8 @@ import numpy as np
 from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.protocol import QpSolution, QpStatus
-from lgmpc.typing import Array
+from lgmpc.solvers.qp.general import GeneralQpSolver
+from lgmpc.solvers.qp.protocol import QpStatus
 
 __all__ = ["PiqpSettings", "PiqpSolver"]
 
@@ -49,7 +49,7 @@ class PiqpSettings:
             raise InputError("kkt_solver", self.kkt_solver, "a linear solver of PIQP", KKT_SOLVERS)
 
 
-class PiqpSolver:
+class PiqpSolver(GeneralQpSolver):
     """:class:`~lgmpc.solvers.qp.QpSolver` on PIQP. It has no warm start.
 
     Args:
@@ -60,38 +60,20 @@ class PiqpSolver:
         MissingDependencyError: PIQP is not installed.
     """
 
+    warm_started = False
+
     def __init__(self, qp: OcpQp, settings: PiqpSettings | None = None) -> None:
         try:
             import piqp
         except ImportError as error:
             raise MissingDependencyError("piqp", "the QP solver 'piqp'", 'pip install "piqp>=0.6,<0.7"') from error
-        self.qp = qp
+        super().__init__(SparseAssembly(qp, triangular=True))
         self.settings = PiqpSettings() if settings is None else settings
         self.name = "piqp" if self.settings.kkt_solver == "sparse_ldlt" else "piqp_multistage"
-        self.iterations = 0
         self._module: Any = piqp
-        self._assembly = SparseAssembly(qp, triangular=True)
-        self.solution: QpSolution = self._assembly.solution
-        self._solver: Any = None
-        self._finite = False
 
-    def reset(self) -> None:
-        """Discard all state of earlier solves."""
-        self._solver = None
-        self._assembly.z[:] = 0.0
-        self._assembly.y[:] = 0.0
-        self._assembly.finish()
-
-    def prepare(self) -> None:
-        """Take over the matrices."""
-        self._finite = self._assembly.load_matrices()
-
-    def solve(self, dx0: Array) -> QpStatus:
-        """Solve; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        a = self._assembly
-        if not (a.load_vectors(dx0) and self._finite):
-            return QpStatus.NOT_FINITE
-        m = a.equalities
+    def _run(self) -> QpStatus:
+        a, m = self._assembly, self._assembly.equalities
         equality, inequality = (c.matrix for c in a.constraints)
         free = np.isinf(a.lower[m:]) & np.isinf(a.upper[m:])
         if free.any():  # PIQP does the same, and prints three lines about it
@@ -121,5 +103,4 @@ class PiqpSolver:
             a.z[:] = result.x
             a.y[:m] = result.y
             np.subtract(result.z_u, result.z_l, out=a.y[m:])
-            a.finish()
         return status

@@ -10,8 +10,8 @@ import numpy as np
 from lgmpc.errors import MissingDependencyError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.protocol import QpSolution, QpStatus
-from lgmpc.typing import Array
+from lgmpc.solvers.qp.general import GeneralQpSolver
+from lgmpc.solvers.qp.protocol import QpStatus
 
 __all__ = ["ProxqpSettings", "ProxqpSolver"]
 
@@ -39,7 +39,7 @@ class ProxqpSettings:
     max_inner_iterations: int = 50
 
 
-class ProxqpSolver:
+class ProxqpSolver(GeneralQpSolver):
     """:class:`~lgmpc.solvers.qp.QpSolver` on ProxQP's sparse backend, warm-started in z and y.
 
     Args:
@@ -51,6 +51,7 @@ class ProxqpSolver:
     """
 
     name = "proxqp"
+    warm_started = True
 
     def __init__(self, qp: OcpQp, settings: ProxqpSettings | None = None) -> None:
         try:
@@ -58,34 +59,13 @@ class ProxqpSolver:
         except ImportError as error:
             install = 'pip install "proxsuite>=0.7,<0.9"'
             raise MissingDependencyError("proxsuite", "the QP solver 'proxqp'", install) from error
-        self.qp = qp
+        super().__init__(SparseAssembly(qp))
         self.settings = ProxqpSettings() if settings is None else settings
-        self.iterations = 0
         self._module: Any = proxqp
-        self._assembly = SparseAssembly(qp)
-        self.solution: QpSolution = self._assembly.solution
-        self._solver: Any = None
-        self._finite = False
         self._zero = np.zeros(self._assembly.size)
 
-    def reset(self) -> None:
-        """Discard all state of earlier solves."""
-        self._solver = None
-        self._assembly.z[:] = 0.0
-        self._assembly.y[:] = 0.0
-        self._assembly.finish()
-
-    def prepare(self) -> None:
-        """Take over the matrices."""
-        self._finite = self._assembly.load_matrices()
-
-    def solve(self, dx0: Array) -> QpStatus:
-        """Solve from the current point; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        a = self._assembly
-        if not (a.load_vectors(dx0) and self._finite):
-            self._solver = None
-            return QpStatus.NOT_FINITE
-        m = a.equalities
+    def _run(self) -> QpStatus:
+        a, m = self._assembly, self._assembly.equalities
         equality, inequality = (c.matrix for c in a.constraints)
         data = (a.hessian.matrix, a.gradient, equality, a.lower[:m], inequality, a.lower[m:], a.upper[m:])
         if self._solver is None:
@@ -106,7 +86,4 @@ class ProxqpSolver:
             a.z[:] = results.x
             a.y[:m] = results.y
             a.y[m:] = results.z
-            a.finish()
-        else:
-            self._solver = None
         return status

@@ -14,7 +14,7 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
 from lgmpc.ocp.horizon import runs_of
 from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.sweep import all_finite, bilinear, products
+from lgmpc.solvers.sweep import Expansion, all_finite, bilinear, products
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
@@ -145,29 +145,6 @@ def _no_bound(action: Action, node: int, row: int) -> InputError:
     return InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {row} is no control", expected)
 
 
-@dataclass(frozen=True)
-class _Held:
-    """An expansion in which some controls are fixed: their columns are part of gaps and gradients."""
-
-    jacobian: Array
-    hessian: Array
-    gradient: Array
-    gaps: Array
-    last_hessian: Array
-    last_gradient: Array
-    feedback: Array
-    feedforward: Array
-    compiled: bool
-
-    @classmethod
-    def of(cls, f: ShootingFunctions) -> _Held:
-        """Return an expansion of the same size with the same gains."""
-        jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
-        return cls(
-            jacobian, hessian, gradient, gaps, f.last_hessian, f.last_gradient, f.feedback, f.feedforward, f.compiled
-        )
-
-
 class BoxSweep:
     """Minimises the linear-quadratic model over all controls between their bounds, on the whole horizon at once.
 
@@ -194,7 +171,11 @@ class BoxSweep:
     """
 
     def __init__(self, functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
-        self._functions, self._model = functions, _Held.of(functions)
+        f = self._functions = functions
+        # The expansion in which some controls are fixed: their columns are part of gaps and gradients.
+        jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
+        last, gains = (f.last_hessian, f.last_gradient), (f.feedback, f.feedforward)
+        self._model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, f.compiled)
         self._sweep = make_sweep(self._model, progress)
         self.value_hessian, self.value_gradient = self._sweep.value_hessian, self._sweep.value_gradient
         self.held: IntArray = np.zeros(functions.us.shape, dtype=np.int64)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.compile import SQUARES, aligned_zeros, compile_source
+from lgmpc.ocp import ShootingFunctions
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite
 
 __all__ = ["CompiledSweep", "compile_stages", "make_sweep", "work_size"]
@@ -33,7 +34,7 @@ class CompiledSweep(BackwardSweep):
         address: of the machine code.
     """
 
-    def __init__(self, functions: Expansion, library: ctypes.CDLL) -> None:
+    def __init__(self, functions: Expansion | ShootingFunctions, library: ctypes.CDLL) -> None:
         super().__init__(functions)
         n = len(functions.jacobian)
         self.plan = np.array([n, 0, n - 1], dtype=np.int64)
@@ -57,7 +58,9 @@ class CompiledSweep(BackwardSweep):
         return self._call(self.frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
 
 
-def make_sweep(functions: Expansion, progress: Callable[[str], None] | None = None) -> BackwardSweep:
+def make_sweep(
+    functions: Expansion | ShootingFunctions, progress: Callable[[str], None] | None = None
+) -> BackwardSweep:
     """Return the compiled sweep, or the one in numpy where nothing can be compiled."""
     _, width, ndx = functions.jacobian.shape
     library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx, progress) if functions.compiled else None

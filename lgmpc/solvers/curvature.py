@@ -11,10 +11,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.linalg import lapack
 
 from lgmpc.ocp import OcpQp, SubproblemFunctions
 from lgmpc.solvers.qp import QpSolver, QpStatus, StructuredSolver
+from lgmpc.solvers.sweep import BackwardSweep, Expansion
 from lgmpc.typing import Array
 
 __all__ = ["CURVATURES", "Hessians", "is_convex", "solve_curved"]
@@ -76,17 +76,12 @@ def solve_curved(
 
 def is_convex(qp: OcpQp) -> bool:
     """Return whether the cost is strictly convex along the dynamics, by a backward sweep."""
-    ndx = qp.structure.ndx
-    matrices = {name: qp.dense(name) for name in "ABQSR"}
-    jacobian = np.concatenate([matrices["A"], matrices["B"]], axis=2)
-    upper = np.concatenate([matrices["Q"], np.swapaxes(matrices["S"], 1, 2)], axis=2)
-    hessian = np.concatenate([upper, np.concatenate([matrices["S"], matrices["R"]], axis=2)], axis=1)
-    value = qp.dense_terminal("Q")
-    for f, h in zip(jacobian[::-1], hessian[::-1], strict=True):
-        q = h + f.T @ value @ f
-        factor, failed = lapack.dpotrf(q[ndx:, ndx:])
-        if failed:
-            return False
-        solved, _ = lapack.dpotrs(factor, q[ndx:, :ndx])
-        value = q[:ndx, :ndx] - q[:ndx, ndx:] @ solved
-    return True
+    s = qp.structure
+    m = {name: qp.dense(name) for name in "ABQSR"}
+    jacobian = np.swapaxes(np.concatenate([m["A"], m["B"]], axis=2), 1, 2).copy()
+    hessian = np.block([[m["Q"], np.swapaxes(m["S"], 1, 2)], [m["S"], m["R"]]])
+    gradient, gaps = np.zeros((s.nodes, s.ndx + s.nu)), np.zeros((s.nodes + 1, s.ndx))
+    gains = np.zeros((s.nodes, s.nu, s.ndx)), np.zeros((s.nodes, s.nu))
+    last = qp.dense_terminal("Q"), np.zeros(s.ndx)
+    model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, compiled=False)
+    return BackwardSweep(model).run(0.0, closed=True)

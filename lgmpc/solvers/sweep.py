@@ -14,54 +14,42 @@ control", ICRA 2020.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack
 
+from lgmpc.ocp import ShootingFunctions
 from lgmpc.typing import Array
 
 __all__ = ["BackwardSweep", "Expansion", "all_finite", "bilinear", "products"]
 
 
-class Expansion(Protocol):
-    """The expansion that a sweep reads, and the gains that it writes: see :class:`~lgmpc.ocp.ShootingFunctions`."""
+@dataclass
+class Expansion:
+    """What a sweep reads, and the gains that it writes, as in :class:`~lgmpc.ocp.ShootingFunctions`.
 
-    @property
-    def jacobian(self) -> Array:
-        """(N, ndx + nu, ndx) ``[A B]^T``."""
+    Attributes:
+        jacobian: (N, ndx + nu, ndx) ``[A B]^T``.
+        hessian: (N, ndx + nu, ndx + nu).
+        gradient: (N, ndx + nu).
+        gaps: (N+1, ndx).
+        last_hessian: (ndx, ndx).
+        last_gradient: (ndx,).
+        feedback: (N, nu, ndx) K.
+        feedforward: (N, nu) k.
+        compiled: whether the sweep is to be machine code.
+    """
 
-    @property
-    def hessian(self) -> Array:
-        """(N, ndx + nu, ndx + nu)."""
-
-    @property
-    def gradient(self) -> Array:
-        """(N, ndx + nu)."""
-
-    @property
-    def gaps(self) -> Array:
-        """(N+1, ndx)."""
-
-    @property
-    def last_hessian(self) -> Array:
-        """(ndx, ndx)."""
-
-    @property
-    def last_gradient(self) -> Array:
-        """(ndx,)."""
-
-    @property
-    def feedback(self) -> Array:
-        """(N, nu, ndx) K."""
-
-    @property
-    def feedforward(self) -> Array:
-        """(N, nu) k."""
-
-    @property
-    def compiled(self) -> bool:
-        """Whether the sweep is to be machine code."""
+    jacobian: Array
+    hessian: Array
+    gradient: Array
+    gaps: Array
+    last_hessian: Array
+    last_gradient: Array
+    feedback: Array
+    feedforward: Array
+    compiled: bool
 
 
 def all_finite(*arrays: Array) -> bool:
@@ -96,7 +84,7 @@ class BackwardSweep:
         control_gradient: (N, nu) Qu.
     """
 
-    def __init__(self, functions: Expansion) -> None:
+    def __init__(self, functions: Expansion | ShootingFunctions) -> None:
         n, width, ndx = functions.jacobian.shape
         nu = width - ndx
         self._functions = functions

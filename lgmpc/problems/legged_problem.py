@@ -4,7 +4,8 @@ Every interval has the same action, contact forward dynamics whose flags are par
 impact after which no foot on the ground moves. The impact's costs penalise the distance of feet from their footholds
 and their speed, so that impulses are small.
 
-On the ground, contacts have the damping 1 / h and the stiffness 1 / (4 h^2), h being the interval's length. With the
+On the ground, contacts have the damping 1 / h and the stiffness 1 / (4 h^2), h being the interval's length, unless the
+settings give others. With the
 damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and creep by
 the sum of these errors; the stiffness halves the error with each interval. (With 1 / h^2 the position at the end,
 ``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
@@ -24,6 +25,7 @@ from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import ShootingProblem
+from lgmpc.problems.contact_gains import gains_of_contacts
 from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights
 from lgmpc.problems.reactions import carry
 from lgmpc.robot import Robot
@@ -143,7 +145,8 @@ def legged_problem(
 
     h = grid.durations[moving]
     problem.set("duration", h[:, None], moving)
-    problem.set("contact_gains", np.column_stack([0.25 / h**2, 1.0 / h]), moving)
+    gains = gains_of_contacts(robot, settings.contact_gains, np.column_stack([0.25 / h**2, 1.0 / h]))
+    problem.set("contact_gains", gains, moving)
     problem.set("contact_flags", grid.flags.astype(np.float64), range(last))
     problem.set("contact_points", places[moving].reshape(len(moving), -1), moving)
     problem.set("posture_reference", reference[[*moving, last]], [*moving, last])

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
+from lgmpc.problems.contact_gains import ContactGains
 from lgmpc.problems.scenario import ProblemSettings
 from lgmpc.robot import Robot
 from lgmpc.settings import (
@@ -78,6 +79,7 @@ class LeggedSettings(Settings):
         default=0.05,
         description="Normal force of feet on the ground below which a cost acts, as a fraction of the robot's weight.",
     )
+    contact_gains: ContactGains = {}
     weights: LeggedWeights = Field(default=LeggedWeights(), description="Weights of the cost.")
 
 

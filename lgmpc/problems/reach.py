@@ -16,6 +16,7 @@ from lgmpc.costs.library import Control, ControlGravity, FrameRotation, FrameTra
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between
+from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
 from lgmpc.problems.kinematics import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
@@ -49,6 +50,7 @@ class ReachSettings(ProblemSettings):
         description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
         "null: any rotation.",
     )
+    clearances: tuple[Clearance, ...] = Field(default=(), description="Pairs of shapes that keep a distance.")
     nodes: Count = Field(default=100, description="Number of intervals.")
     node_s: Interval = Field(default=0.01, description="Length of each interval, s.")
     weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
@@ -60,10 +62,10 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     Limits of efforts are bounds on the controls, those of joint positions and velocities are barriers. Figures:
     ``position_error_m``, ``rotation_error_deg`` (if a rotation is requested) and ``final_joint_velocity_rad_s``, the
     largest, at the end; ``joint_limit_violation_rad`` and ``joint_velocity_violation_rad_s``, the largest violations
-    of position and velocity limits.
+    of position and velocity limits; ``clearance_m`` (if there are clearances), the least distance of pairs of shapes.
 
     Raises:
-        InputError: no such frame, or a robot whose base is free.
+        InputError: no such frame, a robot whose base is free, or a clearance of shapes that cannot move.
     """
     s, w, nu = settings, settings.weights, robot.nu
     if robot.floating_base:
@@ -82,6 +84,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         limits,
     ]
     bounds = ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit)
+    soft, hard = clearance_items(robot, s.clearances)
     ending = [
         CostItem("position", FrameTranslation(s.frame, target.translation), w.position),
         CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], nu)),
@@ -91,7 +94,9 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         quaternion = pin.Quaternion(target.rotation).coeffs()
         ending.append(CostItem("rotation", FrameRotation(s.frame, quaternion), w.rotation))
     problem = ShootingProblem(
-        MultibodyAction("reach", dynamics, running, [bounds]), s.nodes, MultibodyAction("reach_end", dynamics, ending)
+        MultibodyAction("reach", dynamics, running + soft, [bounds, *hard]),
+        s.nodes,
+        MultibodyAction("reach_end", dynamics, ending),
     )
     problem.set("duration", s.node_s)
     problem.set_initial_state(robot.x_reference)
@@ -102,9 +107,11 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         beyond = np.maximum(np.maximum(state.lower - from_neutral, from_neutral - state.upper), 0.0).max(axis=0)
         off = math.degrees(angle_between(target.rotation, end.rotation))
         turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
+        apart = {"clearance_m": least_clearance(robot, s.clearances, trajectory.xs)} if s.clearances else {}
         return {
             "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
             **turned,
+            **apart,
             "final_joint_velocity_rad_s": float(np.abs(trajectory.xs[-1, robot.nq :]).max()),
             "joint_limit_violation_rad": float(beyond[: robot.nv].max()),
             "joint_velocity_violation_rad_s": float(beyond[robot.nv :].max()),

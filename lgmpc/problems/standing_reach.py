@@ -29,6 +29,8 @@ from lgmpc.costs.library import (
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between
+from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
+from lgmpc.problems.contact_gains import ContactGains, gains_of_contacts
 from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
 from lgmpc.problems.reactions import carry, friction_use, reactions
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
@@ -83,6 +85,8 @@ class StandingReachSettings(ProblemSettings):
         default=0.02, description="Least distance of a centre of pressure from its sole's edge, m."
     )
     friction: Friction = Field(default=0.5, description="Friction coefficient of the contact forces' cones.")
+    contact_gains: ContactGains = {}
+    clearances: tuple[Clearance, ...] = Field(default=(), description="Pairs of shapes that keep a distance.")
     nodes: Count = Field(default=30, description="Number of intervals.")
     node_s: Interval = Field(default=0.05, description="Length of each interval, s.")
     weights: StandingReachWeights = Field(default=StandingReachWeights(), description="Weights of the cost.")
@@ -123,11 +127,13 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     ``com_margin_m`` and ``zmp_margin_m``, least distances of the projected centre of mass and of the zero moment point
     to the edge of the soles' convex hull; ``cop_margin_m``, least distance of a centre of pressure to its sole's edge;
     ``friction_ratio``, tangential force over its limit; ``slip_m`` and ``sole_turn_deg``, displacements of the soles;
-    ``joint_limit_violation_rad``, largest violation of position limits. Forces are recomputed from the motion by
+    ``joint_limit_violation_rad``, largest violation of position limits; ``clearance_m``, the least distance of pairs of
+    shapes (if there are clearances). Forces are recomputed from the motion by
     Pinocchio's inverse dynamics.
 
     Raises:
-        InputError: a robot without free base or contact frames, an unknown frame, or a margin as large as the soles.
+        InputError: a robot without free base or contact frames, an unknown frame, a margin as large as the soles, gains
+            of a frame that is no contact, or a clearance of shapes that cannot move.
     """
     s = settings
     _check(robot, s)
@@ -157,9 +163,11 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
         off = math.degrees(angle_between(target.rotation, end.rotation))
         turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
+        apart = {"clearance_m": least_clearance(robot, s.clearances, xs)} if s.clearances else {}
         return {
             "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
             **turned,
+            **apart,
             "final_speed_m_s": com_speed(robot, xs[-1]),
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
             "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
@@ -229,7 +237,8 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     if s.rpy_deg is not None:
         quaternion = pin.Quaternion(target.rotation).coeffs()
         ending.append(CostItem("hand_rotation", FrameRotation(s.frame, quaternion), w.rotation))
-    action = MultibodyAction("standing_reach", dynamics, running, constraints)
+    soft, hard = clearance_items(robot, s.clearances)
+    action = MultibodyAction("standing_reach", dynamics, running + soft, constraints + hard)
     problem = ShootingProblem(action, s.nodes, MultibodyAction("standing_reach_end", dynamics, ending))
     nodes = list(range(s.nodes))
     h = s.node_s
@@ -238,7 +247,7 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
         "contact_points": np.concatenate([sole.translation for sole in stance]),
         "contact_orientations": np.concatenate([pin.Quaternion(sole.rotation).coeffs() for sole in stance]),
         # These gains cancel the displacement of a contact in one step of the integrator.
-        "contact_gains": [1.0 / h**2, 1.0 / h],
+        "contact_gains": gains_of_contacts(robot, s.contact_gains, np.array([[1.0 / h**2, 1.0 / h]]))[0],
     }
     for name, value in values.items():
         problem.set(name, value, nodes)

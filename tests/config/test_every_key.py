@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
@@ -85,6 +86,12 @@ commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, heig
 mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
+BALL = {
+    "first": {"kind": "capsule", "link": "panda_hand", "radius_m": 0.1, "half_length_m": 0.1},
+    "second": {"kind": "sphere", "link": "universe", "center_m": [0.5, 0.0, 0.5], "radius_m": 0.1},
+    "weight": 100.0,
+}
+
 OTHER: dict[str, Any] = {
     "walk/robot.contact_frames": ("foot_b", "foot_a", "foot_c"),
     "walk/robot.posture": {"slide_*": 0.02},
@@ -109,6 +116,16 @@ OTHER: dict[str, Any] = {
     "solo12_trot/robot.position_limit_rad": {"*_HAA": (-0.8, 0.9), "*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
     "solo12_trot/problem.phases.0.air": ("FR_FOOT", "HL_FOOT"),
     "talos_reach/problem.frame": "gripper_right_base_link",
+    "talos_reach/problem.contact_gains": {"left_sole_link": (100.0, 20.0)},
+    "talos_reach/problem.clearances": (
+        {
+            "first": {"kind": "sphere", "link": "gripper_left_base_link", "radius_m": 0.1},
+            "second": {"kind": "sphere", "link": "universe", "radius_m": 0.1},
+        },
+    ),
+    "solo12_*/problem.contact_gains": {"FL_FOOT": (100.0, 20.0)},
+    "panda_reach/problem.clearances": (BALL,),
+    "panda_reach/problem.clearances.0.*.link": "panda_link4",
     "panda_reach/problem.frame": "panda_hand",
     "*/problem.rotors.frames": ("iris__rotor_1", "iris__rotor_0", "iris__rotor_2", "iris__rotor_3"),
     "*/problem.rotors.turning": ("cw", "cw", "ccw", "ccw"),
@@ -137,6 +154,7 @@ EXEMPT: dict[str, str] = {
     "reference.kind": "selects a reference; the keys of all references are walked",
     "mpc.model": "selects a model; the keys of all models are walked",
     "problem.kind": "selects a problem; the keys of all problems are walked",
+    "problem.clearances.?.*.kind": "selects a shape",
     "problem.phases": "exclusive with pattern; the keys of phases are walked in a config that has some",
     "solver.method": "selects a solver; the keys of all solvers are walked",
 }
@@ -440,6 +458,7 @@ PHASES = ["problem.pattern=null", "problem.phases=[{duration_s: 0.2, air: [FL_FO
         ("solo12_com_circle_full_body", (), ("problem.",)),
         ("talos_reach", (), ("problem.",)),
         ("panda_reach", (), ("problem.",)),
+        ("panda_reach", [f"problem.clearances=[{json.dumps(BALL)}]"], ("problem.clearances.",)),
         ("iris_loop", (), ("problem.",)),
         ("upside_down_recovery", (), ("problem.",)),
     ],

@@ -1,0 +1,95 @@
+"""Pairs of shapes that keep a distance: parts of a robot from each other, or from things in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Union
+
+import coal
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
+from lgmpc.costs.library import ShapePairDistance
+from lgmpc.errors import InputError
+from lgmpc.robot import Capsule, CollisionShape, Robot, Sphere, place_shape
+from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.typing import Array
+
+__all__ = ["Clearance", "clearance_items", "least_clearance"]
+
+RoundShape = Annotated[Union[Sphere, Capsule], Field(discriminator="kind")]  # noqa: UP007
+"""A shape whose distance from another is known in closed form."""
+
+
+class Clearance(Settings):
+    """Two spheres or capsules that keep a distance."""
+
+    first: RoundShape = Field(description="A shape on a frame of the robot.")
+    second: RoundShape = Field(description="A shape on another link, or of the world (link: universe).")
+    distance_m: NonNegative = Field(default=0.02, description="Least distance of their surfaces, m.")
+    weight: Positive | None = Field(
+        default=None,
+        description="Of the squared lack of distance in the cost, 1/m2. null: a hard constraint, for sqp, al_fddp, "
+        "ipopt or fatrop.",
+    )
+
+
+def clearance_items(robot: Robot, clearances: Sequence[Clearance]) -> tuple[list[CostItem], list[ConstraintItem]]:
+    """Return the costs and constraints of clearances.
+
+    Raises:
+        InputError: an unknown frame, or two shapes on the same joint.
+    """
+    costs, constraints = [], []
+    for i, (clearance, pair) in enumerate(zip(clearances, _pairs(robot, clearances), strict=True)):
+        try:
+            distance = ShapePairDistance(*pair)
+        except InputError as error:
+            raise InputError(f"clearances.{i}", error.got, error.expected) from error
+        name = f"clearance_{i}"
+        if clearance.weight is None:
+            constraints.append(ConstraintItem(name, distance, clearance.distance_m, np.inf))
+        else:
+            costs.append(CostItem(name, distance, clearance.weight, QuadraticBarrier(clearance.distance_m, np.inf)))
+    return costs, constraints
+
+
+def least_clearance(robot: Robot, clearances: Sequence[Clearance], xs: Array) -> float:
+    """Return the least distance of all pairs at states (n, nx), by coal, m; negative where they overlap."""
+    data, request, result = robot.create_data(), coal.DistanceRequest(), coal.DistanceResult()
+    request.enable_signed_distance = True
+    least = np.inf
+    for first, second in _pairs(robot, clearances):
+        for x in xs:
+            pin.forwardKinematics(robot.model, data, x[: robot.nq])
+            places = []
+            for part in (first, second):
+                place = data.oMi[part.joint] * part.placement
+                places += [_geometry(part), coal.Transform3s(place.rotation, place.translation)]
+            result.clear()
+            least = min(least, coal.distance(*places, request, result))
+    return float(least)
+
+
+def _pairs(robot: Robot, clearances: Sequence[Clearance]) -> list[tuple[CollisionShape, CollisionShape]]:
+    return [
+        (_place(robot, f"clearances.{i}.first", each.first), _place(robot, f"clearances.{i}.second", each.second))
+        for i, each in enumerate(clearances)
+    ]
+
+
+def _place(robot: Robot, key: str, shape: Sphere | Capsule) -> CollisionShape:
+    try:
+        return place_shape(robot.model, shape)
+    except InputError as error:
+        raise InputError(f"{key}.link", error.got, error.expected, error.choices) from error
+
+
+def _geometry(part: CollisionShape) -> coal.CollisionGeometry:
+    shape = part.shape
+    if isinstance(shape, Sphere):
+        return coal.Sphere(shape.radius_m)
+    assert isinstance(shape, Capsule)
+    return coal.Capsule(shape.radius_m, 2.0 * shape.half_length_m)

@@ -50,7 +50,7 @@ class CentroidalFootholdAction(CentroidalAction):
             *self.parameters.parameters,
             Parameter("foothold_unit", contacts, "s_i, m; 0 keeps the nominal foothold", sign="not negative"),
             Parameter(
-                "foothold_room",
+                "foothold_margin",
                 contacts * facets,
                 "largest shift of the next foothold from its nominal point along each facet's normal, in units of s_i",
                 sign="positive",
@@ -84,10 +84,10 @@ class CentroidalFootholdAction(CentroidalAction):
         upper: list[Any] = []
         for i in range(self.contacts):
             flag = s["contact_flags"][i]
-            room = s["foothold_room"][self.facets * i : self.facets * (i + 1)]
+            margins = s["foothold_margin"][self.facets * i : self.facets * (i + 1)]
             force_z = u[3 * i + 2]
             rows += friction_margins([u[3 * i], u[3 * i + 1], flag * force_z], half_width, self.facets)
-            lower += ca.vertsplit(-(1 - flag) * room)
+            lower += ca.vertsplit(-(1 - flag) * margins)
             upper += [ca.SX(ca.inf)] * self.facets
             rows.append(force_z)
             lower.append(flag * s["normal_force_min"] - (1 - flag) * s["normal_force_max"])

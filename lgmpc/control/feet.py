@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents
-from lgmpc.locomotion.foothold_room import FootholdRoom
+from lgmpc.locomotion.foothold_margins import FootholdMargins
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
@@ -69,7 +69,7 @@ class Feet:
         self._places = self.legs.feet.tolist()
         self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
-        self._room = FootholdRoom(self._planner)
+        self._margins = FootholdMargins(self._planner)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
@@ -268,8 +268,8 @@ class Feet:
         points = np.where((self.stance | fixed)[:, None], self.footholds, self._nominal)
         self._planner.horizon(clock, motion, time, dt, points, horizon.points)
         horizon.friction[:] = friction
-        if horizon.room.size:
-            self._room.write(horizon, motion, dt, fixed)
+        if horizon.margins.size:
+            self._margins.write(horizon, motion, dt, fixed)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

@@ -12,7 +12,7 @@ from lgmpc.locomotion.command import (
     Timeline,
 )
 from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
-from lgmpc.locomotion.foothold_room import FootholdRoom
+from lgmpc.locomotion.foothold_margins import FootholdMargins
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -35,7 +35,7 @@ __all__ = [
     "ContactState",
     "FlatGround",
     "FootholdPlanner",
-    "FootholdRoom",
+    "FootholdMargins",
     "FootholdSettings",
     "Gait",
     "GaitClock",

@@ -20,7 +20,7 @@ _SLACK = 1e-9  # s
 
 
 class GaitClockSettings(Settings):
-    """What gait transitions keep to."""
+    """Constraints on gait transitions."""
 
     min_stance_s: NonNegative = Field(
         default=0.04, description="Shortest time that a foot stands before a transition or a delay lets it lift off, s."
@@ -132,7 +132,7 @@ class GaitClock:
     def start(self, t: float, gait: Gait, first: int | None = None, cycles: int | None = None) -> None:
         """Follow ``gait`` from now on, as soon as the swings that are under way have ended.
 
-        The cycle begins where the feet wait least, or with the lift-off of the foot ``first``.
+        The cycle begins where the feet's waiting times are shortest, or with the lift-off of the foot ``first``.
 
         Args:
             t: time, s.
@@ -202,7 +202,7 @@ class GaitClock:
         return self._peek(foot, t) - self._min_stance
 
     def stretch(self, foot: int, t: float, until: float) -> None:
-        """Let the present swing of a foot last until ``until``, if that is later than scheduled: its step is long.
+        """Extend the present swing of a foot to ``until``, if that is later than scheduled: its step is long.
 
         Lift-offs stay as they are: the foot stands for less long, and in a gait that has no time to spare the robot
         is in the air meanwhile.
@@ -256,7 +256,7 @@ class GaitClock:
     # Queries
 
     def advance(self, t: float) -> None:
-        """Move on to the time ``t`` of a tick: swings before the last one are forgotten."""
+        """Move on to the time ``t`` of a tick: swings before the last one are discarded."""
         self.time = t
         if t > self._rests_from:
             return  # nothing has begun since

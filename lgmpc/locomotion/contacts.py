@@ -195,7 +195,7 @@ class ContactEvents:
         return ContactState.LOST if lost else before
 
     def _wait(self, foot: int, t: float) -> ContactState:
-        """Make the schedule wait for a foot whose touchdown is due, up to the longest wait."""
+        """Delay the schedule for a foot whose touchdown is due, up to the longest wait."""
         begin = self.since[foot] if self.states[foot] is ContactState.LATE else t
         if t - begin >= self.settings.max_late_s:
             self.clock.touch_down(foot, t)

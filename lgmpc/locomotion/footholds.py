@@ -80,10 +80,10 @@ class BaseMotion:
         vy: m/s.
         yaw: of the base, rad.
         yaw_rate: commanded, rad/s.
-        wanted_vx: commanded velocity, world axes, m/s.
-        wanted_vy: m/s.
-        astray_x: position error of the centre of mass, measured minus desired, world axes, m.
-        astray_y: m.
+        commanded_vx: commanded velocity, world axes, m/s.
+        commanded_vy: m/s.
+        error_x: position error of the centre of mass, measured minus desired, world axes, m.
+        error_y: m.
         ramp: coming change of the commanded velocity, world axes.
     """
 
@@ -93,10 +93,10 @@ class BaseMotion:
     vy: float
     yaw: float
     yaw_rate: float = 0.0
-    wanted_vx: float = 0.0
-    wanted_vy: float = 0.0
-    astray_x: float = 0.0
-    astray_y: float = 0.0
+    commanded_vx: float = 0.0
+    commanded_vy: float = 0.0
+    error_x: float = 0.0
+    error_y: float = 0.0
     ramp: Ramp = Ramp()
 
 
@@ -168,19 +168,19 @@ class FootholdPlanner:
     def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float, width: float = 1.0) -> Point:
         """Return the foothold of a later swing: as :meth:`place`, after the velocity error has decayed."""
         left = self._left(remaining)
-        ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
+        ex, ey = motion.vx - motion.commanded_vx, motion.vy - motion.commanded_vy
         com = self.expected(motion, remaining, present=False)
-        wx, wy = _turn(motion.wanted_vx, motion.wanted_vy, motion.yaw_rate * remaining)
+        wx, wy = _turn(motion.commanded_vx, motion.commanded_vy, motion.yaw_rate * remaining)
         return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, (), width)
 
     def expected(self, motion: BaseMotion, remaining: float, present: bool) -> Point:
         """Return the predicted centre of mass: at constant velocity in a present swing, else with decaying error."""
         if present:
             return motion.x + motion.vx * remaining, motion.y + motion.vy * remaining
-        ex, ey = motion.vx - motion.wanted_vx, motion.vy - motion.wanted_vy
+        ex, ey = motion.vx - motion.commanded_vx, motion.vy - motion.commanded_vy
         drift = self.settings.error_decay_s * (1.0 - self._left(remaining))
         # The commanded velocity turns with the base: along the chord of the arc until the touchdown.
-        cx, cy = _turn(motion.wanted_vx, motion.wanted_vy, 0.5 * motion.yaw_rate * remaining)
+        cx, cy = _turn(motion.commanded_vx, motion.commanded_vy, 0.5 * motion.yaw_rate * remaining)
         return motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift
 
     def _left(self, remaining: float) -> float:
@@ -207,7 +207,7 @@ class FootholdPlanner:
         ramp = motion.ramp
         before, after = min(remaining, ramp.duration), min(remaining + stance, ramp.duration)
         vx, vy = vx + before * ramp.ax, vy + before * ramp.ay
-        wx, wy = _turn(motion.wanted_vx + after * ramp.ax, motion.wanted_vy + after * ramp.ay, turned)
+        wx, wy = _turn(motion.commanded_vx + after * ramp.ax, motion.commanded_vy + after * ramp.ay, turned)
         # To the middle of the stance: the path of the centre of mass turns by half of the base's rotation.
         nx, ny = _turn(vx, vy, 0.5 * omega * half)
         neutral = math.tanh(0.5 * rate * stance) / rate
@@ -219,7 +219,7 @@ class FootholdPlanner:
             ahead, left = self._walking[foot]
             left *= width
         fx, fy = _turn(ahead, left, motion.yaw + turned + omega * half)
-        ax, ay = motion.astray_x, motion.astray_y
+        ax, ay = motion.error_x, motion.error_y
         x = com[0] + fx + neutral * nx + gain * (vx - wx) - rolled * wx + outward * wy + s.position_feedback * ax
         y = com[1] + fy + neutral * ny + gain * (vy - wy) - rolled * wy - outward * wx + s.position_feedback * ay
         return self._bound(foot, (x, y), com, motion.yaw + turned, others)

@@ -20,18 +20,18 @@ class ContactHorizon:
         flags: (N, nc) whether each foot is in contact during each interval.
         points: (N, nc, 3) contact points, world, m; of a foot in the air, where it will touch down next.
         friction: (N,) Coulomb coefficient to rely on.
-        room: (N, nc, m) how far a foot in the air may touch down from its point, towards each of m evenly spaced
+        margins: (N, nc, m) how far a foot in the air may touch down from its point, towards each of m evenly spaced
             horizontal directions, the first along x, m; no directions where footholds are not decided.
     """
 
     flags: BoolArray
     points: Array
     friction: Array
-    room: Array
+    margins: Array
 
     @classmethod
     def allocate(cls, intervals: int, contacts: int, directions: int = 0) -> ContactHorizon:
-        """Return buffers with every foot in contact at the origin, friction 0.6 and no room."""
+        """Return buffers with every foot in contact at the origin, friction 0.6 and zero margins."""
         return cls(
             np.ones((intervals, contacts), dtype=np.bool_),
             np.zeros((intervals, contacts, 3)),

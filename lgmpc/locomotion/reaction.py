@@ -1,4 +1,4 @@
-"""The decision of a standing robot to step: when its feet cannot hold a push, and by which schedule."""
+"""Steps of a standing robot against a push: the criterion, and the choice of the schedule."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ def step_schedules(gait: Gait, cycle_shares: Sequence[float]) -> tuple[StepSched
 
 
 def forecast_cost(xs: Array, com: Array, mass: float) -> float:
-    """Return what a forecast costs, the mean over its nodes of weighted squares, m2/s2.
+    """Return the cost of a forecast, the mean over its nodes of weighted squares, m2/s2.
 
     Steps that catch a push leave the robot slower, nearer to its place, and less turned. The weights are in the
-    proportions of the MPC's while it steps (:class:`~lgmpc.mpc.centroidal.CentroidalSteppingWeights`), whatever
-    predicts.
+    proportions of the MPC's while it steps (:class:`~lgmpc.mpc.centroidal.CentroidalSteppingWeights`), for
+    every predictive model.
 
     Args:
         xs: (N+1, 9) [centre of mass; linear momentum; angular momentum].

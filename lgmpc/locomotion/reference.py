@@ -118,7 +118,7 @@ class ReferenceBuilder:
             self.yaw += dt * rate
 
     def shorten(self, com: Array, yaw: float) -> None:
-        """Move the desired position and heading to within the leash of the measured centre of mass (3,) and yaw."""
+        """Limit the distances of desired position and heading from measured centre of mass (3,) and yaw."""
         s = self.settings
         dx, dy = self.x - float(com[0]), self.y - float(com[1])
         distance = math.hypot(dx, dy)

@@ -4,9 +4,9 @@ Every coordinate is a polynomial of degree 5 in time. A new target replaces it b
 position, velocity and acceleration, so the path stays twice continuously differentiable; for a target that stays, the
 new polynomial is the old one (Flash and Hogan, "The coordination of arm movements", J. Neuroscience 5, 1985).
 
-A step of length d within the time T takes the acceleration :math:`10 d / (\sqrt 3 \, T^2)`. More than the motors have
-leaves the foot behind its path, and it comes down late, and somewhere else than planned. So a long step may
-take longer than the gait has it: as long as the acceleration stays within its limit.
+A step of length d within the time T takes the acceleration :math:`10 d / (\sqrt 3 \, T^2)`. Beyond what the motors
+provide the foot lags behind its path, and touches down late and elsewhere than planned. So a long step may take
+longer than the gait's swing: as long as the acceleration stays within its limit.
 """
 
 from __future__ import annotations
@@ -133,11 +133,11 @@ class SwingTrajectory:
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
     def frozen(self, t: float) -> bool:
-        """Return whether the swing is too far on for another target."""
+        """Return whether the swing is too advanced for another target."""
         return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff)
 
     def retarget(self, t: float, target: Array) -> bool:
-        """Move the target (3,), unless the swing is too far on; return whether it moved. The touchdown may move too."""
+        """Move the target (3,), unless the swing is too advanced; return whether it moved. The touchdown may, too."""
         if self.frozen(t):
             return False
         x, y, z = float(target[0]), float(target[1]), float(target[2])
@@ -181,7 +181,7 @@ class SwingTrajectory:
             velocity[2] = -self.touchdown_speed
 
     def _postpone(self) -> bool:
-        """Put the touchdown off until the step to the target is within the limit; return whether it had to be."""
+        """Postpone the touchdown until the step to the target is within the limit; return whether it had to be."""
         way = math.hypot(self.target[0] - self._from[0], self.target[1] - self._from[1])
         due = min(self.liftoff + math.sqrt(_PEAK * way / self.settings.acceleration_m_s2), self._latest)
         if due <= self.touchdown:

@@ -22,11 +22,11 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["CentroidalFootholdMpc", "CentroidalFootholdMpcSettings", "FootholdDecisionSettings", "Landing", "landings"]
 
-_LEAST_ROOM = 1e-4
+_LEAST_MARGIN = 1e-4
 """m: constraints without an interior are difficult for interior point methods."""
 
 _UNBOUNDED = 1e3
-"""Room of footholds that are not decided, in units of the control: no bound."""
+"""Margin of footholds that are not decided, in units of the control: no bound."""
 
 
 class FootholdDecisionSettings(Settings):
@@ -61,7 +61,7 @@ class CentroidalFootholdMpc(CentroidalMpc):
 
     As :class:`~lgmpc.mpc.centroidal.CentroidalMpc`, on the model of
     :class:`~lgmpc.actions.centroidal_footholds.CentroidalFootholdAction`. The contact points of the horizon are the
-    heuristic footholds, its ``room`` bounds the shifts; a zero shift is always admissible, so every update has a
+    heuristic footholds, its ``margins`` bound the shifts; a zero shift is always admissible, so every update has a
     feasible solution.
 
     Args:
@@ -93,8 +93,8 @@ class CentroidalFootholdMpc(CentroidalMpc):
         self._trust = s.footholds.trust_region_m
         self._normals = facet_normals(s.friction_facets)
         self._units = self.problem.view("foothold_unit")
-        self._room = self.problem.view("foothold_room").reshape(s.nodes + 1, contacts, s.friction_facets)
-        self._given_room: Array = np.zeros((s.nodes, contacts, s.friction_facets))
+        self._margins = self.problem.view("foothold_margin").reshape(s.nodes + 1, contacts, s.friction_facets)
+        self._given_margins: Array = np.zeros((s.nodes, contacts, s.friction_facets))
         self._landings: list[Landing] = []
 
     @staticmethod
@@ -103,10 +103,11 @@ class CentroidalFootholdMpc(CentroidalMpc):
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`."""
-        if contacts.room.shape != self._given_room.shape:
-            raise InputError("contacts.room", f"shape {contacts.room.shape}", f"shape {self._given_room.shape}")
-        self._given_room = room = contacts.room
-        self._landings = [each for each in landings(contacts.flags) if room[each.begin, each.foot].any()]
+        margins, shape = contacts.margins, self._given_margins.shape
+        if margins.shape != shape:
+            raise InputError("contacts.margins", f"shape {margins.shape}", f"shape {shape}")
+        self._given_margins = margins
+        self._landings = [each for each in landings(contacts.flags) if margins[each.begin, each.foot].any()]
         return super().update(state, contacts, reference, wrench)
 
     def _warm_start(self, t: float) -> None:
@@ -120,18 +121,18 @@ class CentroidalFootholdMpc(CentroidalMpc):
         feet = [swing.foot for swing in self._landings]
         # From one node after the touchdown: where time was shifted by a part of an interval, the one at it is between.
         known = shifts[[min(swing.end + 1, swing.until) for swing in self._landings], feet]
-        room = np.maximum(self._given_room[[swing.begin for swing in self._landings], feet], _LEAST_ROOM)
-        guess = _within(known, room, self._normals)
-        near = np.minimum(room, guess @ self._normals.T + self._trust) / self._unit
+        margins = np.maximum(self._given_margins[[swing.begin for swing in self._landings], feet], _LEAST_MARGIN)
+        guess = _within(known, margins, self._normals)
+        near = np.minimum(margins, guess @ self._normals.T + self._trust) / self._unit
         self._units[...] = 0.0
-        self._room[...] = _UNBOUNDED
+        self._margins[...] = _UNBOUNDED
         shifts[...] = 0.0
         for i, (foot, begin, end, until) in enumerate(self._landings):
             shifts[end : until + 1, foot] = guess[i]
             us[begin:end, foot] = 0.0
             us[end - 1, foot, :2] = guess[i] / self._unit
             self._units[begin:end, foot] = self._unit
-            self._room[begin:end, foot] = near[i]
+            self._margins[begin:end, foot] = near[i]
 
     def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
         n, nc = self.settings.nodes, self._contacts
@@ -172,9 +173,9 @@ def landings(flags: BoolArray) -> Iterator[Landing]:
             yield Landing(foot, begin, end, column.index(False, end) if False in column[end:] else n)
 
 
-def _within(shifts: Array, room: Array, normals: Array) -> Array:
-    """Return shifts (n, 2), each scaled down to satisfy its bounds ``room`` (n, m)."""
+def _within(shifts: Array, margins: Array, normals: Array) -> Array:
+    """Return shifts (n, 2), each scaled down to satisfy its bounds ``margins`` (n, m)."""
     along = shifts @ normals.T
-    share = np.divide(room, along, out=np.ones_like(along), where=along > room)
+    share = np.divide(margins, along, out=np.ones_like(along), where=along > margins)
     scaled: Array = shifts * share.min(axis=1, initial=1.0)[:, None]
     return scaled

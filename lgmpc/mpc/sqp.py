@@ -74,9 +74,9 @@ class SqpMpc(BaseMpc):
         """Discard the last plan and the failure counts: the next update starts as the first one."""
         super().reset()
         self._trajectory = None
-        self.forget()
+        self.reset_guess()
 
-    def forget(self) -> None:
+    def reset_guess(self) -> None:
         """Start the next update without a guess, at rest; the last plan remains the fall-back."""
         self._guess_time = None
 
@@ -132,7 +132,7 @@ class SqpMpc(BaseMpc):
         """Return the last valid plan; the next update starts from it, unless it may have caused this failure."""
         plan = super()._fall_back(status, t, qp_iterations, start)
         if self._plan is None or self._trajectory is None or plan.status is not MpcStatus.NOT_FINITE:
-            self.forget()  # the guess may be the cause of the failure
+            self.reset_guess()  # the guess may be the cause of the failure
         else:
             self.solver.set_guess(self._trajectory)
             self._guess_time = plan.time

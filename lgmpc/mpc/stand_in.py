@@ -82,6 +82,6 @@ class StandInMpc:
         plan = self.mpc.update(state, contacts, reference, wrench)
         self._trusted = plan.status.fresh and self.mpc.keeps_reach(plan)
         if not self._trusted:
-            self.mpc.forget()
+            self.mpc.reset_guess()
             self._pause = _PAUSE
         return plan

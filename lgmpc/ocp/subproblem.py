@@ -70,7 +70,7 @@ class SubproblemFunctions:
         for call in self._calls:
             call()
 
-    def curve(self, costates: Array, multipliers: Array) -> None:
+    def set_exact_hessians(self, costates: Array, multipliers: Array) -> None:
         """Write the Lagrangian's exact Hessians into the subproblem, in place of Gauss-Newton's.
 
         Args:

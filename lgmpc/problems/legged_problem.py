@@ -117,7 +117,7 @@ def legged_problem(
         dynamics,
         [
             CostItem("posture", deviation, rate * state),
-            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), QuadraticBarrier(*_room(robot))),
+            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), QuadraticBarrier(*_range(robot))),
             CostItem("effort", Control(robot.nu), rate * w.effort / scale.torque**2),
             *_cones(robot, friction, rate * w.friction / scale.force**2),
             *_feet(robot, rate * w.swing / scale.length**2),
@@ -203,7 +203,7 @@ def _beyond(robot: Robot, scale: LeggedScale) -> Array:
     return np.repeat([0.0, 1.0, 0.0, scale.time**2], [6, robot.nu, 6, robot.nu])
 
 
-def _room(robot: Robot) -> tuple[Array, Array]:
+def _range(robot: Robot) -> tuple[Array, Array]:
     """Return (ndx,) the smallest and the largest deviation from the reference posture at rest."""
     free, speed = np.full(6, np.inf), _SPEED_USED * robot.velocity_limit
     middle = robot.q_reference[robot.joint_q]

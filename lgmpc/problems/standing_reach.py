@@ -41,7 +41,7 @@ from lgmpc.typing import Array
 
 __all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
 
-_ROOM = 0.02
+_MARGIN = 0.02
 """Margin of the joints' references from their limits, rad (m)."""
 
 
@@ -211,8 +211,8 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     # With a reference on its limit a joint would make a constraint weakly active, near which interior-point methods
     # lose accuracy.
     posture = robot.x_reference.copy()
-    room = np.minimum(_ROOM, (robot.joint_upper - robot.joint_lower) / 2.0)
-    posture[robot.joint_q] = np.clip(posture[robot.joint_q], robot.joint_lower + room, robot.joint_upper - room)
+    margin = np.minimum(_MARGIN, (robot.joint_upper - robot.joint_lower) / 2.0)
+    posture[robot.joint_q] = np.clip(posture[robot.joint_q], robot.joint_lower + margin, robot.joint_upper - margin)
     running = [
         CostItem("posture", StateError(state, posture), deviation),
         CostItem("acceleration", JointAcceleration(nu), w.acceleration),

@@ -6,9 +6,9 @@ this does not reduce the violation to a quarter (Birgin and Martinez, "Practical
 constrained optimization", SIAM 2014; on trajectories: Howell, Jackson, Manchester, "ALTRO", IROS 2019; Jallet et al.,
 "ProxDDP", IEEE T-RO 2025). No subproblem can be infeasible, and the states follow the dynamics under feedback.
 
-The first penalty weighs violation and cost of the guess equally. A guess that violates nothing says nothing about this
-weight: then a minimum almost without constraints decides. Were the penalty much larger than the cost's curvature, every
-step that reaches another bound would be cut short.
+The first penalty weighs violation and cost of the guess equally. For a guess without violation it is that
+of a minimum almost without constraints. With a penalty much larger than the cost's curvature the line search would
+shorten every step that reaches another bound.
 
 Where no point satisfies the constraints the minima approach a stationary point of the violation c: ``|J^T c|`` is the
 cost's gradient over the penalty, which grows, while c stays. This is the status INFEASIBLE.

@@ -37,11 +37,11 @@ Solve = Callable[[], tuple[QpStatus, float]]
 def solve_curved(
     functions: SubproblemFunctions, solver: QpSolver, costates: Array, multipliers: Array, solve: Solve
 ) -> tuple[QpStatus, float]:
-    """Solve a subproblem with exact Hessians, or with what part of them is convex.
+    """Solve a subproblem with exact Hessians, or with the largest part tried that is convex.
 
-    lgmpc's own QP solver decides itself: a point that satisfies the optimality conditions, of a model that is convex
-    along the active rows, is what is looked for. Others, and its fallback without a compiler, are given models that are
-    convex without any row, which may leave out curvature where rows are active.
+    lgmpc's own QP solver takes any model whose solution satisfies the optimality conditions: one that is convex along
+    the active rows. Other solvers, and its fallback without a compiler, receive models that are convex without any row,
+    which may omit curvature where rows are active.
 
     Args:
         functions: with the subproblem around the current point.
@@ -54,7 +54,7 @@ def solve_curved(
     allowed = own is not None and own.may_take_over
     arrays = qp.values, qp.terminal_values
     convex, known = [array.copy() for array in arrays], [array.copy() for array in solver.solution.arrays]
-    functions.curve(costates, multipliers)
+    functions.set_exact_hessians(costates, multipliers)
     # Bounds may be infinite, and are the same.
     extra = [np.where(array == flat, 0.0, array - flat) for array, flat in zip(arrays, convex, strict=True)]
     status, kept = QpStatus.NUMERICAL, 1.0

@@ -263,7 +263,7 @@ class Fddp(IterativeSolver):
         return self._swept
 
     def _curve(self, exact: LagrangianHessians) -> bool:
-        """Sweep with exact Hessians of the last sweep's multipliers, or with what part of them is convex."""
+        """Sweep with exact Hessians of the last sweep's multipliers, or with the largest part tried that is convex."""
         f = self.functions
         exact.costates[...] = self.sweep.value_gradient[1:]
         exact.evaluate()

@@ -27,7 +27,7 @@ def filled(action: CentroidalAction, rng: np.random.Generator) -> np.ndarray:
         "u_weight": rng.uniform(0.1, 1.0, action.nu),
     }
     if isinstance(action, CentroidalFootholdAction):
-        values |= {"foothold_unit": UNIT, "foothold_room": rng.uniform(10.0, 50.0, 4 * action.facets)}
+        values |= {"foothold_unit": UNIT, "foothold_margin": rng.uniform(10.0, 50.0, 4 * action.facets)}
     p = np.zeros(action.parameters.size)
     for name, value in values.items():
         p[action.parameters[name]] = value
@@ -83,16 +83,16 @@ def test_its_derivatives_are_those_of_central_differences(action: CentroidalFoot
             np.testing.assert_allclose(blocks[names[2]][i, 0], cost, atol=1e-6)
 
 
-def test_shifts_are_bounded_by_their_room_and_forces_by_friction(action: CentroidalFootholdAction) -> None:
+def test_shifts_are_bounded_by_their_margins_and_forces_by_friction(action: CentroidalFootholdAction) -> None:
     p = filled(action, np.random.default_rng(3))
-    room = p[action.parameters["foothold_room"]].reshape(4, 8)
+    margins = p[action.parameters["foothold_margin"]].reshape(4, 8)
     u = np.zeros((4, 3))
     u[[0, 2], 2] = 5.0
-    u[1, 0] = room[1, 0] - 1e-6
+    u[1, 0] = margins[1, 0] - 1e-6
     assert action.evaluate(np.zeros(17), u.ravel(), p).violation == 0.0
-    u[1, 0] = room[1, 0] + 1e-3
+    u[1, 0] = margins[1, 0] + 1e-3
     assert action.evaluate(np.zeros(17), u.ravel(), p).violation == pytest.approx(1e-3)
-    u[1, 0], u[1, 2] = room[1, 0] + 1e-3, 20.0  # the unused control does not widen the room
+    u[1, 0], u[1, 2] = margins[1, 0] + 1e-3, 20.0  # the unused control does not widen the margins
     assert action.evaluate(np.zeros(17), u.ravel(), p).violation > 0.9e-3
     u[1], u[0, 0] = 0.0, 5.0
     assert action.evaluate(np.zeros(17), u.ravel(), p).violation > 1.0  # friction

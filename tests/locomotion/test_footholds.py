@@ -68,7 +68,7 @@ def test_a_robot_that_walks_is_above_the_middle_of_its_feet_one_that_stands_need
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
 def test_one_stance_takes_the_velocity_error_away(legs: LegGeometry, v: float, wanted: float, stance: float) -> None:
     planner = FootholdPlanner(replace(legs, radius=0.0), FootholdSettings(reach_share=1.0))
-    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, wanted_vx=wanted)
+    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, commanded_vx=wanted)
     # The mean foothold of a diagonal is the point that supports.
     support = np.mean([planner.place(foot, motion, 0.0, stance)[0] for foot in (0, 3)])
     if abs(support) < 0.12:  # within reach
@@ -81,7 +81,7 @@ def test_the_commanded_acceleration_needs_no_velocity_error(legs: LegGeometry) -
     point = replace(legs, radius=0.0)
     planner = FootholdPlanner(point, FootholdSettings(reach_share=1.0))
     stance, remaining = 0.12, 0.05
-    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, wanted_vx=0.4, ramp=Ramp(1.0, 0.0, 10.0))
+    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4, ramp=Ramp(1.0, 0.0, 10.0))
     touchdown = 0.4 * remaining  # where the centre of mass is predicted to be
     support = np.mean([planner.place(foot, motion, remaining, stance)[0] for foot in (0, 3)])
     _, after = pendulum(touchdown - support, 0.4 + remaining, legs.height, stance)
@@ -90,9 +90,9 @@ def test_the_commanded_acceleration_needs_no_velocity_error(legs: LegGeometry) -
 
 def test_a_robot_that_lags_puts_its_feet_further_back_and_round_ones_too(legs: LegGeometry) -> None:
     settings = FootholdSettings(position_feedback=0.5)
-    planner, motion = FootholdPlanner(legs, settings), BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, wanted_vx=0.4)
+    planner, motion = FootholdPlanner(legs, settings), BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4)
     place = planner.place(0, motion, 0.05, 0.12)
-    lagging = planner.place(0, replace(motion, astray_x=-0.01, astray_y=0.004), 0.05, 0.12)
+    lagging = planner.place(0, replace(motion, error_x=-0.01, error_y=0.004), 0.05, 0.12)
     np.testing.assert_allclose(np.subtract(lagging, place), [-0.005, 0.002], atol=1e-12)
     of_points = FootholdPlanner(replace(legs, radius=0.0), settings).place(0, motion, 0.05, 0.12)
     assert of_points[0] - place[0] == pytest.approx(legs.radius / legs.height * 0.4 * 0.06, rel=0.07)
@@ -117,13 +117,13 @@ def test_standing_from_then_on_takes_the_capture_point(legs: LegGeometry) -> Non
 
 def test_footholds_turn_with_the_base(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs)
-    straight = BaseMotion(0.0, 0.0, 0.4, 0.1, 0.0, wanted_vx=0.4)
+    straight = BaseMotion(0.0, 0.0, 0.4, 0.1, 0.0, commanded_vx=0.4)
     for yaw in (0.5, -2.0, 3.0):
         c, s = math.cos(yaw), math.sin(yaw)
         turn = np.array([[c, -s], [s, c]])
         vx, vy = turn @ [0.4, 0.1]
         wx, wy = turn @ [0.4, 0.0]
-        turned = BaseMotion(0.0, 0.0, vx, vy, yaw, wanted_vx=wx, wanted_vy=wy)
+        turned = BaseMotion(0.0, 0.0, vx, vy, yaw, commanded_vx=wx, commanded_vy=wy)
         for foot in range(4):
             place = turn @ planner.place(foot, straight, 0.1, 0.2)
             np.testing.assert_allclose(planner.place(foot, turned, 0.1, 0.2), place, atol=1e-12)
@@ -141,7 +141,7 @@ def test_a_turn_in_place_puts_the_feet_ahead_by_half_a_stance(legs: LegGeometry)
 
 def test_a_turn_while_moving_shifts_the_support_outward(legs: LegGeometry) -> None:
     v, omega, stance = 0.5, 1.0, 0.01
-    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, yaw_rate=omega, wanted_vx=v)
+    motion = BaseMotion(0.0, 0.0, v, 0.0, 0.0, yaw_rate=omega, commanded_vx=v)
     centre = np.mean([FootholdPlanner(legs).place(foot, motion, 0.0, stance) for foot in range(4)], axis=0)
     # Support y moves so that (0 - y) g / h is the centripetal acceleration omega v, to the left.
     assert -centre[1] * 9.81 / legs.height == pytest.approx(omega * v, rel=0.01)
@@ -199,7 +199,7 @@ def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> 
     clock = GaitClock(TROT)
     t, dt = 0.02, 0.02
     clock.advance(t)
-    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, wanted_vx=0.5)
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, commanded_vx=0.5)
     contacts = np.arange(12.0).reshape(4, 3)
     points = np.zeros((20, 4, 3))
     planner.horizon(clock, motion, t, dt, contacts, points)
@@ -217,7 +217,7 @@ def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> 
 
 def test_later_swings_are_placed_for_the_commanded_velocity(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs)
-    motion = BaseMotion(0.0, 0.0, 0.5, 0.2, 0.0, wanted_vx=0.5)
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.2, 0.0, commanded_vx=0.5)
     steady = replace(motion, vy=0.0)
     near = planner.place_later(0, motion, 0.0, 0.18)
     np.testing.assert_allclose(near, planner.place(0, motion, 0.0, 0.18), atol=1e-12)

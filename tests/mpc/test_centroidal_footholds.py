@@ -28,14 +28,14 @@ STANDING = np.array([0.0, 0.0, 0.21, 0, 0, 0, 0, 0, 0])
 NORMALS = facet_normals(FACETS)
 
 
-def trotting(first: int = 0, room: float = 0.1) -> ContactHorizon:
+def trotting(first: int = 0, margins: float = 0.1) -> ContactHorizon:
     """Diagonal pairs in turn, six intervals each, ``first`` intervals on; feet land where they were."""
     contacts = ContactHorizon.allocate(NODES, 4, FACETS)
     contacts.hold(FEET, np.ones(4, dtype=bool), 0.6)
     phase = (np.arange(NODES) + first) // 6 % 2
     contacts.flags[:, [0, 3]] = (phase == 1)[:, None]
     contacts.flags[:, [1, 2]] = (phase == 0)[:, None]
-    contacts.room[~contacts.flags] = room
+    contacts.margins[~contacts.flags] = margins
     return contacts
 
 
@@ -87,8 +87,8 @@ def test_a_light_weight_lets_footholds_go_further() -> None:
     assert shifts[0] > shifts[1] > shifts[2] > 5e-4
 
 
-def test_without_room_it_is_the_centroidal_mpc() -> None:
-    contacts = trotting(room=0.0)
+def test_without_margins_it_is_the_centroidal_mpc() -> None:
+    contacts = trotting(margins=0.0)
     plan, alone = update(make(), 0.0, PUSHED, contacts), update(CentroidalMpc(MASS, 4), 0.0, PUSHED, contacts)
     np.testing.assert_allclose(plan.xs, alone.xs, atol=1e-9)
     np.testing.assert_allclose(plan.forces, alone.forces, atol=1e-6)
@@ -98,8 +98,8 @@ def test_without_room_it_is_the_centroidal_mpc() -> None:
 @pytest.mark.parametrize("qp_solver", QP_SOLVERS)
 def test_every_solver_finds_the_same_footholds(qp_solver: str) -> None:
     contacts = trotting(first=3)
-    with_room = make(qp_solver=qp_solver, weight=50.0)
-    plan, own = converged(with_room, PUSHED, contacts), converged(make(weight=50.0), PUSHED, contacts)
+    chosen = make(qp_solver=qp_solver, weight=50.0)
+    plan, own = converged(chosen, PUSHED, contacts), converged(make(weight=50.0), PUSHED, contacts)
     loose = 1e-3 if qp_solver == "osqp" else 1e-5
     np.testing.assert_allclose(plan.footholds, own.footholds, atol=loose)
     assert max(plan.kkt.stationarity, plan.kkt.constraint) < (0.1 if qp_solver == "osqp" else 1e-4)
@@ -113,20 +113,20 @@ def test_every_solver_finds_the_same_footholds(qp_solver: str) -> None:
     st.integers(0, 11),
 )
 def test_no_plan_leaves_the_room_or_the_trust_region(
-    mpc: CentroidalFootholdMpc, room: list[float], vx: float, vy: float, first: int
+    mpc: CentroidalFootholdMpc, margins: list[float], vx: float, vy: float, first: int
 ) -> None:
     mpc.reset()
     before: dict[tuple[int, int], np.ndarray] = {}
     x = STANDING + MASS * np.array([0, 0, 0, vx, vy, 0, 0, 0, 0])
     contacts = trotting(first)
-    contacts.room[~contacts.flags] = room
+    contacts.margins[~contacts.flags] = margins
     for _ in range(4):
         plan = update(mpc, 0.0, x, contacts)
         assert plan.status.fresh and plan.footholds is not None
         for foot, begin, _, _ in landings(contacts.flags):
             shift = (plan.footholds - contacts.points)[begin, foot, :2]
             last = before.get((foot, begin), np.zeros(2))
-            assert (NORMALS @ shift <= np.maximum(room, 1e-4) + 1e-6).all()
+            assert (NORMALS @ shift <= np.maximum(margins, 1e-4) + 1e-6).all()
             assert (NORMALS @ (shift - last) <= 0.02 + 1e-6).all()
             before[foot, begin] = shift
 
@@ -161,5 +161,5 @@ def test_a_failed_update_keeps_the_last_footholds_and_says_so() -> None:
 
 def test_rooms_of_the_wrong_shape_are_named() -> None:
     contacts = ContactHorizon.allocate(NODES, 4)
-    with pytest.raises(InputError, match=r"contacts\.room: got shape \(20, 4, 0\); expected shape \(20, 4, 12\)"):
+    with pytest.raises(InputError, match=r"contacts\.margins: got shape \(20, 4, 0\); expected shape \(20, 4, 12\)"):
         update(make(), 0.0, STANDING, contacts)

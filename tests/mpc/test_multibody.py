@@ -251,11 +251,11 @@ def test_what_is_forgotten_is_no_guess_but_still_a_plan_to_fall_back_on(mpc: Mul
     fresh = update(mpc, 0.0, pushed(0.1))
     mpc.reset()
     good = update(mpc, -0.02, pushed(0.3))
-    mpc.forget()
+    mpc.reset_guess()
     np.testing.assert_array_equal(update(mpc, 0.0, pushed(0.1)).forces, fresh.forces)
     mpc.reset()
     good = update(mpc, 0.0)
-    mpc.forget()
+    mpc.reset_guess()
     assert update(mpc, 0.02, np.full(18, np.nan)).xs is good.xs
 
 

@@ -3,7 +3,7 @@
     minimise 1/2 z^T P z + c^T z    subject to    E z = e,    lower <= G z <= upper,
     z = [du_0, dx_1, du_1, dx_2, ..., du_{N-1}, dx_N]
 
-The patterns never change. Values arrive by one gather a matrix, from positions that are worked out once.
+The patterns never change. Values arrive by one gather a matrix, from positions that are computed once.
 """
 
 from __future__ import annotations

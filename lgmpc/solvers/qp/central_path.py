@@ -65,7 +65,7 @@ class CentralPath:
         self.settled = False
 
     def begin(self, weights: Array, targets: Array) -> None:
-        """Write (N, ng) the penalties of the first point: all rows are drawn to where they are nearest to zero."""
+        """Write (N, ng) the penalties of the first point: targets are the values within bounds nearest to zero."""
         weights[...] = self._start
         weights.ravel()[self._equal] = self._penalty
         targets[...] = nearest_in(np.zeros_like(targets), self._lower, self._upper)

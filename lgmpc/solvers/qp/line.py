@@ -1,4 +1,4 @@
-"""The least augmented Lagrangian on a line, where a step of Newton's method on it is too long."""
+"""Exact line search on an augmented Lagrangian, where a step of Newton's method on it is too long."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from lgmpc.solvers.qp.central_path import nearest_in
 from lgmpc.typing import Array
 
-__all__ = ["part_way"]
+__all__ = ["exact_line_search"]
 
 _BISECTIONS = 10  # of a step's length: phi is flat where it is least
 
 
-def part_way(
+def exact_line_search(
     rows: Array, step: Array, cost: float, cost_after: float, slope_after: float, rho: float, lower: Array, upper: Array
 ) -> tuple[Array, float, float]:
     """Return the point of a step where ``phi = cost + rho/2 dist(rows, [lower, upper])^2`` is least.

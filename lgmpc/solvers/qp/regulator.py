@@ -94,7 +94,7 @@ class BlockRegulator:
         return float(self._cost[0])
 
     def load(self, qp: OcpQp) -> None:
-        """Take over a problem's matrices and vectors (its bounds are none of the regulator's business)."""
+        """Read a problem's matrices and vectors; its bounds are not used."""
         nx = self.dx0.size
         values = np.ascontiguousarray(qp.values)
         self._frame[_VALUES] = values.ctypes.data
@@ -132,7 +132,7 @@ class BlockRegulator:
         return float(np.abs(self._residual).max(initial=0.0))
 
     def refine(self) -> None:
-        """Correct minimiser and multipliers by the last :meth:`stationarity`, with the factors there are."""
+        """Correct minimiser and multipliers by the last :meth:`stationarity`, with the last factors."""
         self._plan[-1] = _SOLVE
         self._call(self._correcting)
         dxs, dus, costates, rows = self._correction

@@ -7,7 +7,7 @@ For multiplier estimates mu and a penalty rho the augmented Lagrangian
 is convex and piecewise quadratic: the rows outside their (shifted) bounds are the active ones, and the minimiser of the
 piece that they define is one call of the regulator (:mod:`lgmpc.solvers.qp.lqr`) with these rows penalised. Newton's
 method (Qi and Sun, "A nonsmooth version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the
-last point until they stay the same, where phi would not fall with a step shortened to the least phi on its way; then
+last point until they stay the same, with an exact line search where phi would not decrease; then
 ``mu <- rho (row + mu / rho - nearest point)`` (Hestenes' and Powell's method of multipliers), which with a large rho is
 exact after one or two rounds, and after ten with a hundred rows and more at their bounds.
 
@@ -27,7 +27,7 @@ import numpy as np
 
 from lgmpc.compile import BatchKernel, CompiledFunction, compile_function, recall
 from lgmpc.ocp import OcpQp, OcpQpStructure
-from lgmpc.solvers.qp.line import part_way
+from lgmpc.solvers.qp.line import exact_line_search
 from lgmpc.solvers.qp.lqr import lqr_function
 from lgmpc.solvers.qp.piqp import PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
@@ -38,7 +38,7 @@ __all__ = ["RiccatiSettings", "RiccatiSolver"]
 
 @dataclass(frozen=True)
 class RiccatiSettings:
-    """How accurate, and how long before the other solver takes over.
+    """Tolerance and limits of :class:`RiccatiSolver`.
 
     Attributes:
         tolerance: largest residual of the optimality conditions.
@@ -157,7 +157,9 @@ class RiccatiSolver:
                 low, high = (self.qp.vector(name) - self._mu / rho for name in ("lower", "upper"))
                 step = self._rows - self._point
                 end = -float(np.vdot(self._multipliers, step))
-                self._point[...], cost_before, phi = part_way(self._point, step, cost_before, cost, end, rho, low, high)
+                self._point[...], cost_before, phi = exact_line_search(
+                    self._point, step, cost_before, cost, end, rho, low, high
+                )
         return False
 
 

@@ -1,7 +1,7 @@
 """lgmpc's own for large stages: active sets where the last solve identifies them, an interior point method where not.
 
-Both are made of one thing, the regulator with penalised rows (:class:`~lgmpc.solvers.qp.regulator.BlockRegulator`),
-whose cost does not depend on how many rows are active.
+Both use the regulator with penalised rows (:class:`~lgmpc.solvers.qp.regulator.BlockRegulator`), whose computing time
+does not depend on the number of active rows.
 
 *Active sets.* The rows outside their bounds, shifted by the multipliers, are penalised as in
 :mod:`lgmpc.solvers.qp.riccati`, until they stay the same. From one iteration of an SQP to the next few rows change: one
@@ -11,8 +11,8 @@ to three sweeps confirm the active set that the multipliers imply.
 with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
 of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
 IFAC 2020). The predictor also identifies the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
-Tapia, Zhang, SIAM Review 36, 1994). So the active sets take over again as soon as these hardly change any more, and
-finish exactly, without the ill-conditioned end of the central path.
+Tapia, Zhang, SIAM Review 36, 1994). As soon as these hardly change any more, the solve
+continues with active sets and ends exactly, without the ill-conditioned end of the central path.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.cascade import Cascade
 from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
 from lgmpc.solvers.qp.infeasibility import is_certificate
-from lgmpc.solvers.qp.line import part_way
+from lgmpc.solvers.qp.line import exact_line_search
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.solvers.qp.regulator import BlockRegulator
@@ -50,7 +50,7 @@ _START = 20.0  # penalty of all rows where the central path begins, in control w
 
 @dataclass(frozen=True)
 class StructuredSettings:
-    """How accurate, and how long before the next method takes over.
+    """Tolerance and limits of :class:`StructuredSolver`.
 
     Attributes:
         tolerance: largest residual of the optimality conditions.
@@ -66,7 +66,7 @@ class StructuredSettings:
     penalty: float = 1e7
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
+        """Check tolerance and penalty."""
         if not self.tolerance > 0.0:
             raise InputError("tolerance", self.tolerance, "above 0")
         if not self.penalty > 0.0:
@@ -278,7 +278,7 @@ class StructuredSolver:
                     rows, cost = r.rows.copy(), r.cost
                     break
                 end = -float(np.vdot(r.multipliers, r.rows - rows))
-                rows, cost, _ = part_way(rows, r.rows - rows, cost, r.cost, end, rho, lower, upper)
+                rows, cost, _ = exact_line_search(rows, r.rows - rows, cost, r.cost, end, rho, lower, upper)
             reach = max(reach, 2.0 * float(np.abs(r.dus).max(initial=0.0)))
             if is_certificate(self.qp, r.dx0, r.multipliers, reach):
                 return True
@@ -292,18 +292,18 @@ class StructuredSolver:
         """Take the regulator's point and multipliers if they satisfy the optimality conditions."""
         r, tolerance = self._regulator, self.settings.tolerance
         r.take_multipliers()
-        if not self._loose() <= tolerance:
+        if not self._bound_residual() <= tolerance:
             return False
         for _ in range(_REFINEMENTS):
             if r.stationarity() <= tolerance:
                 break
             r.refine()
-        if not max(self._loose(), r.stationarity()) <= tolerance:
+        if not max(self._bound_residual(), r.stationarity()) <= tolerance:
             return False
         self.solution.write(r.dxs, r.dus, r.costates, r.multipliers)
         return True
 
-    def _loose(self) -> float:
-        """Zero exactly if all rows are within bounds and all multipliers belong to bounds that their rows are at."""
+    def _bound_residual(self) -> float:
+        """Return the largest residual of bounds and complementarity: 0 if only rows at bounds have multipliers."""
         r = self._regulator
         return float(np.abs(r.rows - nearest_in(r.rows + r.multipliers, self._lower, self._upper)).max(initial=0.0))

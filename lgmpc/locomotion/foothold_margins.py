@@ -1,10 +1,10 @@
 """Bounds on the shift of a foothold from its nominal point: reach, own side of the base, clearance from other feet.
 
 The admissible footholds of a foot are a convex polygon about the nominal one p, with sides towards m evenly spaced
-directions n_j: ``n_j . d <= room_j`` for the shift d. The disc of radius R that the leg reaches about its hip h
-contains the polygon with ``room_j = n_j . (h - p) + R cos(pi / m)``. A half-plane ``w . d <= a`` contains it if the two
-sides next to w, with ``w = a_j n_j + a_k n_k`` and non-negative coefficients, have at most the room
-``a / (a_j + a_k)``. The polygon is therefore an inner approximation for bounds of any direction. Rooms are not
+directions n_j: ``n_j . d <= margin_j`` for the shift d. The disc of radius R that the leg reaches about its hip h
+contains the polygon with ``margin_j = n_j . (h - p) + R cos(pi / m)``. A half-plane ``w . d <= a`` contains it if the
+two sides next to w, with ``w = a_j n_j + a_k n_k`` and non-negative coefficients, have at most the margin
+``a / (a_j + a_k)``. The polygon is therefore an inner approximation for bounds of any direction. Margins are not
 negative: a nominal foothold on the edge of the disc is admissible too, and moves the sides next to it outward as far as
 itself, so that a corner is at most ``R / cos(pi / m)`` from the hip.
 """
@@ -21,11 +21,11 @@ from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.robot.friction import facet_normals
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["FootholdRoom", "tighten"]
+__all__ = ["FootholdMargins", "tighten"]
 
 
-class FootholdRoom:
-    """Computes the room of every foothold of a horizon.
+class FootholdMargins:
+    """Computes the margins of every foothold of a horizon.
 
     Args:
         planner: planner of the nominal footholds, with the bounds to satisfy.
@@ -35,9 +35,9 @@ class FootholdRoom:
         self._planner = planner
 
     def write(self, horizon: ContactHorizon, motion: BaseMotion, dt: float, fixed: BoolArray) -> None:
-        """Write ``horizon.room`` from its flags and points: zero for feet that stand.
+        """Write ``horizon.margins`` from its flags and points: zero for feet that stand.
 
-        A nominal foothold that violates a bound has zero room towards it.
+        A nominal foothold that violates a bound has a margin of zero towards it.
 
         Args:
             horizon: contacts over intervals of ``dt``.
@@ -45,9 +45,9 @@ class FootholdRoom:
             dt: duration of the intervals, s.
             fixed: (nc,) feet whose present swing has passed the time at which its target is frozen.
         """
-        room, flags = horizon.room, horizon.flags
-        room[...] = 0.0
-        normals = directions(room.shape[2])
+        margins, flags = horizon.margins, horizon.flags
+        margins[...] = 0.0
+        normals = directions(margins.shape[2])
         for foot, column in enumerate(flags.T.tolist()):
             begin = 0
             while begin < len(column):
@@ -56,7 +56,7 @@ class FootholdRoom:
                     continue
                 end = column.index(True, begin) if True in column[begin:] else len(column)
                 if end < len(column) and not (begin == 0 and fixed[foot]):
-                    room[begin:end, foot] = self._at(foot, horizon, end, motion, dt * end, begin == 0, normals)
+                    margins[begin:end, foot] = self._at(foot, horizon, end, motion, dt * end, begin == 0, normals)
                 begin = end
 
     def _at(
@@ -69,7 +69,7 @@ class FootholdRoom:
         present: bool,
         normals: Array,
     ) -> Array:
-        """Return (m,) the room of the foothold of a touchdown at the beginning of interval ``touchdown``."""
+        """Return (m,) the margins of the foothold of a touchdown at the beginning of interval ``touchdown``."""
         planner = self._planner
         com, yaw = planner.expected(motion, remaining, present), motion.yaw + motion.yaw_rate * remaining
         points = horizon.points[touchdown, :, :2].tolist()
@@ -78,20 +78,20 @@ class FootholdRoom:
         ahead, left = planner.hips[foot]
         hip = (com[0] + c * ahead - s * left - x, com[1] + s * ahead + c * left - y)
         reach = planner.reach[foot] * math.cos(math.pi / len(normals))
-        room: Array = normals @ np.array(hip) + reach
+        margins: Array = normals @ np.array(hip) + reach
         beside = planner.feet[foot][1]
         if beside != 0.0:
             own = math.copysign(1.0, beside)
             across = own * (c * (y - com[1]) - s * (x - com[0]) - planner.sides[foot])
-            tighten(room, math.atan2(-own * c, own * s), across)
+            tighten(margins, math.atan2(-own * c, own * s), across)
         landing = horizon.flags[touchdown - 1].tolist()
         for other, (ox, oy) in enumerate(points):
             if other != foot:
                 dx, dy = ox - x, oy - y
                 clear = math.hypot(dx, dy) - planner.spacing
-                tighten(room, math.atan2(dy, dx), clear if landing[other] else 0.5 * clear)
-        np.maximum(room, 0.0, out=room)
-        return room
+                tighten(margins, math.atan2(dy, dx), clear if landing[other] else 0.5 * clear)
+        np.maximum(margins, 0.0, out=margins)
+        return margins
 
 
 @functools.lru_cache(maxsize=8)
@@ -102,9 +102,9 @@ def directions(count: int) -> Array:
     return normals
 
 
-def tighten(room: Array, angle: float, distance: float) -> None:
-    """Reduce the room (m,) so that no shift goes further than ``distance``, m, towards ``angle``, rad; at least 0."""
-    count = len(room)
+def tighten(margins: Array, angle: float, distance: float) -> None:
+    """Reduce margins (m,) so that no shift goes further than ``distance``, m, towards ``angle``, rad; at least to 0."""
+    count = len(margins)
     sector = 2.0 * math.pi / count
     first, past = divmod(angle % (2.0 * math.pi), sector)
     j = int(first) % count
@@ -112,4 +112,4 @@ def tighten(room: Array, angle: float, distance: float) -> None:
     most = max(distance, 0.0) / (weights[0] + weights[1])
     for k, weight in zip((j, (j + 1) % count), weights, strict=True):
         if weight > 1e-9:
-            room[k] = min(room[k], most)
+            margins[k] = min(margins[k], most)

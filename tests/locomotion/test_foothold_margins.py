@@ -1,4 +1,4 @@
-"""The room of footholds: what it holds is within reach, on its own side, and clear of the other feet."""
+"""The margins of footholds: what they admit is within reach, on its own side, and clear of the other feet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lgmpc.locomotion.clock import GaitClock
-from lgmpc.locomotion.foothold_room import FootholdRoom, tighten
+from lgmpc.locomotion.foothold_margins import FootholdMargins, tighten
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon
@@ -19,33 +19,33 @@ from lgmpc.robot.friction import facet_normals
 DT = 0.02
 
 
-def corners(room: np.ndarray) -> np.ndarray:
-    """Corners of the polygon of normals and room: intersections of sides that are within all others."""
-    normals = facet_normals(len(room))
+def corners(margins: np.ndarray) -> np.ndarray:
+    """Corners of the polygon of normals and margins: intersections of sides that are within all others."""
+    normals = facet_normals(len(margins))
     found = []
-    for i in range(len(room)):
+    for i in range(len(margins)):
         for j in range(i):
             pair = normals[[i, j]]
             if abs(np.linalg.det(pair)) > 1e-9:
-                corner = np.linalg.solve(pair, room[[i, j]])
-                if (normals @ corner <= room + 1e-9).all():
+                corner = np.linalg.solve(pair, margins[[i, j]])
+                if (normals @ corner <= margins + 1e-9).all():
                     found.append(corner)
     return np.array(found)
 
 
 @given(st.integers(3, 16), st.floats(-7.0, 7.0), st.floats(0.0, 0.3), st.floats(0.05, 0.3))
-def test_no_shift_goes_further_than_a_tightened_room(count: int, angle: float, distance: float, width: float) -> None:
-    room = np.full(count, width)
-    tighten(room, angle, distance)
+def test_no_shift_goes_further_than_a_tightened_margin(count: int, angle: float, distance: float, width: float) -> None:
+    margins = np.full(count, width)
+    tighten(margins, angle, distance)
     towards = np.array([math.cos(angle), math.sin(angle)])
-    assert (corners(room) @ towards).max() <= distance + 1e-9
-    assert (room >= 0.0).all()
+    assert (corners(margins) @ towards).max() <= distance + 1e-9
+    assert (margins >= 0.0).all()
 
 
 def test_a_side_of_the_polygon_loses_nothing() -> None:
-    room = np.full(8, 0.2)
-    tighten(room, math.pi / 4, 0.1)
-    np.testing.assert_allclose(room, [0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
+    margins = np.full(8, 0.2)
+    tighten(margins, math.pi / 4, 0.1)
+    np.testing.assert_allclose(margins, [0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
 
 
 def written(
@@ -63,7 +63,7 @@ def written(
     planner.horizon(clock, motion, t, DT, contacts, horizon.points)
     held = np.zeros(4, dtype=bool)
     held[list(fixed)] = True
-    FootholdRoom(planner).write(horizon, motion, DT, held)
+    FootholdMargins(planner).write(horizon, motion, DT, held)
     return planner, horizon
 
 
@@ -75,22 +75,22 @@ def written(
     st.sampled_from(["trot", "walk", "pace", "bound"]),
     st.integers(4, 12),
 )
-def test_footholds_with_room_are_within_reach_on_their_side_and_clear_of_other_feet(
+def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_other_feet(
     legs: LegGeometry, velocity: tuple[float, float, float], yaw: float, t: float, gait: str, directions: int
 ) -> None:
     vx, vy, rate = velocity
-    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, wanted_vx=0.5 * vx)
+    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, commanded_vx=0.5 * vx)
     planner, horizon = written(legs, motion, gait, t, directions)
-    assert (horizon.room >= 0.0).all()
-    assert (horizon.room[horizon.flags] == 0.0).all()
+    assert (horizon.margins >= 0.0).all()
+    assert (horizon.margins[horizon.flags] == 0.0).all()
     for foot in range(4):
         column = horizon.flags[:, foot]
         for end in np.flatnonzero(column[1:] & ~column[:-1]) + 1:
             begin = end - 1
             while begin > 0 and not column[begin - 1]:
                 begin -= 1
-            room, nominal = horizon.room[begin, foot], horizon.points[end, foot, :2]
-            assert (horizon.room[begin:end, foot] == room).all()
+            margins, nominal = horizon.margins[begin, foot], horizon.points[end, foot, :2]
+            assert (horizon.margins[begin:end, foot] == margins).all()
             remaining = DT * end
             com = np.array(planner.expected(motion, remaining, present=begin == 0))
             turned = yaw + rate * remaining
@@ -101,7 +101,7 @@ def test_footholds_with_room_are_within_reach_on_their_side_and_clear_of_other_f
             inside = out <= planner.reach[foot] * math.cos(math.pi / directions)
             # Where the nominal foothold itself breaks a bound, a shift breaks it by no more than the polygon's corners.
             reach = planner.reach[foot] if inside else max(planner.reach[foot], out) / math.cos(math.pi / directions)
-            for corner in corners(room):
+            for corner in corners(margins):
                 place = nominal + corner
                 local = axes @ (place - com)
                 assert np.linalg.norm(local - planner.hips[foot]) <= reach + 1e-9
@@ -114,22 +114,22 @@ def test_footholds_with_room_are_within_reach_on_their_side_and_clear_of_other_f
                     assert np.linalg.norm(place - there) >= min(least, away) - 1e-9
 
 
-def test_a_fixed_foot_has_no_room_in_its_present_swing(legs: LegGeometry) -> None:
-    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, wanted_vx=0.5)
+def test_a_fixed_foot_has_no_margin_in_its_present_swing(legs: LegGeometry) -> None:
+    motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, commanded_vx=0.5)
     _, free = written(legs, motion, "trot", 0.03, 12)
     swinging = np.flatnonzero(~free.flags[0])
     assert swinging.size == 2
     _, fixed = written(legs, motion, "trot", 0.03, 12, tuple(swinging))
     end = int(free.flags[:, swinging[0]].argmax())
-    assert (fixed.room[:end, swinging] == 0.0).all() and free.room[:end, swinging].min() > 0.05
-    np.testing.assert_array_equal(fixed.room[end:], free.room[end:])
+    assert (fixed.margins[:end, swinging] == 0.0).all() and free.margins[:end, swinging].min() > 0.05
+    np.testing.assert_array_equal(fixed.margins[end:], free.margins[end:])
 
 
-def test_a_swing_that_ends_beyond_the_horizon_has_no_room(legs: LegGeometry) -> None:
+def test_a_swing_that_ends_beyond_the_horizon_has_no_margin(legs: LegGeometry) -> None:
     _, horizon = written(legs, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), "trot", 0.0, 8)
     for foot in range(4):
         air = np.flatnonzero(~horizon.flags[:, foot])
         if not horizon.flags[-1, foot]:
             last = air[np.flatnonzero(np.diff(air, prepend=-9) > 1)[-1] :]
-            assert (horizon.room[last, foot] == 0.0).all()
-    assert horizon.room.max() > 0.05
+            assert (horizon.margins[last, foot] == 0.0).all()
+    assert horizon.margins.max() > 0.05

@@ -75,6 +75,14 @@ def _gained(problem: TuningProblem, found: Tuned) -> bool:
     return problem.objective.better(found.best_held_out, found.initial_held_out)
 
 
+def _by_chance(found: Tuned) -> bool:
+    """Return whether as many held-out points pass, and the interval of the difference contains zero."""
+    first, second, difference = found.initial_held_out, found.best_held_out, found.difference
+    if first is None or second is None or difference is None or first.passed != second.passed:
+        return False
+    return difference.low <= 0.0 <= difference.high
+
+
 def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: bool) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for heading in ("", "initial", f"best (trial {found.trial} of {found.trials})"):
@@ -93,7 +101,7 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
     if found.best_held_out is not None:
         word, style = ("GAINED", "bold green") if gained else ("NO GAIN", "bold red")
         console.print(Text.assemble((word, style), "  on held-out points"))
-        if gained and found.difference is not None and found.difference.low <= 0.0 <= found.difference.high:
+        if gained and _by_chance(found):
             console.print(Text("the interval contains 0: tune over more points (samples.count, --seeds)", "yellow"))
     for file in found.files:
         console.print(Text(f"saved in {file}"))

@@ -32,6 +32,7 @@ from lgmpc.errors import InputError, ReplayError, RunFolderError
 from lgmpc.notebook import reports
 from lgmpc.runs import Run, RunFolder
 from lgmpc.runs.difference import first_difference
+from lgmpc.runs.folder import CONFIG_FILE, DEPLOYMENT_FILE
 from lgmpc.runs.host import host_info, versions
 from lgmpc.runs.origin import Origin
 from lgmpc.settings.dotted import differing
@@ -85,11 +86,17 @@ def run_from(
 
     Raises:
         ReplayError: the run was not repeated bit for bit; names tick and channel.
-        InputError: the time is outside the log, or a key cannot change during a run.
+        InputError: the time is outside the log, a key cannot change during a run, or the run is one of a robot.
         RunFolderError: the folder is not a complete run of a closed loop.
         LgmpcError: as from :func:`run_config`.
     """
     recorded = RunFolder.load(run.folder.path if isinstance(run, FinishedRun) else run)
+    if (recorded.path / DEPLOYMENT_FILE).is_file():
+        raise InputError(
+            "run",
+            f"{recorded.path}, a run of a robot",
+            f"a simulated run, which can be repeated: `lgmpc run {recorded.path / CONFIG_FILE}` simulates its config",
+        )
     parts = list(_parts(recorded))
     period = recorded.log.control_period_s
     tick = _tick(recorded, period, time_s)

@@ -22,16 +22,14 @@ from lgmpc.hardware.simulated import LockStep, Pace, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write, compute_metrics, judge
+from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Drives, TimingSettings
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Sensing, Tick, TrueState
 from lgmpc.simulation.plant import PlantSample, make_plant
 
-__all__ = ["DEPLOYMENT_FILE", "deploy_config", "serve_config"]
-
-DEPLOYMENT_FILE = "deployment.json"
-"""File of a run folder with the figures of the link and of the loop's timing."""
+__all__ = ["deploy_config", "serve_config"]
 
 _DRIVES = 2
 """Stream of random numbers of the drives, that of a closed loop."""

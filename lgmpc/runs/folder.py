@@ -1,6 +1,7 @@
 """The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent.
 
-A run that continues another one also has ``before.yaml``, the configs of its earlier parts.
+A run that continues another one also has ``before.yaml``, the configs of its earlier parts; one of a robot,
+``deployment.json``.
 """
 
 from __future__ import annotations
@@ -25,7 +26,16 @@ from lgmpc.runs.log import RunLog
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
 
-__all__ = ["BEFORE_FILE", "CONFIG_FILE", "LOG_FILE", "TRAJECTORY_FILE", "Run", "RunFolder", "SolvedRun"]
+__all__ = [
+    "BEFORE_FILE",
+    "CONFIG_FILE",
+    "DEPLOYMENT_FILE",
+    "LOG_FILE",
+    "TRAJECTORY_FILE",
+    "Run",
+    "RunFolder",
+    "SolvedRun",
+]
 
 T = TypeVar("T")
 
@@ -48,6 +58,8 @@ _OTHER_FILES = 1_000_000
 """Upper bound of the size of config, result and the arrays' headers, B."""
 
 CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE, BEFORE_FILE = "config.yaml", "log.npz", "trajectory.npz", "before.yaml"
+DEPLOYMENT_FILE = "deployment.json"
+"""Figures of the link and of the loop's timing, in the folder of a run of a robot."""
 
 
 @dataclass(frozen=True)

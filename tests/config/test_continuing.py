@@ -152,6 +152,18 @@ def test_the_floor_is_another_one_from_then_on(tmp_path: Path, plant: str) -> No
     assert check.kept and check.margin < 1e-6  # the feet slide on it
 
 
+def test_each_part_is_compared_with_its_own_floor_and_torque_limit(pushed: FinishedRun, tmp_path: Path) -> None:
+    """The push ends before the change: of the continuation only, it would be within both limits."""
+    limits = ["plant.friction=3.0", "plant.actuators.torque_limit_nm=4.0"]
+    continued, metrics = run_from(pushed, 0.12, limits, tmp_path), pushed.result.metrics
+    found = continued.result.metrics
+    assert found is not None and metrics is not None
+    assert found.min_friction_margin_n == metrics.min_friction_margin_n
+    slack = run_from(pushed, 0.0, limits, tmp_path).result.metrics
+    assert slack is not None and slack.min_friction_margin_n is not None
+    assert slack.min_friction_margin_n > found.min_friction_margin_n
+
+
 def test_plans_come_at_another_rate_from_then_on(pushed: FinishedRun, tmp_path: Path) -> None:
     log = run_from(pushed, 0.08, ["mpc.rate_hz=50"], tmp_path).session.log
     np.testing.assert_allclose(np.diff(log.mpc_time[log.mpc_time < 0.08]), 0.01)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from lgmpc.config import Config, load_config
-from lgmpc.config.deploying import DEPLOYMENT_FILE, deploy_config, serve_config
+from lgmpc.config.continuing import run_from
+from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
 from lgmpc.errors import ConfigError, InputError
@@ -19,6 +20,7 @@ from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
 from lgmpc.runs import RunFolder
+from lgmpc.runs.folder import DEPLOYMENT_FILE
 
 NU = 2
 
@@ -67,6 +69,8 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     figures = json.loads((finished.folder.path / DEPLOYMENT_FILE).read_text())
     assert (figures["ending"], figures["ticks"], figures["missing"]) == ("duration", 600, 0)
     assert 0.0 < figures["command_p50_ms"] <= figures["command_max_ms"]
+    with pytest.raises(InputError, match=r"run: got .*, a run of a robot; expected a simulated run.*config\.yaml"):
+        run_from(finished, 0.1, ["mpc.enabled=false"], tmp_path)
 
 
 def test_in_real_time_the_robot_stands(tmp_path: Path) -> None:

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import casadi
 
+from lgmpc.compile.bodies import STATEMENTS
 from lgmpc.errors import CompileError
 
 __all__ = ["LANES_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_lanes", "has_lanes"]
 
-_STATEMENTS = 500  # of one function; 200 and 1000 are slower
 _PARTS = 20  # of one file
 
 _UNARY = (
@@ -153,8 +153,8 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 }}
 """
 
-_VERSION = "4"  # part of every cache key: increase it when the functions below change
-LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{_STATEMENTS} {_PARTS}")
+_VERSION = "5"  # part of every cache key: increase it when the functions below change
+LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
 
 
 class _Statement(NamedTuple):
@@ -234,7 +234,7 @@ _ZERO = _constant(0.0)
 
 def _write_parts(name: str, statements: list[_Statement]) -> tuple[list[str], int]:
     """C functions of the statements, and the most values that have to pass from one to another."""
-    parts = [statements[i : i + _STATEMENTS] for i in range(0, len(statements), _STATEMENTS)]
+    parts = [statements[i : i + STATEMENTS] for i in range(0, len(statements), STATEMENTS)]
     made = {statement.target: i for i, part in enumerate(parts) for statement in part}
     last = {read: i for i, part in enumerate(parts) for statement in part for read in statement.reads}
     places = {statement.target: statement.results[0] for statement in statements if statement.results}
@@ -242,17 +242,21 @@ def _write_parts(name: str, statements: list[_Statement]) -> tuple[list[str], in
     shared = 0
     code = []
     for i, part in enumerate(parts):
-        reads = dict.fromkeys(read for s in part for read in s.reads if made.get(read, i) < i)  # in order
-        lines = [f"V {read} = {places[read]};" for read in reads]
-        free += [places[read] for read in reads if last[read] == i and places[read][0] == "w"]
+        lines, loaded = [], set()
         for target, formula, given, results in part:
+            for read in given:
+                # Here: loaded at the beginning of the part, it would be moved from memory to the stack.
+                if made.get(read, i) < i and read not in loaded:
+                    loaded.add(read)
+                    lines.append(f"V {read} = {places[read]};")
             lines.append(f"V {target} = {' = '.join([*results, formula.format(*given)])};")
-        for target in (s.target for s in part if last.get(s.target, i) > i and s.target not in places):
-            if not free:
-                free.append(f"w[{shared}]")
-                shared += 1
-            places[target] = free.pop()
-            lines.append(f"{places[target]} = {target};")
+            if last.get(target, i) > i and target not in places:
+                if not free:
+                    free.append(f"w[{shared}]")
+                    shared += 1
+                places[target] = free.pop()
+                lines.append(f"{places[target]} = {target};")
+        free += sorted(places[read] for read in loaded if last[read] == i and places[read][0] == "w")
         body = "\n".join(f"  {line}" for line in lines)
         pointers = sorted(set(_ARGUMENT.findall(body)), key=lambda found: (found[0], int(found[1])))
         places_of = "".join(

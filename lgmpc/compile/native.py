@@ -15,6 +15,7 @@ from pathlib import Path
 import casadi
 import numpy as np
 
+from lgmpc.compile.bodies import BODIES_IDENTITY, write_in_parts
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler
 from lgmpc.compile.function import Signature
@@ -88,7 +89,7 @@ def generate_source(function: casadi.Function) -> str:
     if runtime is not None:
         start, end = runtime.span(1)
         code = f"{code[:start]}{_FAST}{code[start:end]}#pragma GCC pop_options\n{code[end:]}"
-    return code + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
+    return write_in_parts(code) + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def _one_file(function: casadi.Function) -> tuple[str, ...]:
 
 
 # Stages one after the other, which may read what those before them wrote.
-ONE_BY_ONE = CodeWriter((_ENTRY, _FAST, SCALAR_TRIGONOMETRY), _one_file)
+ONE_BY_ONE = CodeWriter((_ENTRY, _FAST, SCALAR_TRIGONOMETRY, *BODIES_IDENTITY), _one_file)
 # Several at a time: functions that are a list of scalar operations.
 LANES = CodeWriter(LANES_IDENTITY, generate_lanes)
 

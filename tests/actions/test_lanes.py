@@ -1,4 +1,4 @@
-"""Expansions of contacts of some axes, inverse dynamics and distances: the same bits in any number of lanes."""
+"""Expansions of contacts of some axes, inverse dynamics and distances: the same bits in one lane and in four."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def dynamics_of(kind: str) -> Dynamics:
 
 
 @pytest.mark.parametrize("kind", ["inverse", "sliding"])
-def test_any_number_of_lanes_gives_the_same_expansion(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Eleven stages: whole groups of lanes and a remainder, at random points."""
+def test_one_lane_and_four_give_the_same_expansion(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eleven stages: whole groups of lanes and a remainder, at random points (eight lanes: tests/test_stage_kernel.py)."""
     first, second = (
         place_shape(MODEL, Capsule(link=link, radius_m=0.05, half_length_m=0.2)) for link in (HAND, "universe")
     )
@@ -38,7 +38,7 @@ def test_any_number_of_lanes_gives_the_same_expansion(kind: str, monkeypatch: py
     ]
     apart = [ConstraintItem("apart", ShapePairDistance(first, second), 0.02, np.inf)]
     found = []
-    for flags in ("-DLANES=1", "-DLANES=4", "-DLANES=8"):
+    for flags in ("-DLANES=1", "-DLANES=4"):
         monkeypatch.setenv("LGMPC_CFLAGS", flags)
         problem = ShootingProblem(MultibodyAction(f"lanes_{kind}", dynamics, items, apart), 11)
         if kind == "sliding":
@@ -50,4 +50,3 @@ def test_any_number_of_lanes_gives_the_same_expansion(kind: str, monkeypatch: py
         assert not np.isnan(functions.qp.values).any()
         found.append(functions.qp.values.copy())
     np.testing.assert_array_equal(found[1], found[0])
-    np.testing.assert_array_equal(found[2], found[0])

@@ -94,7 +94,10 @@ def test_a_state_that_is_not_finite_fails_both(mpc: StandInMpc) -> None:
     np.testing.assert_array_equal(plan.forces, good.forces)
 
 
-def test_the_stand_in_has_the_horizon_and_the_limits_of_the_model_it_stands_in_for() -> None:
+def test_the_stand_in_has_the_horizon_and_the_limits_of_the_model_it_stands_in_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")  # nothing is evaluated
     config = load_config(CONFIG, ["mpc.nodes=17", "mpc.friction=0.5", "mpc.friction_facets=8"])
     mpc = make_mpc(made()[0], config.mpc)
     assert isinstance(mpc, StandInMpc)

@@ -34,7 +34,7 @@ class StepReactionSettings(Settings):
 
     enabled: bool = Field(default=False, strict=True, description="Whether a standing robot steps against pushes.")
     margin_m: Finite = Field(
-        default=0.0,
+        default=0.05,
         description="Step when the forecast capture point is closer than this to the edge of the support, m; negative:"
         " further outside, which steps less often but later, when the robot is faster.",
     )

@@ -11,8 +11,8 @@ from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings
 
 __all__ = ["CentroidalWeights", "MpcSettings", "MultibodyWeights", "SqpMpcSettings", "TrackingWeights"]
 
-_NORMAL_FORCE = (0.2, 12.0)
-"""Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 1.2 weights."""
+_NORMAL_FORCE = (0.2, 24.0)
+"""Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
 
 
 class TrackingWeights(Settings):
@@ -72,7 +72,7 @@ class MpcSettings(Settings):
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 12 per kg of the robot.",
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 24 per kg of the robot.",
     )
     observer_time_s: Annotated[Positive, Field(ge=1e-4)] = Field(
         default=0.01, description="Smallest time constant of the observer of the external wrench, s."

@@ -149,7 +149,9 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
     Normal forces are positive, contact forces within their friction cones, penetrations of the floor small; joints stay
     within their limits of torque, speed and position; with a torque-speed line, torques are on or below it and powers
     below the largest that it allows; the change of momentum is the impulse of all forces, and that of energy at most
-    their work. Power is the mechanical output of the drives: a config has no data on currents and losses.
+    their work. Forces on other parts of the body than the feet are not measured: a knee that strikes the floor changes
+    the momentum without an impulse. Power is the mechanical output of the drives: a config has no data on currents and
+    losses.
 
     Args:
         log: log at the full control rate; finite throughout.

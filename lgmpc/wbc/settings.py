@@ -13,8 +13,9 @@ from lgmpc.settings import Count, NonNegative, RangeFromZero, Settings, Vector3
 
 __all__ = ["Gain", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
 
-_NORMAL_FORCE = (0.04, 10.0)
-"""Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and can carry the robot."""
+_NORMAL_FORCE = (0.04, 24.0)
+"""Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
+robot and stop its fall; what the motors can exert is bounded by their torques."""
 
 
 class Gain(Settings):
@@ -90,7 +91,7 @@ class WholeBodySettings(Settings):
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 10 per kg of the robot.",
+        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 24 per kg of the robot.",
     )
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.

@@ -74,6 +74,15 @@ def test_harder_pushes_are_met_by_steps_and_end_where_the_robot_stood(plant: str
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["solo12_step_recovery", "solo12_trot_push"])
+def test_hard_pushes_keep_joints_within_limits_and_knees_off_the_floor(name: str) -> None:
+    """A knee on the floor breaks the balance of momentum, because only forces on feet are measured."""
+    result = prepare(load_config(CONFIG.with_name(f"{name}.yaml"))).run(lambda progress: None)
+    assert result.certificate is not None
+    assert not [str(check) for check in result.certificate.broken]
+
+
+@pytest.mark.slow
 def test_without_steps_the_same_push_throws_the_robot_over() -> None:
     session = pushed((0.0, 5.5), seconds=3.0, overrides=("locomotion.reaction.enabled=false",))
     assert session.controller.fallen

@@ -86,5 +86,5 @@ def test_the_model_selects_the_settings(model: str, kind: type) -> None:
 
 
 def test_normal_forces_are_as_given_or_in_proportion_to_the_mass() -> None:
-    assert CentroidalMpcSettings().normal_force(2.5) == pytest.approx((0.5, 30.0))
+    assert CentroidalMpcSettings().normal_force(2.5) == pytest.approx((0.5, 60.0))
     assert CentroidalMpcSettings(normal_force_n=(1.0, 20.0)).normal_force(50.0) == (1.0, 20.0)

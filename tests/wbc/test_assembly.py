@@ -87,7 +87,7 @@ def test_weights_of_momenta_and_forces_follow_the_robots_mass(robot):
     assert settings.weights.com == (10.0, 10.0, 10.0)
     assert settings.stepping_weights.angular_momentum == pytest.approx(factor)
     assert settings.stepping_weights.base_orientation == pytest.approx(1.5 * (robot.mass / 2.5) ** (2.0 / 3.0))
-    assert settings.normal_force_n == pytest.approx((0.04 * robot.mass, 10.0 * robot.mass))
+    assert settings.normal_force_n == pytest.approx((0.04 * robot.mass, 24.0 * robot.mass))
     assert WholeBodySettings(normal_force_n=(1.0, 2.0)).scaled(robot).normal_force_n == (1.0, 2.0)
 
 
@@ -144,7 +144,7 @@ def test_solved_ticks_obey_the_equations_of_motion_and_every_limit(solo12, rando
         tangential = np.linalg.norm(controller.forces[:, :2], axis=1)
         assert (tangential <= settings.friction * controller.forces[:, 2] + 1e-6).all()
         normal = controller.forces[:, 2]
-        assert normal.max() <= 10.0 * solo12.mass + 1e-6
+        assert normal.max() <= 24.0 * solo12.mass + 1e-6
         assert normal[stance].min() >= 0.04 * solo12.mass - 1e-6
         if foot_in_air is not None:
             np.testing.assert_allclose(controller.forces[foot_in_air], 0.0, atol=1e-6)

@@ -120,7 +120,7 @@ def test_forces_are_cut_to_cones_and_bounds() -> None:
     sideways = np.linalg.norm(plan.forces[..., :2], axis=-1)
     assert (sideways <= 0.3 * plan.forces[..., 2] + 1e-9).all()
     assert (sideways >= 0.3 * plan.forces[..., 2] - 1e-9).any()
-    assert (plan.forces[..., 2] >= 0.5).all() and (plan.forces[..., 2] <= 30.0).all()
+    assert (plan.forces[..., 2] >= 0.5).all() and (plan.forces[..., 2] <= 60.0).all()
 
 
 def test_foot_in_the_air_has_no_force_and_the_others_stand() -> None:

@@ -2,9 +2,11 @@
 
 import os
 import signal
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("lgmpc", deadline=None, derandomize=True)
@@ -13,3 +15,13 @@ settings.load_profile("lgmpc")
 # A shell script's `pytest &` ignores SIGINT, and so do the programs that it starts; some tests send it to them.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of compiled functions for one test, and no settings of the compiler from the environment."""
+    for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):
+        monkeypatch.delenv(name, raising=False)
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("LGMPC_CACHE_DIR", str(folder))
+    return folder

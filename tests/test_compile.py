@@ -40,13 +40,8 @@ needs_compiler = pytest.mark.skipif(
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache for one test, and no settings from the environment."""
-    for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):
-        monkeypatch.delenv(name, raising=False)
-    folder = tmp_path / "cache"
-    monkeypatch.setenv("LGMPC_CACHE_DIR", str(folder))
-    return folder
+def cache(empty_cache: Path) -> Path:
+    return empty_cache
 
 
 @pytest.fixture(params=["compiled", "interpreted"])

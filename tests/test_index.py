@@ -34,16 +34,13 @@ pytestmark = pytest.mark.skipif(
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache for one test, sources that are known, and no settings from the environment."""
-    for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("LGMPC_CACHE_DIR", str(tmp_path / "cache"))
+def cache(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache for one test, and sources that are known."""
     monkeypatch.setattr(index, "_changed", lambda: False)
     index._sources.cache_clear()
     monkeypatch.setattr(index, "_IDENTIFIED", index._IDENTIFIED | {__name__.partition(".")[0]})
     written.clear()
-    return tmp_path / "cache"
+    return empty_cache
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import centroidal_parameters
 from scipy.integrate import solve_ivp
 
 from lgmpc.actions import CentroidalAction
@@ -15,26 +16,8 @@ FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.01], [-0.2, 0.15, -0.02], [-0.
 
 
 def parameters(action: CentroidalAction, rng: np.random.Generator, **given_values: object) -> np.ndarray:
-    values: dict[str, object] = {
-        "mass": 2.5,
-        "gravity": [0.1, -0.2, -9.81],
-        "duration": 0.05,
-        "contact_points": (FEET[: action.contacts] + 0.01 * rng.standard_normal((action.contacts, 3))).ravel(),
-        "contact_flags": 1.0,
-        "friction": 0.6,
-        "normal_force_min": 0.5,
-        "normal_force_max": 25.0,
-        "external_wrench": rng.standard_normal(6),
-        "x_reference": 0.1 * rng.standard_normal(9),
-        "u_reference": rng.standard_normal(action.nu),
-        "x_weight": rng.uniform(0.1, 10.0, 9),
-        "u_weight": rng.uniform(0.1, 1.0, action.nu),
-        **given_values,
-    }
-    p = np.zeros(action.parameters.size)
-    for name, value in values.items():
-        p[action.parameters[name]] = value
-    return p
+    feet = FEET[: action.contacts] + 0.01 * rng.standard_normal((action.contacts, 3))
+    return centroidal_parameters(action, rng, feet, **given_values)
 
 
 @pytest.fixture(scope="module")

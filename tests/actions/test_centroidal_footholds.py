@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from samples import centroidal_parameters
 
 from lgmpc.actions import CentroidalAction, CentroidalFootholdAction
 
@@ -11,26 +12,10 @@ UNIT = np.array([1e-3, 2e-3, 1e-3, 0.0])
 
 
 def filled(action: CentroidalAction, rng: np.random.Generator) -> np.ndarray:
-    values = {
-        "mass": 2.5,
-        "gravity": [0.1, -0.2, -9.81],
-        "duration": 0.05,
-        "contact_points": FEET.ravel(),
-        "contact_flags": FLAGS,
-        "friction": 0.6,
-        "normal_force_min": 0.5,
-        "normal_force_max": 25.0,
-        "external_wrench": rng.standard_normal(6),
-        "x_reference": 0.1 * rng.standard_normal(9),
-        "u_reference": rng.standard_normal(action.nu),
-        "x_weight": rng.uniform(0.1, 10.0, 9),
-        "u_weight": rng.uniform(0.1, 1.0, action.nu),
-    }
+    p = centroidal_parameters(action, rng, FEET, contact_flags=FLAGS)
     if isinstance(action, CentroidalFootholdAction):
-        values |= {"foothold_unit": UNIT, "foothold_margin": rng.uniform(10.0, 50.0, 4 * action.facets)}
-    p = np.zeros(action.parameters.size)
-    for name, value in values.items():
-        p[action.parameters[name]] = value
+        p[action.parameters["foothold_unit"]] = UNIT
+        p[action.parameters["foothold_margin"]] = rng.uniform(10.0, 50.0, 4 * action.facets)
     return p
 
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import solo
 
 from lgmpc.actions import (
     Action,
@@ -32,7 +33,6 @@ from lgmpc.costs.library import (
     WrenchCone,
 )
 from lgmpc.ocp import ShootingProblem, Trajectory, check_derivatives
-from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.state import State
 
 SURFACE, POINT = "FL_FOOT", "HR_FOOT"
@@ -47,18 +47,6 @@ TURNS = {
     "nose down": np.array([0.0, math.pi / 2, 0.0]),
     "upside down": np.array([math.pi - 1e-2, 0.0, 0.0]),
 }
-
-
-@lru_cache
-def solo() -> Robot:
-    spec = RobotSpec(
-        model="solo12",
-        effort_limit_nm=1.8,
-        velocity_limit_rad_s=30.0,
-        position_limit_rad=(-3.0, 3.0),
-        armature_kg_m2=3.6e-4,
-    )
-    return load_robot(spec)
 
 
 def costs(state: State, forces: bool = True) -> list[CostItem]:

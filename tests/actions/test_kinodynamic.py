@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import solo
 
 from lgmpc.actions import Contact, KinodynamicAction, StateMomentum
 from lgmpc.costs import ConstraintItem, CostItem
@@ -19,23 +20,10 @@ from lgmpc.costs.library import (
 )
 from lgmpc.errors import InputError
 from lgmpc.ocp import check_derivatives
-from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 WRENCH = np.array([3.0, -2.0, 1.0, 0.2, 0.5, -0.3])
 CONTACTS = (Contact(FEET[0], 6), *FEET[1:])
-
-
-@lru_cache
-def solo() -> Robot:
-    spec = RobotSpec(
-        model="solo12",
-        effort_limit_nm=1.8,
-        velocity_limit_rad_s=30.0,
-        position_limit_rad=(-3.0, 3.0),
-        armature_kg_m2=3.6e-4,
-    )
-    return load_robot(spec)
 
 
 @lru_cache

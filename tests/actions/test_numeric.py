@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from samples import solo
 
 from lgmpc.actions import (
     Contact,
@@ -17,21 +18,8 @@ from lgmpc.actions import (
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import ContactForce, Control, FrictionCone, JointAcceleration, StateError
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-
-
-@lru_cache
-def solo() -> Robot:
-    spec = RobotSpec(
-        model="solo12",
-        effort_limit_nm=1.8,
-        velocity_limit_rad_s=30.0,
-        position_limit_rad=(-3.0, 3.0),
-        armature_kg_m2=3.6e-4,
-    )
-    return load_robot(spec)
 
 
 CONTACTS = {

@@ -4,12 +4,12 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import solo
 from scipy.optimize import linprog
 
 from lgmpc.costs import MissingQuantityError, ParameterLayout, Residual, StageSymbols
@@ -38,22 +38,9 @@ from lgmpc.costs.library import (
     WrenchCone,
 )
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.state import StateMultibody
 
 FEET = ("FL_FOOT", "FR_FOOT")
-
-
-@lru_cache
-def solo() -> Robot:
-    spec = RobotSpec(
-        model="solo12",
-        effort_limit_nm=1.8,
-        velocity_limit_rad_s=30.0,
-        position_limit_rad=(-3.0, 3.0),
-        armature_kg_m2=3.6e-4,
-    )
-    return load_robot(spec)
 
 
 @dataclass(frozen=True)

@@ -2,61 +2,33 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait, weighted
 from paired_robots import Pair, arm, horizon, paired, quadrotor, talos
+from samples import Unicycle
 
 from lgmpc.actions import (
-    Action,
-    Bounded,
     Contact,
     ContactForwardDynamics,
     FreeInverseDynamics,
     ImpulseAction,
-    LeastSquares,
     MultibodyAction,
-    Parameter,
-    ParameterLayout,
 )
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, FrameTranslation, JointEffort, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.state import StateVector
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "crocoddyl: compares with Crocoddyl, from the extra 'bench'")
 
 
-class Unicycle(Action):
-    """Crocoddyl's ActionModelUnicycle."""
-
-    name, nu = "their_unicycle", 2
-
-    def __init__(self) -> None:
-        self.state = StateVector(3)
-        self.parameters = ParameterLayout(Parameter("weights", 2, "of state and control, squared in the cost"))
-
-    def step(self, x, u, p):
-        return x + 0.1 * ca.vertcat(ca.cos(x[2]) * u[0], ca.sin(x[2]) * u[0], u[1])
-
-    def cost(self, x, u, p):
-        return LeastSquares(ca.vertcat(x, u), ca.vertcat(*[p[0] ** 2] * 3, *[p[1] ** 2] * 2))
-
-    def terminal_cost(self, x, p):
-        return LeastSquares(x, ca.vertcat(*[p[0] ** 2] * 3))
-
-    def constraint(self, x, u, p):
-        return Bounded.stack()
-
-
 def unicycle() -> Pair:
     import crocoddyl
 
-    ours = ShootingProblem(Unicycle(), 20)
+    ours = ShootingProblem(Unicycle("their_unicycle"), 20)
     ours.set("weights", [10.0, 1.0])
     ours.set_initial_state([-1.0, -1.0, 1.0])
     model = crocoddyl.ActionModelUnicycle()

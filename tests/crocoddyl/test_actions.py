@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import warnings
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import solo
 
 from lgmpc.actions import Contact, ContactForwardDynamics, ImpulseAction, MultibodyAction
 from lgmpc.costs import (
@@ -32,7 +32,6 @@ from lgmpc.costs.library import (
     FrameVelocity,
     StateError,
 )
-from lgmpc.robot import Robot, RobotSpec, load_robot
 
 pytestmark = pytest.mark.crocoddyl
 
@@ -47,18 +46,6 @@ def crocoddyl() -> Any:
     with warnings.catch_warnings():  # its viewer's dependencies are deprecated, not what is tested
         warnings.simplefilter("ignore")
         return pytest.importorskip("crocoddyl")
-
-
-@lru_cache
-def solo() -> Robot:
-    spec = RobotSpec(
-        model="solo12",
-        effort_limit_nm=1.8,
-        velocity_limit_rad_s=30.0,
-        position_limit_rad=(-3.0, 3.0),
-        armature_kg_m2=3.6e-4,
-    )
-    return load_robot(spec)
 
 
 def assert_same(ours: MultibodyAction | ImpulseAction, p: np.ndarray, theirs: Any, rng: np.random.Generator) -> None:

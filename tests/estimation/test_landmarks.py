@@ -7,6 +7,7 @@ import functools
 import casadi as ca
 import numpy as np
 import pytest
+from samples import jacobian
 from scipy.stats import chi2
 
 from lgmpc.errors import InputError
@@ -54,11 +55,6 @@ def retracted(form: ErrorForm, pose: np.ndarray, error: np.ndarray) -> np.ndarra
     """The truth, if ``error`` is the estimate's."""
     symbols = ca.SX.sym("pose", *pose.shape), ca.SX.sym("error", len(error))
     return np.array(ca.Function("f", symbols, [form.retract(*symbols)])(pose, error))
-
-
-def jacobian(function, size: int, h: float = 1e-5) -> np.ndarray:
-    steps = h * np.eye(size)
-    return np.stack([(function(s) - function(-s)) / (2.0 * h) for s in steps], axis=1)
 
 
 def relative(pose: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -6,13 +6,11 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import Unicycle, standing_quadruped
 
-from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
+from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.ocp import ShootingProblem
 from lgmpc.state import StateMultibody, StateVector
-
-FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
-STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
 
 
 @pytest.fixture(scope="session")
@@ -20,24 +18,8 @@ def centroidal() -> Callable[..., ShootingProblem]:
     """Return the problem of a standing quadruped, whose weight is balanced by the reference forces."""
 
     def make(nodes: int = 20, facets: int = 8) -> ShootingProblem:
-        problem = ShootingProblem(CentroidalAction(4, facets), nodes)
-        for name, value in {
-            "mass": 2.5,
-            "gravity": [0.0, 0.0, -9.81],
-            "duration": 0.02,
-            "contact_points": FEET.ravel(),
-            "contact_flags": 1.0,
-            "friction": 0.6,
-            "normal_force_min": 0.5,
-            "normal_force_max": 25.0,
-            "x_reference": STANDING,
-            "u_reference": np.tile([0.0, 0.0, 2.5 * 9.81 / 4], 4),
-            "x_weight": [1e3] * 3 + [10.0] * 3 + [1e3] * 3,
-            "u_weight": 1e-3,
-        }.items():
-            problem.set(name, value)
+        problem = standing_quadruped(nodes, facets)
         problem.view("x_weight")[-1] *= 10.0
-        problem.set_initial_state(STANDING)
         return problem
 
     return make
@@ -81,14 +63,7 @@ def cart() -> ShootingProblem:
     return problem
 
 
-class Unconstrained(Action):
-    """The base of the actions below."""
-
-    def constraint(self, x, u, p):
-        return Bounded(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
-
-
-class Linear(Unconstrained):
+class Linear(Action):
     """``x+ = A x + B u + c`` with ``1/2 |x - g|^2 + 1/2 w |u|^2``, all given."""
 
     def __init__(self, a, b, c, name: str = "linear") -> None:
@@ -109,25 +84,8 @@ class Linear(Unconstrained):
     def terminal_cost(self, x, p):
         return LeastSquares(x - self.parameters.split(p)["goal"], 10 * ca.SX.ones(self.state.nx))
 
-
-class Unicycle(Unconstrained):
-    """Crocoddyl's: position and heading, driven by speed and turning rate, interval 0.1 s."""
-
-    name = "unicycle"
-    nu = 2
-
-    def __init__(self) -> None:
-        self.state = StateVector(3)
-        self.parameters = ParameterLayout(Parameter("weights", 2, "of state and control, squared in the cost"))
-
-    def step(self, x, u, p):
-        return x + 0.1 * ca.vertcat(ca.cos(x[2]) * u[0], ca.sin(x[2]) * u[0], u[1])
-
-    def cost(self, x, u, p):
-        return LeastSquares(ca.vertcat(x, u), ca.vertcat(*[p[0] ** 2] * 3, *[p[1] ** 2] * 2))
-
-    def terminal_cost(self, x, p):
-        return LeastSquares(x, ca.vertcat(*[p[0] ** 2] * 3))
+    def constraint(self, x, u, p):
+        return Bounded.stack()
 
 
 class Satellite(Action):
@@ -158,7 +116,7 @@ class Satellite(Action):
     def constraint(self, x, u, p):
         limit = self.parameters.split(p)["limit"]
         if not self.bounded:
-            return Bounded(ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1))
+            return Bounded.stack()
         return Bounded(u, ca.repmat(-limit, 6, 1), ca.repmat(limit, 6, 1))
 
 

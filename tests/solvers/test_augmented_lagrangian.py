@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import Constrained
 
 from lgmpc.actions import Action, FreeForwardDynamics, HoldAction, MultibodyAction, PenalizedAction, thrusters
 from lgmpc.costs import (
@@ -166,25 +167,13 @@ def test_bounds_may_be_all_that_gives_the_cost_a_minimum() -> None:
     np.testing.assert_allclose(np.abs(solution.us), 3.0, atol=1e-6)
 
 
-class Loop(Action):
+class Loop(Constrained):
     """A step that makes the linearised constraint ``x1 = 0`` contradict the bounds on u far from the solution."""
 
-    name, nu = "loop", 1
-
-    def __init__(self, base: Action) -> None:
-        self.state, self.parameters, self._base = base.state, base.parameters, base
-
-    def step(self, x, u, p):
-        return self._base.step(x, u, p)
-
-    def cost(self, x, u, p):
-        return self._base.cost(x, u, p)
-
-    def terminal_cost(self, x, p):
-        return self._base.terminal_cost(x, p)
+    name = "loop"
 
     def constraint(self, x, u, p):
-        bounded = self._base.constraint(x, u, p)
+        bounded = self.base.constraint(x, u, p)
         return type(bounded)(
             ca.vertcat(bounded.value, ca.sin(3 * x[0]) + 0.1 * u[0]),
             ca.vertcat(bounded.lower, -0.999),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from samples import Constrained
 
 from lgmpc.actions import Action, Bounded, LeastSquares, ParameterLayout
 from lgmpc.errors import InputError, SolverError
@@ -57,23 +58,10 @@ def test_sqp_box_fddp_and_ipopt_agree(satellite: Make) -> None:
         np.testing.assert_allclose(solution.multipliers, found[0].multipliers, atol=1e-5)
 
 
-class Fenced(Action):
+class Fenced(Constrained):
     """A unicycle that must stay outside a circle around the origin."""
 
     name = "fenced"
-
-    def __init__(self, base: Action) -> None:
-        self.state, self.nu, self.parameters = base.state, base.nu, base.parameters
-        self._base = base
-
-    def step(self, x, u, p):
-        return self._base.step(x, u, p)
-
-    def cost(self, x, u, p):
-        return self._base.cost(x, u, p)
-
-    def terminal_cost(self, x, p):
-        return self._base.terminal_cost(x, p)
 
     def constraint(self, x, u, p):
         distance = (x[0] + 0.5) ** 2 + (x[1] + 0.6) ** 2

@@ -2,17 +2,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import casadi as ca
 import numpy as np
-import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Status
 from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
-from lgmpc.state import StateMultibody
 
 Make = Callable[..., ShootingProblem]
 PUSHES = {
@@ -143,43 +139,10 @@ def test_wrong_shapes_are_named(centroidal: Make) -> None:
         solver.set_guess(Trajectory(np.zeros((7, 9)), np.zeros((6, 3))))
 
 
-class Satellite(Action):
-    """A free body on SE(3) that torques and forces turn and move: its states need no coordinates of their own."""
-
-    def __init__(self) -> None:
-        model = pin.Model()
-        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-        self.name = "satellite"
-        self.state = StateMultibody(model)
-        self.nu = 6
-        self.parameters = ParameterLayout(Parameter("goal", 13, "state to reach"), Parameter("limit", 1, "of u"))
-
-    def step(self, x, u, p):
-        v = x[7:] + 0.1 * u
-        return self.state.integrate_symbolic(x, ca.vertcat(0.1 * v, 0.1 * u))
-
-    def cost(self, x, u, p):
-        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
-        return LeastSquares(ca.vertcat(error, u), ca.vertcat(*[0.1] * 12, *[0.01] * 6))
-
-    def terminal_cost(self, x, p):
-        error = self.state.diff_symbolic(self.parameters.split(p)["goal"], x)
-        return LeastSquares(error, ca.vertcat(*[100.0] * 12))
-
-    def constraint(self, x, u, p):
-        limit = self.parameters.split(p)["limit"]
-        return Bounded(u, ca.repmat(-limit, 6, 1), ca.repmat(limit, 6, 1))
-
-
-def test_states_on_a_manifold_need_nothing_special(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
-    problem = ShootingProblem(Satellite(), 10)
-    start = np.concatenate([[0.3, -0.2, 0.1], [0.5, -0.5, 0.5, 0.5], [0.1, 0.0, 0.2, 0.3, -0.4, 0.2]])
-    goal = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6)])
-    problem.set("goal", goal)
-    problem.set("limit", 4.0)
-    problem.set_initial_state(start)
-    guess = Trajectory(np.tile(start, (11, 1)), np.zeros((10, 6)))
+    problem = satellite(bounded=True)
+    guess = problem.hold()
     reference = NlpSolver(problem, NlpSettings(tolerance=1e-10)).solve(guess)
     assert reference.status is Status.CONVERGED
     solver = RealTimeSqp(problem)

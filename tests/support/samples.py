@@ -1,0 +1,122 @@
+"""What tests of several packages share: Solo12, actions, problems, derivatives by differences."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
+from lgmpc.ocp import ShootingProblem
+from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.state import StateVector
+
+STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
+_FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+
+
+@lru_cache
+def solo() -> Robot:
+    """Solo12 as loaded, without contact frames."""
+    spec = RobotSpec(
+        model="solo12",
+        effort_limit_nm=1.8,
+        velocity_limit_rad_s=30.0,
+        position_limit_rad=(-3.0, 3.0),
+        armature_kg_m2=3.6e-4,
+    )
+    return load_robot(spec)
+
+
+class Unicycle(Action):
+    """Crocoddyl's: position and heading, driven by speed and turning rate, interval 0.1 s."""
+
+    nu = 2
+
+    def __init__(self, name: str = "unicycle") -> None:
+        self.name = name
+        self.state = StateVector(3)
+        self.parameters = ParameterLayout(Parameter("weights", 2, "of state and control, squared in the cost"))
+
+    def step(self, x, u, p):
+        return x + 0.1 * ca.vertcat(ca.cos(x[2]) * u[0], ca.sin(x[2]) * u[0], u[1])
+
+    def cost(self, x, u, p):
+        return LeastSquares(ca.vertcat(x, u), ca.vertcat(*[p[0] ** 2] * 3, *[p[1] ** 2] * 2))
+
+    def terminal_cost(self, x, p):
+        return LeastSquares(x, ca.vertcat(*[p[0] ** 2] * 3))
+
+    def constraint(self, x, u, p):
+        return Bounded.stack()
+
+
+class Constrained(Action):
+    """The base of actions with dynamics and cost of another one, and a constraint of their own."""
+
+    def __init__(self, base: Action) -> None:
+        self.state, self.nu, self.parameters, self.base = base.state, base.nu, base.parameters, base
+
+    def step(self, x, u, p):
+        return self.base.step(x, u, p)
+
+    def cost(self, x, u, p):
+        return self.base.cost(x, u, p)
+
+    def terminal_cost(self, x, p):
+        return self.base.terminal_cost(x, p)
+
+
+def standing_quadruped(nodes: int, facets: int) -> ShootingProblem:
+    """The problem of a standing quadruped, whose weight is balanced by the reference forces."""
+    problem = ShootingProblem(CentroidalAction(4, facets), nodes)
+    for name, value in {
+        "mass": 2.5,
+        "gravity": [0.0, 0.0, -9.81],
+        "duration": 0.02,
+        "contact_points": _FEET.ravel(),
+        "contact_flags": 1.0,
+        "friction": 0.6,
+        "normal_force_min": 0.5,
+        "normal_force_max": 25.0,
+        "x_reference": STANDING,
+        "u_reference": np.tile([0.0, 0.0, 2.5 * 9.81 / 4], 4),
+        "x_weight": [1e3] * 3 + [10.0] * 3 + [1e3] * 3,
+        "u_weight": 1e-3,
+    }.items():
+        problem.set(name, value)
+    problem.set_initial_state(STANDING)
+    return problem
+
+
+def centroidal_parameters(
+    action: CentroidalAction, rng: np.random.Generator, feet: np.ndarray, **given: object
+) -> np.ndarray:
+    """Parameters of a centroidal action on given feet (nc, 3), weights and references at random."""
+    values: dict[str, object] = {
+        "mass": 2.5,
+        "gravity": [0.1, -0.2, -9.81],
+        "duration": 0.05,
+        "contact_points": feet.ravel(),
+        "contact_flags": 1.0,
+        "friction": 0.6,
+        "normal_force_min": 0.5,
+        "normal_force_max": 25.0,
+        "external_wrench": rng.standard_normal(6),
+        "x_reference": 0.1 * rng.standard_normal(9),
+        "u_reference": rng.standard_normal(action.nu),
+        "x_weight": rng.uniform(0.1, 10.0, 9),
+        "u_weight": rng.uniform(0.1, 1.0, action.nu),
+        **given,
+    }
+    p = np.zeros(action.parameters.size)
+    for name, value in values.items():
+        p[action.parameters[name]] = value
+    return p
+
+
+def jacobian(function, size: int, h: float = 1e-5) -> np.ndarray:
+    """Derivative of a function of (size,) at zero, by central differences."""
+    steps = h * np.eye(size)
+    return np.stack([(function(s) - function(-s)) / (2.0 * h) for s in steps], axis=1)

@@ -118,16 +118,17 @@ class CentroidalAction(Action):
         lower: list[Any] = []
         upper: list[Any] = []
         for i in range(self.contacts):
-            force = [u[3 * i + j] for j in range(3)]
-            flag = s["contact_flags"][i]
+            flag, force = s["contact_flags"][i], [u[3 * i + j] for j in range(3)]
             opened = -(1 - flag) * s["normal_force_max"]
-            rows += friction_margins(force, half_width, self.facets)
-            lower += [opened] * self.facets
-            upper += [ca.SX(ca.inf)] * self.facets
-            rows.append(force[2])
-            lower.append(flag * s["normal_force_min"] + opened)
-            upper.append(s["normal_force_max"])
+            normal, least = self._pyramid(i, force[2], opened, s)
+            rows += [*friction_margins([*force[:2], normal], half_width, self.facets), force[2]]
+            lower += [*least, flag * s["normal_force_min"] + opened]
+            upper += [*[ca.SX(ca.inf)] * self.facets, s["normal_force_max"]]
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
+
+    def _pyramid(self, contact: int, normal: Any, opened: Any, s: dict[str, Any]) -> tuple[Any, list[Any]]:
+        """Return the normal force in a contact's friction pyramid, and the least values of the pyramid's rows."""
+        return normal, [opened] * self.facets
 
     def _point(self, contact: int, x: Any, s: dict[str, Any]) -> Any:
         """Return the position (3,) of a contact point."""

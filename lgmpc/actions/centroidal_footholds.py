@@ -21,8 +21,7 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.actions.centroidal import CentroidalAction
-from lgmpc.costs import Bounded, Cost, Parameter, ParameterLayout
-from lgmpc.robot.friction import friction_margins, pyramid_half_width
+from lgmpc.costs import Cost, Parameter, ParameterLayout
 from lgmpc.state.vector import StateVector
 
 __all__ = ["CentroidalFootholdAction"]
@@ -75,24 +74,11 @@ class CentroidalFootholdAction(CentroidalAction):
         """Return the weighted squared distance from the reference state, with the last node's weights."""
         return super().terminal_cost(x[0:9], p)
 
-    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
-        """Return of each contact the friction pyramid, or the polygon of its next foothold, and the normal force."""
-        s = self.parameters.split(p)
-        half_width = pyramid_half_width(s["friction"], self.facets)
-        rows: list[Any] = []
-        lower: list[Any] = []
-        upper: list[Any] = []
-        for i in range(self.contacts):
-            flag = s["contact_flags"][i]
-            margins = s["foothold_margin"][self.facets * i : self.facets * (i + 1)]
-            force_z = u[3 * i + 2]
-            rows += friction_margins([u[3 * i], u[3 * i + 1], flag * force_z], half_width, self.facets)
-            lower += ca.vertsplit(-(1 - flag) * margins)
-            upper += [ca.SX(ca.inf)] * self.facets
-            rows.append(force_z)
-            lower.append(flag * s["normal_force_min"] - (1 - flag) * s["normal_force_max"])
-            upper.append(s["normal_force_max"])
-        return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
+    def _pyramid(self, contact: int, normal: Any, opened: Any, s: dict[str, Any]) -> tuple[Any, list[Any]]:
+        """Return the same; the rows of a foot in the air are the sides of the polygon of its next foothold."""
+        flag = s["contact_flags"][contact]
+        margins = s["foothold_margin"][self.facets * contact : self.facets * (contact + 1)]
+        return flag * normal, ca.vertsplit(-(1 - flag) * margins)
 
     def _point(self, contact: int, x: Any, s: dict[str, Any]) -> Any:
         shift = x[9 + 2 * contact : 11 + 2 * contact]

@@ -20,7 +20,7 @@ from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
-from lgmpc.costs import Activation, Bounded, Cost, CostTerm, Parameter, ParameterLayout
+from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
 
 __all__ = ["PenalizedAction"]
 
@@ -71,17 +71,8 @@ class PenalizedAction(ItemAction):
 
 
 @dataclass(frozen=True, eq=False)
-class _SquaredDistance(Activation):
-    """Half the squared distance from an interval; on its ends, too, it has curvature: of equalities all points are."""
-
-    lower: Any
-    upper: Any
-
-    def value(self, r: Any) -> Any:
-        return self.gradient(r) ** 2 / 2
-
-    def gradient(self, r: Any) -> Any:
-        return ca.if_else(r < self.lower, r - self.lower, 0) + ca.if_else(r > self.upper, r - self.upper, 0)
+class _SquaredDistance(QuadraticBarrier):
+    """The barrier with curvature on the ends of the interval, too: of equalities all points are such."""
 
     def curvature(self, r: Any) -> Any:
         return 1 - ca.logic_and(r > self.lower, r < self.upper)

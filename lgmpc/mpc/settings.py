@@ -103,7 +103,9 @@ class SqpMpcSettings(MpcSettings):
     """Settings of models solved by sequential quadratic programming."""
 
     qp_solver: Literal["riccati", "structured", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
-        default="riccati", description="Solver of each quadratic programme."
+        default="riccati",
+        description="Solver of each quadratic programme. riccati: lgmpc's own, in scalar code for small stages and in"
+        " dense blocks (structured) for large ones.",
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."

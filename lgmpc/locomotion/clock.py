@@ -23,7 +23,7 @@ class GaitClockSettings(Settings):
     """Constraints on gait transitions."""
 
     min_stance_s: NonNegative = Field(
-        default=0.04, description="Shortest time that a foot stands before a transition or a delay lets it lift off, s."
+        default=0.04, description="Shortest stance before a lift-off that a transition or a delay schedules, s."
     )
 
 

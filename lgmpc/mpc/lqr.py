@@ -209,8 +209,8 @@ class CentroidalLqr(BaseMpc):
         rest = np.zeros(9)
         rest[:3] = self._reference[0, :3]
         for k in range(nodes):
-            wanted = shares[k] + meeting[k] - self.gain @ (xs[k] - self._reference[k])
-            forces[k] = self._saturated(wanted.reshape(nc, 3), self._friction[k]) * flags[k]
+            desired = shares[k] + meeting[k] - self.gain @ (xs[k] - self._reference[k])
+            forces[k] = self._saturated(desired.reshape(nc, 3), self._friction[k]) * flags[k]
             deviation = model.A @ (xs[k] - rest) + model.B @ (forces[k].ravel() - shares[k])
             xs[k + 1] = rest + deviation + model.W @ self._wrench[k]
         return xs, forces

@@ -42,7 +42,7 @@ class StandInMpc:
         self.mpc = mpc
         self.stand_in = stand_in
         self.stood_in = 0
-        self._trusted = True
+        self._usable = True
         self._pause = 0
 
     @property
@@ -60,7 +60,7 @@ class StandInMpc:
         self.mpc.reset()
         self.stand_in.reset()
         self.stood_in = 0
-        self._trusted = True
+        self._usable = True
         self._pause = 0
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
@@ -68,11 +68,11 @@ class StandInMpc:
         if self._pause > 0:
             self._pause -= 1
         else:
-            trusted_before = self._trusted
+            usable_before = self._usable
             plan = self._plan(state, contacts, reference, wrench)
-            if self._trusted and trusted_before:
+            if self._usable and usable_before:
                 return plan
-            if trusted_before:
+            if usable_before:
                 _LOG.info("at %.3f s the plan stretches the legs or failed: centroidal model instead", state.time)
         self.stood_in += 1
         return self.stand_in.update(state, contacts, reference, wrench)
@@ -80,8 +80,8 @@ class StandInMpc:
     def _plan(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan with the multibody model, and accept or reject the plan."""
         plan = self.mpc.update(state, contacts, reference, wrench)
-        self._trusted = plan.status.fresh and self.mpc.keeps_reach(plan)
-        if not self._trusted:
+        self._usable = plan.status.fresh and self.mpc.keeps_reach(plan)
+        if not self._usable:
             self.mpc.reset_guess()
             self._pause = _PAUSE
         return plan

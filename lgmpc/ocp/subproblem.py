@@ -39,7 +39,7 @@ class SubproblemFunctions:
         us: (N, nu).
         xs_base: (N+1, nx) base points of :meth:`retract`.
         dxs: (N+1, ndx) its tangent vectors.
-        lagrangian: exact Hessians at (xs, us); None unless asked for.
+        lagrangian: exact Hessians at (xs, us); None unless ``exact``.
     """
 
     def __init__(

@@ -116,7 +116,7 @@ class Fddp(IterativeSolver):
         slope, curvature = self.sweep.expected(closed=self._closed)
         # A closed trajectory is that of a roll-out: its gaps are rounding errors.
         if self._closed and abs(slope + 0.5 * curvature) < s.tolerance:
-            status = self._judge()
+            status = self._stationary_status()
             if status is not None:
                 return status
             if not self._sweep():
@@ -162,7 +162,7 @@ class Fddp(IterativeSolver):
         self._criterion = abs(d0 + 0.5 * d1)
         return None
 
-    def _judge(self) -> Status | None:
+    def _stationary_status(self) -> Status | None:
         """Return the status if the trajectory, whose expected reduction is small, is stationary or cannot become so."""
         lowest = self.settings.regularization[0]
         before = self._regularization
@@ -178,7 +178,7 @@ class Fddp(IterativeSolver):
         minimum = self._regularization <= lowest and self._criterion < self.settings.tolerance
         if residual <= self.settings.stationarity and minimum:
             return Status.CONVERGED
-        if before > self._regularization and not self._accepted:  # no step without it: this sweep was to judge
+        if before > self._regularization and not self._accepted:  # no step without it: the sweep was a test
             self._regularization, self._swept = before, False
         self._patience = _PATIENCE if residual < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, residual)

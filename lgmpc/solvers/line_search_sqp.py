@@ -136,7 +136,7 @@ class LineSearchSqp(IterativeSolver):
         self._costates, self._multipliers = np.zeros((s.nodes, s.ndx)), np.zeros((s.nodes, s.ng))
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
-        self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
+        self._least, self._patience, self._nonmonotone = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
         self._global = self._was_global = self._near = False
         self._best, self._idle = np.inf, 0
@@ -207,7 +207,7 @@ class LineSearchSqp(IterativeSolver):
         self._near = status.solved
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last.clear()
-        self._least, self._patience, self._trusting = np.inf, _PATIENCE, True
+        self._least, self._patience, self._nonmonotone = np.inf, _PATIENCE, True
         return Status.CONVERGED if self._kkt.largest <= self.settings.tolerance else None
 
     def _take_global_point(self) -> None:
@@ -259,7 +259,7 @@ class LineSearchSqp(IterativeSolver):
             if self._finite and merit <= worst + least:
                 kkt = self._residual()
                 falls = merit <= merits[-1] + least or kkt.largest < self._kkt.largest
-                self._accepted = falls or self._trusting
+                self._accepted = falls or self._nonmonotone
             if self._accepted:
                 break
             alpha *= 0.5
@@ -274,7 +274,7 @@ class LineSearchSqp(IterativeSolver):
             return Status.CONVERGED
         self._patience = _PATIENCE if self._kkt.largest < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, self._kkt.largest)
-        self._trusting = self._trusting and self._patience > 0
+        self._nonmonotone = self._nonmonotone and self._patience > 0
         return Status.PRECISION_LIMIT if self._patience <= 0 and -slope < rounding else None
 
     @property

@@ -26,7 +26,7 @@ def dynamics_of(kind: str) -> Dynamics:
 
 @pytest.mark.parametrize("kind", ["inverse", "sliding"])
 def test_one_lane_and_four_give_the_same_expansion(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Eleven stages: whole groups of lanes and a remainder, at random points (eight lanes: tests/test_stage_kernel.py)."""
+    """Eleven stages at random points: groups of lanes and a remainder (eight lanes: tests/test_stage_kernel.py)."""
     first, second = (
         place_shape(MODEL, Capsule(link=link, radius_m=0.05, half_length_m=0.2)) for link in (HAND, "universe")
     )

@@ -85,7 +85,8 @@ def show_solution(
 
     Raises:
         RunFolderError: if the page cannot be written.
-        InputError: if the trajectory is not finite or of another robot, or the port is taken.
+        InputError: if the trajectory is not finite or of another robot, its intervals have no known length, or the
+            port is taken.
     """
     robot, run = solution_as_run(scenario, solution, history)
     return _display(trajectory_page(robot, run), run.result.name, html, port)

@@ -64,18 +64,22 @@ def scenario_of(robot: Robot, solution: Solution) -> Scenario:
         solution: solution of a problem with this robot.
 
     Raises:
-        InputError: states of another robot.
+        InputError: states of another robot, or intervals whose length no parameter says.
     """
     problem = solution.problem
     if problem.state.nx != robot.nq + robot.nv:
         expected = f"states of {robot.name}, nx = {robot.nq + robot.nv}"
         raise InputError("solution", f"states with nx = {problem.state.nx}", expected)
+    durations = _durations(problem)
+    if not durations.any():
+        expected = "actions with the parameter 'duration', or a Scenario with durations in place of the robot"
+        raise InputError("solution", f"intervals of no known length ('{problem.actions[0].name}')", expected)
     return Scenario(
         name=problem.actions[0].name,
         robot=robot,
         problem=problem,
         guess=solution.trajectory,
-        durations=_durations(problem),
+        durations=durations,
         figures=lambda trajectory: {},
         contact_flags=_flags(robot, problem),
         contact_forces=lambda trajectory: _forces(robot, problem, trajectory),

@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 
 import lgmpc
 from lgmpc import load_config, load_solve_config, plot, run_config, show, solve_config
-from lgmpc.actions import ImpulseAction
+from lgmpc.actions import ImpulseAction, PythonAction
 from lgmpc.config.solutions import solution_as_run
+from lgmpc.costs import Parameter, ParameterLayout
 from lgmpc.errors import InputError, RunFolderError
+from lgmpc.state import StateMultibody
 
 
 def test_a_finished_run_and_its_folder_give_the_same_page(tmp_path: Path) -> None:
@@ -84,3 +86,40 @@ def test_solutions_of_ones_own_problem_are_shown_and_drawn_without_a_run(tmp_pat
     other = lgmpc.Fddp(lgmpc.ShootingProblem(lgmpc.MultibodyAction("arm", arm), 2)).solve(max_iterations=0)
     with pytest.raises(InputError, match="solution: got states with nx = 12; expected states of solo12, nx = 37"):
         lgmpc.show_solution(robot, other)
+
+
+class Swing(PythonAction):
+    """A pendulum under torques, whose interval is a parameter or a number of its own."""
+
+    name, nu = "swing", 2
+
+    def __init__(self, model: pin.Model, *parameters: Parameter) -> None:
+        self.state, self.parameters = StateMultibody(model), ParameterLayout(*parameters)
+        self._model, self._data = model, model.createData()
+
+    def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        h = p[0] if p.size else 0.05
+        v = x[2:] + h * pin.aba(self._model, self._data, x[:2], x[2:], u)
+        return np.concatenate([x[:2] + h * v, v])
+
+    def residual(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[:2] - [1.0, 0.5], 0.1 * u])
+
+
+def test_solutions_of_actions_of_python_are_shown_and_drawn(tmp_path: Path) -> None:
+    limits = {"effort_limit_nm": 2.0, "velocity_limit_rad_s": 20.0, "position_limit_rad": (-3.0, 3.0)}
+    robot = lgmpc.load_robot(lgmpc.RobotSpec(model="double_pendulum", **limits))
+
+    def solved(*parameters: Parameter) -> lgmpc.Solution:
+        problem = lgmpc.ShootingProblem(Swing(robot.model, *parameters), 6)
+        problem.set_initial_state(robot.x_reference)
+        return lgmpc.Fddp(problem).solve(max_iterations=2)
+
+    timed = solved(Parameter("duration", 1, "length of the interval, s", 0.05))
+    np.testing.assert_allclose(solution_as_run(robot, timed)[1].trajectory.times, 0.05 * np.arange(7))
+    page = lgmpc.show_solution(robot, timed, tmp_path / "swing.html")
+    assert page is not None and "swing \u00b7 lgmpc replay" in page.read_text(encoding="utf-8")
+    assert {"joints", "controls"} <= set(lgmpc.plot_solution(robot, timed))
+    for make in (lgmpc.plot_solution, lgmpc.show_solution):
+        with pytest.raises(InputError, match="solution: got intervals of no known length .'swing'.; expected actions"):
+            make(robot, solved())

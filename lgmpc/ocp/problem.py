@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -235,9 +236,8 @@ class ShootingProblem:
 
     def copy(self) -> ShootingProblem:
         """Return a problem with the same actions and a copy of the data."""
-        result = ShootingProblem(self.actions, terminal=self.terminal)
-        result.parameters[...] = self.parameters
-        result.x0[...] = self.x0
+        result = copy(self)  # the actions have been checked
+        result.parameters, result.x0 = self.parameters.copy(), self.x0.copy()
         return result
 
     def hold(self) -> Trajectory:

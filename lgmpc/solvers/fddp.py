@@ -99,7 +99,7 @@ class Fddp(IterativeSolver):
         self._closed = self._gap <= self.settings.rounding
         self._bottom = _UNBOUNDED * (1.0 + abs(self._cost))
         self._least, self._patience = np.inf, _PATIENCE
-        self._finite = self._finite and all_finite(f.jacobian, f.hessian)
+        self._finite = self._finite and self._all_finite()
         return None if self._finite else Status.NOT_FINITE
 
     def _iterate(self) -> Status | None:
@@ -241,8 +241,7 @@ class Fddp(IterativeSolver):
         f = self.functions
         f.expand()
         self._cost = _sum(f.costs)
-        # Matrices are read by the sweep, whose result is not finite if they are not.
-        self._finite = math.isfinite(self._cost) and all_finite(f.gradient, f.gaps, f.last_hessian, f.last_gradient)
+        self._finite = math.isfinite(self._cost)  # of all else that is not finite, the sweep fails
         self._fresh, self._swept, self._curved = True, False, False
         self._clock[0] += time.perf_counter() - start
 
@@ -250,10 +249,10 @@ class Fddp(IterativeSolver):
         """Sweep, unless that is done, with as much regularisation as necessary; False if the highest is not enough."""
         if self._swept or not self._finite:
             return self._swept
-        f, start = self.functions, time.perf_counter()
+        start = time.perf_counter()
         self._swept = self.sweep.run(self._regularization, closed=self._closed)
         if not self._swept:
-            self._finite = all_finite(f.jacobian, f.hessian)
+            self._finite = self._all_finite()
         while self._finite and not self._swept and self._regularization < self.settings.regularization[1]:
             self._increase()
             self._swept = self.sweep.run(self._regularization, closed=self._closed)
@@ -261,6 +260,10 @@ class Fddp(IterativeSolver):
             self._swept = self._curve(self._exact)
         self._clock[1] += time.perf_counter() - start
         return self._swept
+
+    def _all_finite(self) -> bool:
+        f = self.functions
+        return all_finite(f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient)
 
     def _curve(self, exact: LagrangianHessians) -> bool:
         """Sweep with exact Hessians of the last sweep's multipliers, or with the largest part tried that is convex."""

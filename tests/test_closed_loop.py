@@ -36,7 +36,7 @@ def measured(name: str, *overrides: str) -> Metrics:
     return result.metrics
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", MUJOCO_FIRST)
 def test_pushes_of_two_newton_seconds_move_the_base_by_millimetres(plant: str) -> None:
     metrics = measured("solo12_balance", f"plant.kind={plant}")
     assert metrics.survived_s == pytest.approx(10.0)
@@ -194,11 +194,11 @@ def test_every_qp_solver_holds_the_robot_and_agrees(solver: str) -> None:
 @pytest.mark.parametrize(
     "mismatch",
     [
-        "plant.mass_scale=1.15",
-        "plant.base_added_mass_kg=0.5",
+        pytest.param("plant.mass_scale=1.15", marks=pytest.mark.slow),
+        pytest.param("plant.base_added_mass_kg=0.5", marks=pytest.mark.slow),
         "plant.base_com_offset_m=[0.02, 0.01, 0.0]",
         "plant.joint_friction_nm=0.05",
-        "plant.joint_damping_nms=0.02",
+        pytest.param("plant.joint_damping_nms=0.02", marks=pytest.mark.slow),
     ],
 )
 def test_a_wrong_model_is_estimated_as_a_push(mismatch: str) -> None:
@@ -217,7 +217,7 @@ def test_a_floor_as_slippery_as_assumed_does_not_move_the_feet() -> None:
     assert metrics.max_displacement_m < 0.005
 
 
-@pytest.mark.parametrize("mpc", ["true", "false"])
+@pytest.mark.parametrize("mpc", ["true", pytest.param("false", marks=pytest.mark.slow)])
 def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str) -> None:
     """The pushes need a friction of 0.41; the floor has 0.4, the controller assumes 0.6."""
     metrics = run("solo12_balance", "plant.friction=0.4", f"mpc.enabled={mpc}").metrics
@@ -230,8 +230,8 @@ def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str) -> 
 @pytest.mark.parametrize(
     ("model", "feet", "limits"),
     [
-        ("a1", "FL_foot, FR_foot, RL_foot, RR_foot", ""),
-        ("hyq", "lf_foot, rf_foot, lh_foot, rh_foot", ""),
+        pytest.param("a1", "FL_foot, FR_foot, RL_foot, RR_foot", "", marks=pytest.mark.slow),
+        pytest.param("hyq", "lf_foot, rf_foot, lh_foot, rh_foot", "", marks=pytest.mark.slow),
         ("anymal_c", "LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT", 'position_limit_rad: {"*": [-3, 3]}'),
     ],
 )

@@ -335,7 +335,7 @@ _PARTS = Parts()
 @pytest.fixture
 def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
     """Let a change of one section build only what it is handed to."""
-    for name in ("make_mpc", "WholeBodyController", "make_plant"):
+    for name in ("make_mpc", "WholeBodyController", "make_plant", "JointFrictionEstimator"):
         monkeypatch.setattr(lgmpc.config.build, name, _PARTS.cached(getattr(lgmpc.config.build, name)))
     monkeypatch.setattr(lgmpc.config.build, "LeggedEstimator", _PARTS.cached(lgmpc.config.build.LeggedEstimator))
     return _PARTS
@@ -397,7 +397,10 @@ def recorded_by(config: Document) -> str:
     return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, late])
 
 
-@pytest.mark.parametrize("model", ["centroidal", "centroidal_footholds", "kinodynamic", "full_body", "lqr"])
+@pytest.mark.parametrize(
+    "model",
+    ["centroidal", "centroidal_footholds", "kinodynamic", pytest.param("full_body", marks=pytest.mark.slow), "lqr"],
+)
 def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
     config = parse_any_config(LOOP.format(urdf=urdf, model=model))
     assert isinstance(config, Config)
@@ -454,7 +457,7 @@ PHASES = ["problem.pattern=null", "problem.phases=[{duration_s: 0.2, air: [FL_FO
         ("solo12_trot", PHASES, ("problem.phases.",)),
         ("solo12_jump", (), ("problem.",)),
         ("solo12_jump_free_time", (), ("problem.",)),
-        ("solo12_righting", ["problem.nodes=60", "problem.node_s=0.02"], ("problem.",)),
+        ("solo12_righting", ["problem.nodes=30", "problem.node_s=0.04"], ("problem.",)),
         ("solo12_com_circle_full_body", (), ("problem.",)),
         ("talos_reach", (), ("problem.",)),
         ("panda_reach", (), ("problem.",)),

@@ -170,9 +170,9 @@ def test_stiffness_per_axis_is_the_gradient_of_its_error_function() -> None:
 
 
 def test_gains_per_axis_make_each_axis_a_pendulum_of_its_own() -> None:
+    flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3))), 1.0, 1e-3, UNEVEN)
     for axis in range(3):
         inertia, k, c = QUADROTOR.inertia[axis, axis], UNEVEN.rotation[axis], UNEVEN.rate[axis]
-        flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3)[axis])), 1.0, 1e-3, UNEVEN)
         exact = solve_ivp(
             lambda _, y, k=k, c=c, inertia=inertia: [y[1], (-k * np.sin(y[0]) - c * y[1]) / inertia],
             (0.0, 1.0),
@@ -182,7 +182,7 @@ def test_gains_per_axis_make_each_axis_a_pendulum_of_its_own() -> None:
             rtol=1e-12,
             atol=1e-12,
         ).y[0]
-        assert np.allclose(so3.log(flight.states.rotation)[:, axis], exact, atol=1e-8)
+        assert np.allclose(so3.log(flight.states.rotation[:, axis])[:, axis], exact, atol=1e-8)
 
 
 def test_gains_of_position_act_on_the_axes_of_the_world() -> None:
@@ -190,7 +190,7 @@ def test_gains_of_position_act_on_the_axes_of_the_world() -> None:
     axis = GeometricController(QUADROTOR, Hover(), UNEVEN).command(0.0, start).rotation[:, 2]
     force = np.array([0.0, 0.0, QUADROTOR.weight]) - UNEVEN.position * start.position - UNEVEN.velocity * start.velocity
     assert np.allclose(axis, force / np.linalg.norm(force), atol=1e-14)
-    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 6.0, 4e-3)
+    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 4.0, 5e-3)
     assert np.linalg.norm(flight.states.position[-1]) < 0.01
 
 

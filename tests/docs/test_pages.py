@@ -16,8 +16,9 @@ import yaml
 
 import lgmpc
 from lgmpc.cli.app import app
-from lgmpc.config import load_any_config, parse_any_config, parse_config
+from lgmpc.config import Config, load_any_config, parse_any_config
 from lgmpc.config.build import prepare
+from lgmpc.config.solving import prepare_solve
 from lgmpc.demos import catalogue
 from lgmpc.shipped import shipped_configs, shipped_sweeps
 from lgmpc.sweeps import load_sweep, parse_sweep
@@ -86,7 +87,9 @@ def test_a_yaml_block_is_a_config_a_sweep_or_sections_of_a_config(page: str, tex
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "text"), [(page, text) for page, text in yaml_blocks() if "\nrobot:" in text])
 def test_a_complete_config_on_a_page_passes_its_gate(page: str, text: str) -> None:
-    verdict = prepare(parse_config(text, name=page)).run(lambda progress: None).verdict
+    config = parse_any_config(text, name=page)
+    session = prepare(config) if isinstance(config, Config) else prepare_solve(config)
+    verdict = session.run(lambda progress: None).verdict
     assert verdict.passed, verdict.reasons
 
 

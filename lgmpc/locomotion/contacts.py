@@ -47,7 +47,7 @@ class ContactEventSettings(Settings):
         default=0.004, description="Time from now at which a late foot is expected to touch down, s."
     )
     max_late_s: NonNegative = Field(
-        default=0.03,
+        default=0.01,
         description="Longest delay of the schedule for a late foot; then it continues without that foot, s.",
     )
     force_share: Fraction = Field(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +44,8 @@ def chosen_cluster(dask: str | None, slurm: Path | None, workers: int | None) ->
     if workers is not None and (slurm is not None or dask not in (None, LOCAL)):
         raise InputError("--workers", workers, "no --workers with a cluster, which has its own")
     if slurm is not None:
-        return partial(slurm_client, load_slurm(slurm))
+        settings = load_slurm(slurm)
+        return lambda folder: slurm_client(settings, folder / "jobs")
     return None if dask is None else lambda folder: dask_client(dask, workers)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from lgmpc.cli.sweeping import chosen_cluster
 from lgmpc.errors import ClusterError, ConfigError, ConfigErrors, InputError
 from lgmpc.sweeps import Ending, run_sweep
 from lgmpc.sweeps.slurm import load_slurm, slurm_client
@@ -93,9 +94,8 @@ def jobs_file(folder: Path, text: str = JOBS) -> Path:
 @pytest.mark.slow
 def test_a_sweep_runs_in_a_job(tmp_path: Path, scheduler: Path, parse: Parse) -> None:
     sweep = parse("factors: [{key: seed, kind: values, values: [1, 2, 3]}]")
-    settings = load_slurm(jobs_file(tmp_path))
     out = tmp_path / "out"
-    finished = run_sweep(sweep, out, cluster=lambda folder: slurm_client(settings, folder / "jobs"))
+    finished = run_sweep(sweep, out, cluster=chosen_cluster(None, jobs_file(tmp_path), None))
     assert [row.ending for row in finished.rows.values()] == [Ending.PASS] * 3
     (script,) = scheduler.glob("*.sh")
     lines = script.read_text().splitlines()

@@ -62,7 +62,7 @@ def test_a_command_parses_and_what_it_names_exists(page: str, line: str) -> None
     overrides = [word for word in words if re.fullmatch(r"[a-z][\w.]*=.*", word) and name != "tune"]  # it has ranges
     if target in shipped_configs() or target.startswith("configs/"):
         load_any_config(ROOT / target if "/" in target else target, overrides)
-    elif target in shipped_sweeps() and name == "sweep":
+    elif target in shipped_sweeps() and name in ("sweep", "tune"):
         load_sweep(target, overrides)
     elif name == "demo" and target:
         assert target in (*catalogue.NAMES, "NAME")

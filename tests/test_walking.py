@@ -41,6 +41,7 @@ WALKING = [
     "solo12_slippery",
     "anymal_velocity",
     "go2_velocity",
+    "go2_trot_push",
     "hyq_velocity",
 ]
 

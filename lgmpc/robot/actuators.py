@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -14,7 +15,7 @@ from lgmpc.errors import nearest
 from lgmpc.robot.names import is_floating
 from lgmpc.typing import Array
 
-__all__ = ["ActuatedJoint", "actuated_joints", "joint_ranges", "joint_values", "match_joints"]
+__all__ = ["ActuatedJoint", "actuated_joints", "joint_ranges", "joint_values", "match_joints", "one_side"]
 
 T = TypeVar("T")
 
@@ -121,3 +122,17 @@ def joint_ranges(
     elif ranges is not None:
         given = dict.fromkeys(names, (ranges[0], ranges[1]))
     return {j.name: given.get(j.name) or own(j) for j in joints}, problems
+
+
+def one_side(limits: tuple[float, float], position: float, distance: float) -> tuple[float, float]:
+    """Return the part of the limits on the same side of zero as ``position``, and at least ``distance`` from zero.
+
+    Args:
+        limits: (lowest, highest) position, rad.
+        position: in the reference posture, rad.
+        distance: rad; NaN for a joint that may be on both sides.
+    """
+    lowest, highest = limits
+    if math.isnan(distance):
+        return limits
+    return (max(lowest, distance), highest) if position > 0.0 else (lowest, min(highest, -distance))

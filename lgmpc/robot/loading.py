@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from lgmpc.errors import ModelError
 from lgmpc.robot import checks
-from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values
+from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values, one_side
 from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
@@ -63,8 +63,8 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
     name = spec.model or model.name
     _read_srdf(model, source)
     joints = actuated_joints(model)
-    actuators = _set_actuators(model, joints, spec)
     q, posture_problems, posture_notes = reference_posture(model, joints, spec.posture, source.posture)
+    actuators = _set_actuators(model, joints, spec, q)
 
     inertia_problems, inertia_notes = checks.check_inertias(model)
     frame_problems = checks.check_contact_frames(model, spec.contact_frames)
@@ -119,8 +119,15 @@ def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:
         raise ModelError(source.name, [f"{path}: {' '.join(str(error).split())}"]) from error
 
 
-def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec) -> _Actuators:
-    """Write limits and armature into the model, and return the problems and notes of those in the files."""
+def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: RobotSpec, q: Array) -> _Actuators:
+    """Write limits and armature into the model, and return the problems and notes of those in the files.
+
+    Args:
+        model: the model.
+        joints: its actuated joints.
+        spec: the settings.
+        q: (nq,) reference posture.
+    """
     unknown = np.full(model.nv, np.nan)
     given_effort, effort_problems = joint_values(spec.effort_limit_nm, joints, unknown, "effort_limit_nm")
     given_velocity, velocity_problems = joint_values(spec.velocity_limit_rad_s, joints, unknown, "velocity_limit_rad_s")
@@ -133,10 +140,12 @@ def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: Ro
         return float(model.lowerPositionLimit[joint.q][0]), float(model.upperPositionLimit[joint.q][0])
 
     ranges, range_problems = joint_ranges(spec.position_limit_rad, joints, own_range)
+    distances, side_problems = joint_values(spec.one_sided_rad, joints, unknown, "one_sided_rad")
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     for joint in joints:
         if joint.name in ranges:
-            lower[joint.q], upper[joint.q] = ranges[joint.name]
+            distance = float(distances[joint.v][0])
+            lower[joint.q], upper[joint.q] = one_side(ranges[joint.name], float(q[joint.q][0]), distance)
 
     own_effort = np.where(np.isnan(given_effort), model.effortLimit, np.nan)
     own_velocity = np.where(np.isnan(given_velocity), model.velocityLimit, np.nan)
@@ -151,6 +160,7 @@ def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: Ro
         model.lowerEffortLimit, model.lowerVelocityLimit = -effort, -velocity
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
     problems = [*effort_problems, *velocity_problems, *armature_problems, *friction_problems, *range_problems]
+    problems += side_problems
     return _Actuators(effort, velocity, armature, friction, [*problems, *limit_problems], notes)
 
 

@@ -31,6 +31,8 @@ Inertia = Annotated[NonNegative, Field(le=1e3)]
 """kg.m2 of a rotor, reflected through its gears."""
 Friction = Annotated[NonNegative, Field(le=1e4)]
 """N.m."""
+Distance = Annotated[NonNegative, Field(le=10.0)]
+"""rad or m."""
 
 
 class RobotSpec(Settings):
@@ -83,6 +85,11 @@ class RobotSpec(Settings):
     position_limit_rad: PerJointRange | None = Field(
         default=None,
         description="[lowest, highest] joint position in rad, or {pattern: [lowest, highest]}. null: the URDF's.",
+    )
+    one_sided_rad: PerJoint[Distance] | None = Field(
+        default=None,
+        description="Least distance from zero, in rad, of joints that stay on the side on which they are in the "
+        "reference posture, such as knees: a number, or {joint name or pattern: number}. null: none.",
     )
     armature_kg_m2: PerJoint[Inertia] | None = Field(
         default=None,

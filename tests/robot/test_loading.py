@@ -99,6 +99,31 @@ def test_values_by_name_pattern_and_default() -> None:
     assert (joints["LF_HFE"], joints["LH_HFE"], joints["LF_KFE"]) == (0.5, -0.5, 0.0)
 
 
+def test_one_sided_joints_stay_on_the_side_of_the_reference_posture(solo_spec) -> None:
+    both = load_robot(solo_spec)
+    robot = load_robot(solo_spec.replace({"one_sided_rad": {"*_KFE": 0.15}}))
+    lower, upper = both.joint_lower.copy(), both.joint_upper.copy()
+    for i, name in enumerate(robot.joint_names):
+        if name.endswith("KFE"):
+            behind = name.startswith("H")  # hind knees are bent to the other side than front knees
+            lower[i], upper[i] = (0.15, upper[i]) if behind else (lower[i], -0.15)
+    np.testing.assert_array_equal(robot.joint_lower, lower)
+    np.testing.assert_array_equal(robot.joint_upper, upper)
+    np.testing.assert_array_equal(robot.model.lowerPositionLimit[robot.joint_q], lower)
+
+
+@pytest.mark.parametrize(
+    ("sides", "words"),
+    [
+        ({"*_KNE": 0.1}, "one_sided_rad: '\\*_KNE' matches no joint"),
+        ({"*_KFE": 1.7}, "the reference posture has FL_KFE at -1.6, outside its limits"),
+    ],
+)
+def test_one_sided_joints_that_do_not_exist_or_are_too_near_to_zero(solo_spec, sides, words) -> None:
+    with pytest.raises(ModelError, match=words):
+        load_robot(solo_spec.replace({"one_sided_rad": sides}))
+
+
 def test_rotor_parameters_of_the_srdf_are_the_armature_unless_given() -> None:
     talos = load_robot(RobotSpec(model="talos"))
     expected = talos.model.rotorInertia * talos.model.rotorGearRatio**2

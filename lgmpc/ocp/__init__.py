@@ -1,11 +1,12 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
+from lgmpc.ocp.kkt import KktConditions, KktResidual
 from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.path import PathFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
-from lgmpc.ocp.quadratic import Block, KktResidual, OcpQp, OcpQpStructure
+from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
 from lgmpc.ocp.subproblem import SubproblemFunctions
 from lgmpc.ocp.transcription import MultipleShooting, transcribe
@@ -16,6 +17,7 @@ __all__ = [
     "DerivativeReport",
     "FreeDurations",
     "FreePhase",
+    "KktConditions",
     "KktResidual",
     "LagrangianHessians",
     "MultipleShooting",

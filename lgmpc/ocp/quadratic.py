@@ -18,7 +18,7 @@ import numpy as np
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Block", "KktResidual", "OcpQp", "OcpQpStructure", "kkt_function"]
+__all__ = ["Block", "OcpQp", "OcpQpStructure"]
 
 
 @dataclass(frozen=True)
@@ -117,97 +117,3 @@ class OcpQp:
         out = np.zeros(block.shape)
         out[block.rows, block.columns] = self.terminal_values[block.where]
         return out
-
-
-@dataclass(frozen=True)
-class KktResidual:
-    """Residuals of the optimality conditions at a point, each the largest absolute value of its rows.
-
-    Attributes:
-        stationarity: gradient of the Lagrangian.
-        dynamics: gaps between the stages.
-        constraint: violation of the path constraint.
-        complementarity: smaller of a row's multiplier and its distance from the multiplier's bound.
-    """
-
-    stationarity: float
-    dynamics: float
-    constraint: float
-    complementarity: float
-
-    @classmethod
-    def of(cls, output: Array) -> KktResidual:
-        """Return the residual from the output of a :func:`kkt_function`; all NaN if the point was not finite."""
-        *residuals, total = output.tolist()
-        return cls(*residuals) if math.isfinite(total) else cls.unknown()
-
-    @classmethod
-    def unknown(cls) -> KktResidual:
-        """Return an unknown residual: NaN."""
-        return cls(math.nan, math.nan, math.nan, math.nan)
-
-    @property
-    def largest(self) -> float:
-        """The largest of the four; NaN if any is."""
-        return float(np.max([self.stationarity, self.dynamics, self.constraint, self.complementarity]))
-
-
-def kkt_function(structure: OcpQpStructure, name: str) -> ca.Function:
-    """Return the function of the residual of an :class:`OcpQp`'s optimality conditions at a point.
-
-    With costates lambda_1 .. lambda_N of the dynamics ``A dx + B du + b - dx+ = 0`` and multipliers mu of the path
-    constraint (positive at an active upper bound, negative at a lower one) the Lagrangian is stationary in
-    dx_1 .. dx_N and du_0 .. du_{N-1}. dx_0 is given: it has no condition.
-
-    Returns:
-        ``(values (size, N), terminal_values, dxs (ndx, N+1), dus (nu, N), costates (ndx, N), multipliers (ng, N)) ->
-        residual (5,)``: the attributes of :class:`KktResidual`, and the sum of the point's entries, which is finite
-        only if they are. :meth:`KktResidual.of` converts it.
-    """
-    n, ndx, nu, ng = structure.nodes, structure.ndx, structure.nu, structure.ng
-    v, dx, dx_next = ca.SX.sym("v", structure.size), ca.SX.sym("dx", ndx), ca.SX.sym("dx_next", ndx)
-    du, co, mu = ca.SX.sym("du", nu), ca.SX.sym("co", ndx), ca.SX.sym("mu", ng)
-    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in structure.blocks.items()}
-    # The costate's own -lambda_k is added outside, where neighbouring stages meet.
-    gradient_x = m["Q"] @ dx + m["S"].T @ du + m["q"] + m["A"].T @ co + m["C"].T @ mu
-    gradient_u = m["S"] @ dx + m["R"] @ du + m["r"] + m["B"].T @ co + m["D"].T @ mu
-    gap = m["A"] @ dx + m["B"] @ du + m["b"] - dx_next
-    row = m["C"] @ dx + m["D"] @ du
-    above, below = m["upper"] - row, row - m["lower"]
-    outside = _larger(_larger(-above, -below), ca.SX.zeros(ng))
-    loose = _larger(_smaller(_larger(mu, ca.SX.zeros(ng)), above), _smaller(_larger(-mu, ca.SX.zeros(ng)), below))
-    columns = (gradient_u, gap, outside, loose)
-    stage = ca.Function(
-        f"{name}_kkt_stage", [v, dx, dx_next, du, co, mu], [gradient_x, *(_largest(column) for column in columns)]
-    )
-    vs, vt = ca.MX.sym("values", structure.size, n), ca.MX.sym("terminal_values", structure.terminal_size)
-    dxs, dus = ca.MX.sym("dxs", ndx, n + 1), ca.MX.sym("dus", nu, n)
-    cos, mus = ca.MX.sym("costates", ndx, n), ca.MX.sym("multipliers", ng, n)
-    gx, gu, gaps, outsides, looses = stage.map(n)(vs, dxs[:, :n], dxs[:, 1:], dus, cos, mus)
-    t = {key: ca.MX(block.sparsity(), vt[block.where]) for key, block in structure.terminal_blocks.items()}
-    gx_last = t["Q"] @ dxs[:, n] + t["q"]
-    gx_inner = ca.horzcat(gx[:, 1:], gx_last) - cos
-    stationarity = ca.fmax(ca.norm_inf(ca.vec(gx_inner)), ca.mmax(gu))
-    # Comparisons and maxima ignore NaN; a sum does not.
-    total = sum((ca.sum1(ca.vec(point)) for point in (dxs, dus, cos, mus)), ca.MX(0))
-    residual = ca.vertcat(stationarity, *(ca.mmax(e) for e in (gaps, outsides, looses)), total)
-    inputs = [vs, vt, dxs, dus, cos, mus]
-    names = ["values", "terminal_values", "dxs", "dus", "costates", "multipliers"]
-    return ca.Function(f"{name}_kkt_{n}", inputs, [residual], names, ["residual"])
-
-
-def _larger(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the elementwise maximum (by comparison: the C library's fmax is a call for each element)."""
-    return ca.if_else(a > b, a, b)
-
-
-def _smaller(a: ca.SX, b: ca.SX) -> ca.SX:
-    return ca.if_else(a < b, a, b)
-
-
-def _largest(column: ca.SX) -> ca.SX:
-    """Return the largest absolute value; 0 for an empty column."""
-    largest = ca.SX(0)
-    for entry in ca.vertsplit(column) if column.numel() else ():
-        largest = _larger(ca.fabs(entry), largest)
-    return largest

@@ -18,11 +18,10 @@ from enum import Enum
 
 import numpy as np
 
-from lgmpc.compile import BatchKernel, CompiledFunction, StageKernel, compile_function, recall
+from lgmpc.compile import BatchKernel, StageKernel, recall
 from lgmpc.errors import InputError
-from lgmpc.ocp import KktResidual, OcpQp, OcpQpStructure, ShootingProblem, SubproblemFunctions, Trajectory
+from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
-from lgmpc.ocp.quadratic import kkt_function
 from lgmpc.solvers.qp import QpSolver, QpStatus, make_qp_solver
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -127,9 +126,8 @@ class RealTimeSqp:
         self.qp_solver = (
             make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
         )
-        self._kkt, move, subtract = recall(_compile, self.qp.structure, state, progress=progress)
-        # On the same memory: the problem's numbers are not copied from one function to the next.
-        self._measure = self._kkt.bind(values=self.qp.values, terminal_values=self.qp.terminal_values)
+        self._kkt = KktConditions(self.qp, progress)
+        move, subtract = recall(_compile, state, progress=progress)
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
         self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)
@@ -220,14 +218,12 @@ class RealTimeSqp:
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Residual of the subproblem at its solution, or of the nonlinear problem at the point of expansion."""
-        _, _, dxs, dus, costates, multipliers = self._kkt.inputs
-        point = self.qp_solver.solution
-        dxs[...] = point.dxs.T if at_step else 0.0
-        dus[...] = point.dus.T if at_step else 0.0
-        costates[...] = point.costates.T
-        multipliers[...] = point.multipliers.T
-        self._measure()
-        return KktResidual.of(self._kkt.outputs[0])
+        kkt, point = self._kkt, self.qp_solver.solution
+        kkt.dxs[...] = point.dxs if at_step else 0.0
+        kkt.dus[...] = point.dus if at_step else 0.0
+        kkt.costates[...] = point.costates
+        kkt.multipliers[...] = point.multipliers
+        return kkt.residual()
 
     def _result(
         self, status: RealTimeStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
@@ -241,12 +237,9 @@ class RealTimeSqp:
         )
 
 
-def _compile(
-    s: OcpQpStructure, state: State, progress: Callable[[str], None] | None
-) -> tuple[CompiledFunction, BatchKernel, StageKernel]:
-    """Return the residual of the optimality conditions, the shift of states in time, and their difference."""
-    kkt = compile_function(kkt_function(s, f"sqp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
-    return kkt, BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
+def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:
+    """Return the shift of states in time, and their difference."""
+    return BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
 
 
 _AFTER_STEP = {

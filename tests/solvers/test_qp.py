@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from lgmpc.compile import compile_function
 from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.ocp import OcpQp, ShootingProblem, SubproblemFunctions
 from lgmpc.proxqp import proxqp
@@ -19,7 +18,7 @@ from lgmpc.solvers.qp import (
     RiccatiSolver,
     make_qp_solver,
 )
-from lgmpc.solvers.qp.lqr import lqr_function
+from lgmpc.solvers.qp.lqr import StageRegulator
 
 # Largest residual of the optimality conditions that a solver's standard settings may leave on the problems below, and
 # largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
@@ -172,10 +171,12 @@ def test_nan_is_refused_and_has_no_later_effect(name: str, block: str, cart: Sho
 def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
     qp = expand(cart)
     rng = np.random.default_rng(0)
-    lqr = compile_function(lqr_function(qp.structure, "cart_test"))
+    lqr = StageRegulator(qp)
     dx0 = rng.standard_normal(2)
     weights, targets = rng.uniform(0.0, 5.0, (8, 3)), rng.standard_normal((8, 3))
-    dxs, dus, costates, rows, cost = lqr(qp.values.T, qp.terminal_values, dx0, weights.T, targets.T)
+    lqr.dx0[...], lqr.weights[...], lqr.targets[...] = dx0, weights, targets
+    lqr.minimise()
+    dxs, dus, rows = lqr.dxs, lqr.dus, lqr.rows
     # The same problem with the penalties as costs and no bounds, by the dense solver.
     penalised = OcpQp(qp.structure, qp.values.copy(), qp.terminal_values.copy())
     expected = np.zeros(1)
@@ -194,18 +195,18 @@ def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem
             stored = np.zeros(value.shape)
             stored[blocks[name].rows, blocks[name].columns] = value[blocks[name].rows, blocks[name].columns]
             np.testing.assert_allclose(stored, value, atol=1e-14)  # the pattern holds the penalties too
-        x, u = dxs.T[k], dus.T[k]
-        np.testing.assert_allclose(rows.T[k], c @ x + d @ u, atol=1e-12)
+        x, u = dxs[k], dus[k]
+        np.testing.assert_allclose(rows[k], c @ x + d @ u, atol=1e-12)
         expected += 0.5 * x @ m["Q"][k] @ x + 0.5 * u @ m["R"][k] @ u + u @ m["S"][k] @ x
         expected += m["q"][k][:, 0] @ x + m["r"][k][:, 0] @ u
-    last = dxs.T[8]
+    last = dxs[8]
     expected += 0.5 * last @ qp.dense_terminal("Q") @ last + qp.dense_terminal("q")[:, 0] @ last
-    assert cost[0] == pytest.approx(expected[0], rel=1e-12)
+    assert lqr.cost == pytest.approx(expected[0], rel=1e-12)
     penalised.values[:, blocks["lower"].where] = -np.inf
     penalised.values[:, blocks["upper"].where] = np.inf
     xs, us = dense_solution(penalised, dx0)
-    np.testing.assert_allclose(dxs.T, xs, atol=1e-8)
-    np.testing.assert_allclose(dus.T, us, atol=1e-8)
+    np.testing.assert_allclose(dxs, xs, atol=1e-8)
+    np.testing.assert_allclose(dus, us, atol=1e-8)
 
 
 HARD = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])

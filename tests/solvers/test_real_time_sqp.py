@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import Unicycle
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -156,3 +158,11 @@ def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch:
     np.testing.assert_allclose(np.linalg.norm(result.trajectory.xs[:, 3:7], axis=1), 1.0, atol=1e-12)
     solver.shift(0.5)  # along geodesics
     np.testing.assert_allclose(np.linalg.norm(solver.xs[:, 3:7], axis=1), 1.0, atol=1e-12)
+
+
+def test_another_horizon_compiles_nothing(empty_cache: Path) -> None:
+    def libraries(nodes: int) -> set[str]:
+        assert RealTimeSqp(ShootingProblem(Unicycle(), nodes)).compiled
+        return {path.name for path in empty_cache.glob("*.so")}
+
+    assert libraries(3) == libraries(5)

@@ -1,4 +1,4 @@
-"""The linear-quadratic regulator with penalised rows: a Riccati sweep and a roll-out in one compiled call.
+"""The linear-quadratic regulator with penalised rows: a Riccati sweep and a roll-out, compiled for any horizon.
 
 It minimises the cost of an :class:`~lgmpc.ocp.OcpQp` plus
 
@@ -15,55 +15,88 @@ and the roll-out ``du = -L^-T (Y dx + y)``. Structural zeros cost nothing, and s
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
+import numpy as np
 
-from lgmpc.ocp import OcpQpStructure
+from lgmpc.compile import StageKernel, recall
+from lgmpc.ocp import OcpQp, OcpQpStructure
+from lgmpc.typing import Array
 
-__all__ = ["lqr_function"]
+__all__ = ["StageRegulator"]
 
 
-def lqr_function(structure: OcpQpStructure, name: str) -> ca.Function:
-    """Return the regulator for problems of one structure.
+class StageRegulator:
+    """Minimises an :class:`~lgmpc.ocp.OcpQp` with penalised rows instead of its bounds, on the problem's own memory.
 
     Args:
-        structure: of the problems; R + D^T diag(weights) D has to be positive definite.
-        name: begins the function's name.
+        qp: the problem; R + D^T diag(weights) D has to be positive definite.
+        progress: called with a description of what is being compiled.
 
-    Returns:
-        ``(values (size, N), terminal_values, dx0 (ndx,), weights (ng, N), targets (ng, N)) ->
-        (dxs (ndx, N+1), dus (nu, N), costates (ndx, N), rows (ng, N), cost)``: the minimiser, the multipliers of the
-        dynamics (signed as in :func:`lgmpc.ocp.quadratic.kkt_function`), the rows' values, and the cost without the
-        penalties.
+    Attributes:
+        dx0: (ndx,) first state, to be written; a view of :attr:`dxs`.
+        weights: (N, ng) of the rows' penalties, to be written.
+        targets: (N, ng) of the rows, to be written.
+        dxs: (N+1, ndx) the minimiser's states.
+        dus: (N, nu) its controls.
+        costates: (N, ndx) multipliers of the dynamics, signed as in :class:`~lgmpc.ocp.KktConditions`.
+        rows: (N, ng) values ``C dx + D du``.
     """
-    n, s = structure.nodes, structure
-    backward, forward = _backward(s, f"{name}_lqr_backward"), _forward(s, f"{name}_lqr_forward")
-    values, terminal_values = ca.MX.sym("values", s.size, n), ca.MX.sym("terminal_values", s.terminal_size)
-    dx0, weights, targets = ca.MX.sym("dx0", s.ndx), ca.MX.sym("weights", s.ng, n), ca.MX.sym("targets", s.ng, n)
-    blocks = s.terminal_blocks
-    last, gradient = (ca.MX(blocks[key].sparsity(), terminal_values[blocks[key].where]) for key in ("Q", "q"))
-    triangle = ca.project(last, ca.Sparsity.lower(s.ndx)).nz[:]
-    togo = [ca.vertcat(triangle, gradient)]
-    factors: list[ca.MX] = []
-    for k in reversed(range(n)):
-        cost, factor = backward(togo[0], values[:, k], weights[:, k], targets[:, k])
-        togo.insert(0, cost)
-        factors.insert(0, factor)
-    stages: list[Any] = []
-    dx = dx0
-    for k in range(n):
-        stages.append(forward(dx, values[:, k], factors[k], togo[k + 1]))
-        dx = stages[-1][0]
-    dxs, dus, costates, rows, costs = (ca.horzcat(*column) for column in zip(*stages, strict=True))
-    total = ca.sum2(costs) + ca.dot(dx, last @ dx) / 2 + ca.dot(gradient, dx)
-    return ca.Function(
-        f"{name}_lqr_{n}",
-        [values, terminal_values, dx0, weights, targets],
-        [ca.horzcat(dx0, dxs), dus, costates, rows, total],
-        ["values", "terminal_values", "dx0", "weights", "targets"],
-        ["dxs", "dus", "costates", "rows", "cost"],
-    )
+
+    def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
+        s, n = qp.structure, qp.structure.nodes
+        last, backward, forward, total = recall(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        self.weights: Array = np.zeros((n, s.ng))
+        self.targets: Array = np.zeros((n, s.ng))
+        self.dxs: Array = np.zeros((n + 1, s.ndx))
+        self.dus: Array = np.zeros((n, s.nu))
+        self.costates: Array = np.zeros((n, s.ndx))
+        self.rows: Array = np.zeros((n, s.ng))
+        self.dx0: Array = self.dxs[0]
+        togo = np.zeros((n + 1, backward.output_sizes["togo"]))
+        factors = np.zeros((n, backward.output_sizes["factor"]))
+        costs = np.zeros((n + 2, 1))  # of the intervals before each node, and of all
+        self._cost = costs[n + 1]
+        self._calls = (
+            last.bind(1, terminal_values=qp.terminal_values, togo=togo[n]),
+            backward.bind(
+                n, togo_next=togo[:0:-1], values=qp.values[::-1], weights=self.weights[::-1],
+                targets=self.targets[::-1], togo=togo[-2::-1], factor=factors[::-1],
+            ),
+            forward.bind(
+                n, dx=self.dxs, values=qp.values, factor=factors, togo_next=togo[1:], cost=costs, dx_next=self.dxs[1:],
+                du=self.dus, costate=self.costates, rows=self.rows, cost_next=costs[1:],
+            ),
+            total.bind(1, terminal_values=qp.terminal_values, dx=self.dxs[n], cost=costs[n], total=self._cost),
+        )  # fmt: skip
+
+    @property
+    def cost(self) -> float:
+        """Cost of the minimiser, without the penalties."""
+        return float(self._cost[0])
+
+    def minimise(self) -> None:
+        """Write the minimiser; its entries are not finite where there is none."""
+        for call in self._calls:
+            call()
+
+
+def _compile(
+    s: OcpQpStructure, progress: Callable[[str], None] | None
+) -> tuple[StageKernel, StageKernel, StageKernel, StageKernel]:
+    """Return the cost-to-go of the last node, the sweep, the roll-out, the whole cost."""
+    name = f"lqr_{s.ndx}_{s.nu}_{s.ng}"
+    v, dx, cost = ca.SX.sym("v", s.terminal_size), ca.SX.sym("dx", s.ndx), ca.SX.sym("cost")
+    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.terminal_blocks.items()}
+    triangle = ca.project(m["Q"], ca.Sparsity.lower(s.ndx)).nz[:]
+    last = ca.Function(f"{name}_last", [v], [ca.densify(ca.vertcat(triangle, m["q"]))], ["terminal_values"], ["togo"])
+    whole = cost + ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(m["q"], dx)
+    total = ca.Function(f"{name}_total", [v, dx, cost], [whole], ["terminal_values", "dx", "cost"], ["total"])
+    functions = (last, _backward(s, f"{name}_backward"), _forward(s, f"{name}_forward"), total)
+    kernels = [StageKernel(function, progress) for function in functions]
+    return kernels[0], kernels[1], kernels[2], kernels[3]
 
 
 def _backward(s: OcpQpStructure, name: str) -> ca.Function:
@@ -84,13 +117,17 @@ def _backward(s: OcpQpStructure, name: str) -> ca.Function:
     new_gradient = q + m["A"].T @ pd - y_matrix.T @ y
     factor = ca.vertcat(lower.nz[:], inverse, ca.vec(ca.densify(y_matrix)), y)
     out = ca.vertcat(new_p.nz[:], new_gradient)
-    return ca.Function(name, [togo, v, weights, targets], [ca.densify(out), ca.densify(factor)])
+    given = ["togo_next", "values", "weights", "targets"]
+    return ca.Function(
+        name, [togo, v, weights, targets], [ca.densify(out), ca.densify(factor)], given, ["togo", "factor"]
+    )
 
 
 def _forward(s: OcpQpStructure, name: str) -> ca.Function:
-    """``(dx, values, factor, cost-to-go behind) -> (dx+, du, costate, rows, cost)``."""
+    """``(dx, values, factor, cost-to-go behind, cost before) -> (dx+, du, costate, rows, cost with this interval)``."""
     nu, ndx = s.nu, s.ndx
     dx, v, togo = ca.SX.sym("dx", ndx), ca.SX.sym("v", s.size), ca.SX.sym("togo", _togo_size(ndx))
+    before = ca.SX.sym("cost")
     triangle = nu * (nu + 1) // 2
     factor = ca.SX.sym("factor", triangle + nu + nu * ndx + nu)
     lower_packed, inverse, y_flat, y = ca.vertsplit(
@@ -103,8 +140,14 @@ def _forward(s: OcpQpStructure, name: str) -> ca.Function:
     big_p, p = _symmetric(togo, ndx)
     cost = ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(du, m["R"] @ du) / 2 + ca.dot(du, m["S"] @ dx)
     cost += ca.dot(m["q"], dx) + ca.dot(m["r"], du)
-    outputs = [dx_next, du, big_p @ dx_next + p, m["C"] @ dx + m["D"] @ du, cost]
-    return ca.Function(name, [dx, v, factor, togo], [ca.densify(e) for e in outputs])
+    outputs = [dx_next, du, big_p @ dx_next + p, m["C"] @ dx + m["D"] @ du, before + cost]
+    return ca.Function(
+        name,
+        [dx, v, factor, togo, before],
+        [ca.densify(e) for e in outputs],
+        ["dx", "values", "factor", "togo_next", "cost"],
+        ["dx_next", "du", "costate", "rows", "cost_next"],
+    )
 
 
 def _unpack(s: OcpQpStructure, v: ca.SX) -> dict[str, ca.SX]:

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.compile import BatchKernel, CompiledFunction, compile_function, recall
-from lgmpc.ocp import OcpQp, OcpQpStructure
+from lgmpc.compile import BatchKernel, recall
+from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.line import exact_line_search
-from lgmpc.solvers.qp.lqr import lqr_function
+from lgmpc.solvers.qp.lqr import StageRegulator
 from lgmpc.solvers.qp.piqp import PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.typing import Array
@@ -83,22 +83,18 @@ class RiccatiSolver:
         self.iterations = 0
         self.took_over = False
         self._fallback = fallback(qp)
-        lqr, penalise, measure = recall(_compile, s, progress=progress)
+        r = self._regulator = StageRegulator(qp, progress)
+        penalise, measure = recall(_compile, s.ng, progress=progress)
         self._rho, self._measures = np.zeros(1), np.zeros((s.nodes, 3))
         self._mu, self._point, self._multipliers = np.zeros((3, s.nodes, s.ng))
-        weights, targets, self._rows = (lqr.input("weights").T, lqr.input("targets").T, lqr.output("rows").T)
-        self._dx0, self._cost = lqr.input("dx0"), lqr.output("cost")
-        self._minimiser = tuple(lqr.output(name).T for name in ("dxs", "dus", "costates"))
-        # On the problem's own memory: its numbers are not copied.
-        self._regulate = lqr.bind(values=qp.values, terminal_values=qp.terminal_values)
         bounds = {"lower": qp.vector("lower"), "upper": qp.vector("upper"), "mu": self._mu, "rho": self._rho}
-        self._penalise = penalise.bind(s.nodes, **bounds, point=self._point, weights=weights, targets=targets)
+        self._penalise = penalise.bind(s.nodes, **bounds, point=self._point, weights=r.weights, targets=r.targets)
         self._measure = measure.bind(
-            s.nodes, **bounds, rows=self._rows, weights=weights, targets=targets, multipliers=self._multipliers,
+            s.nodes, **bounds, rows=r.rows, weights=r.weights, targets=r.targets, multipliers=self._multipliers,
             measures=self._measures,
         )  # fmt: skip
-        r = s.blocks["R"]
-        self._control_weights = r.where.start + np.flatnonzero(r.rows == r.columns)
+        block = s.blocks["R"]
+        self._control_weights = block.where.start + np.flatnonzero(block.rows == block.columns)
         self.solution = QpSolution.zeros(qp)
 
     def reset(self) -> None:
@@ -112,7 +108,7 @@ class RiccatiSolver:
 
     def solve(self, dx0: Array) -> QpStatus:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        self._dx0[:] = dx0
+        self._regulator.dx0[:] = dx0
         self.took_over = not self._solve()
         if not self.took_over:
             return QpStatus.SOLVED
@@ -125,7 +121,7 @@ class RiccatiSolver:
 
     def _solve(self) -> bool:
         """Solve by active sets; False, and nothing written, if they do not converge."""
-        settings = self.settings
+        settings, r = self.settings, self._regulator
         rho = settings.penalty * max(self.qp.values[0].take(self._control_weights).tolist())
         if not rho > 0.0:
             return False
@@ -135,27 +131,27 @@ class RiccatiSolver:
         cost_before, phi = 0.0, math.inf
         for self.iterations in range(1, settings.max_sweeps + 1):
             self._penalise()
-            self._regulate()
-            cost = float(self._cost[0])
+            r.minimise()
+            cost = r.cost
             if not math.isfinite(cost):
                 return False
             self._measure()
             change, residual, _ = np.maximum.reduce(self._measures, axis=0).tolist()
             if change <= settings.tolerance:
                 if residual <= settings.tolerance:
-                    self.solution.write(*self._minimiser, self._multipliers)
+                    self.solution.write(r.dxs, r.dus, r.costates, self._multipliers)
                     return True
                 self._mu[...] = self._multipliers
-                self._point[...] = self._rows
+                self._point[...] = r.rows
                 cost_before, phi = cost, math.inf
                 continue
             before, phi = phi, cost + 0.5 * rho * float(np.add.reduce(self._measures[:, 2]))
             if phi < before:
-                self._point[...] = self._rows
+                self._point[...] = r.rows
                 cost_before = cost
             else:
                 low, high = (self.qp.vector(name) - self._mu / rho for name in ("lower", "upper"))
-                step = self._rows - self._point
+                step = r.rows - self._point
                 end = -float(np.vdot(self._multipliers, step))
                 self._point[...], cost_before, phi = exact_line_search(
                     self._point, step, cost_before, cost, end, rho, low, high
@@ -163,16 +159,13 @@ class RiccatiSolver:
         return False
 
 
-def _compile(
-    s: OcpQpStructure, progress: Callable[[str], None] | None
-) -> tuple[CompiledFunction, BatchKernel, BatchKernel]:
-    """Return the regulator, and the functions before and after it."""
-    lqr = compile_function(lqr_function(s, f"qp_{s.ndx}_{s.nu}_{s.ng}"), progress=progress)
-    penalise, measure = (BatchKernel(function, progress) for function in _penalty_functions(s))
-    return lqr, penalise, measure
+def _compile(ng: int, progress: Callable[[str], None] | None) -> tuple[BatchKernel, BatchKernel]:
+    """Return the functions before and after the regulator."""
+    penalise, measure = (BatchKernel(function, progress) for function in _penalty_functions(ng))
+    return penalise, measure
 
 
-def _penalty_functions(s: OcpQpStructure) -> tuple[ca.Function, ca.Function]:
+def _penalty_functions(ng: int) -> tuple[ca.Function, ca.Function]:
     """Functions of one stage before and after a call of the regulator.
 
     Returns:
@@ -183,14 +176,14 @@ def _penalty_functions(s: OcpQpStructure) -> tuple[ca.Function, ca.Function]:
         rows are outside their shifted bounds.
     """
     lower, upper, mu, point, rows, weights, targets = (
-        ca.SX.sym(name, s.ng) for name in ("lower", "upper", "mu", "point", "rows", "weights", "targets")
+        ca.SX.sym(name, ng) for name in ("lower", "upper", "mu", "point", "rows", "weights", "targets")
     )
     rho = ca.SX.sym("rho")
     given, names = [lower, upper, mu, rho], ["lower", "upper", "mu", "rho"]
     low, high = lower - mu / rho, upper - mu / rho
     nearest = _nearest(point, low, high)
     penalise = ca.Function(
-        f"penalise_{s.ng}",
+        f"penalise_{ng}",
         [*given, point],
         [ca.if_else(point != nearest, rho, 0.0), nearest],
         [*names, "point"],
@@ -200,7 +193,7 @@ def _penalty_functions(s: OcpQpStructure) -> tuple[ca.Function, ca.Function]:
     residual = rows - _nearest(rows + multipliers / rho, lower, upper)
     measures = ca.vertcat(_largest(rho * outside - multipliers), _largest(residual), ca.sumsqr(outside))
     measure = ca.Function(
-        f"measure_penalty_{s.ng}",
+        f"measure_penalty_{ng}",
         [*given, rows, weights, targets],
         [multipliers, measures],
         [*names, "rows", "weights", "targets"],

@@ -53,11 +53,10 @@ def sweep_drawing(sweep: Sweep, rows: Mapping[str, Row], summary: Summary) -> tu
             x, y, _ = point.levels[around.key[0]]
             curves.setdefault(", ".join(names), []).append((math.atan2(y, x), row.boundary))
         return ("boundaries", boundary_drawing(curves, f"largest {settings.bisect.key}")) if curves else None
-    factors: dict[str, list[PassShare]] = {}
+    factors: dict[str, dict[str, list[PassShare]]] = {}
     for level in summary.levels:
-        passed = level.passed
-        if passed.count:
-            factors.setdefault(level.key, []).append(PassShare(level.level, passed.value, passed.low, passed.high))
+        shares = factors.setdefault(level.key, {}).setdefault(", ".join(level.labels.values()), [])
+        shares.append(PassShare(level.level, level.passed.value, level.passed.low, level.passed.high))
     return ("shares", share_drawing(factors)) if factors else None
 
 

@@ -63,14 +63,16 @@ class Group:
 
 @dataclass(frozen=True)
 class Level:
-    """Share that passes at one level of one factor, over all levels of the others.
+    """Share that passes at one level of one factor, over all levels of the others, of one base and variant.
 
     Attributes:
+        labels: base and variant, where there are several.
         key: key of the factor.
         level: value of the factor, or range of values.
         passed: share that passed.
     """
 
+    labels: Mapping[str, str]
     key: str
     level: str
     passed: Estimate
@@ -102,7 +104,7 @@ class Summary:
         total: number of points.
         finished: number of finished points.
         groups: groups by base, variant and levels.
-        levels: effect of each factor that has several levels.
+        levels: effect of each factor that has several levels, for each base and variant.
         pairings: paired comparisons of variants.
         broken: number of points without a verdict, by reason.
         complaints: violated conditions of ``expect`` in words; empty if the sweep passed.
@@ -197,7 +199,10 @@ def _values(values: Iterable[float | None]) -> list[float]:
 
 
 def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
-    """Yield the share that passes at each level of each factor; of drawn numbers, in bins of equal count."""
+    """Yield the share that passes at each level of each factor, for each base and variant.
+
+    Drawn numbers are in bins of equal count, the same for all.
+    """
     draws = sweep.settings.samples.keys if sweep.settings.samples else ()
     drawn = {draw.key[0] for draw in draws if not isinstance(draw, Choice)}
     computed = [pair for pair in pairs if pair[1].ending.computed]
@@ -215,9 +220,14 @@ def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
                 (f"{low:.3g} to {high:.3g}", _between(low, high, last=high == edges[-1]))
                 for low, high in zip(edges, edges[1:], strict=False)
             ]
+        members: dict[str, tuple[dict[str, str], list[tuple[Any, Row]]]] = {}
+        for value, (point, row) in zip(values, computed, strict=True):
+            labels = _labels(sweep, point, ())
+            members.setdefault(repr(labels), (labels, []))[1].append((value, row))
         for words, inside in bins:
-            rows = [row for value, (_, row) in zip(values, computed, strict=True) if inside(value)]
-            yield Level(key, words, share(sum(row.passed for row in rows), len(rows)))
+            for labels, own in members.values():
+                rows = [row for value, row in own if inside(value)]
+                yield Level(labels, key, words, share(sum(row.passed for row in rows), len(rows)))
 
 
 def _size(level: Any) -> Any:

@@ -40,9 +40,13 @@ def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
 
 
 def level_table(summary: Summary) -> TextTable:
-    """Return the share that passes at each level of each factor."""
-    rows = tuple((each.key, each.level, str(each.passed.count), _percent(each.passed)) for each in summary.levels)
-    return TextTable(("factor", "level", "points", "passed"), rows)
+    """Return the share that passes at each level of each factor, for each base and variant."""
+    labels = tuple(dict.fromkeys(label for each in summary.levels for label in each.labels))
+    rows = tuple(
+        (each.key, each.level, *each.labels.values(), str(each.passed.count), _percent(each.passed))
+        for each in summary.levels
+    )
+    return TextTable(("factor", "level", *labels, "points", "passed"), rows)
 
 
 def pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:

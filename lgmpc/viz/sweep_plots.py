@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lgmpc.viz.figure_files import Drawing
-from lgmpc.viz.style import INK, PALETTE, X
+from lgmpc.viz.style import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 __all__ = ["PassShare", "boundary_drawing", "share_drawing"]
 
 _COLUMNS = 3
+_BESIDE = 0.08
+"""Distance between the marks of two variants at one level, in units of that between levels."""
 
 
 @dataclass(frozen=True)
 class PassShare:
-    """A share with its confidence interval, 0 to 1, at one level of a factor."""
+    """A share with its confidence interval, 0 to 1, at one level of a factor; NaN where nothing was computed."""
 
     level: str
     value: float
@@ -57,27 +59,40 @@ def boundary_drawing(curves: Mapping[str, Sequence[tuple[float, float]]], quanti
     return draw
 
 
-def share_drawing(factors: Mapping[str, Sequence[PassShare]]) -> Drawing:
+def share_drawing(factors: Mapping[str, Mapping[str, Sequence[PassShare]]]) -> Drawing:
     """Return the drawing of the shares that pass over the levels of each factor.
 
     Args:
-        factors: key -> shares at its levels, in order.
+        factors: key -> label of base and variant -> shares at its levels, in order.
     """
 
     def draw(figure: Figure) -> bool:
         rows = -(-len(factors) // _COLUMNS)
         figure.set_size_inches(4.0 * min(_COLUMNS, len(factors)), 3.0 * rows)
-        for i, (key, shares) in enumerate(factors.items()):
+        labels = list(dict.fromkeys(label for groups in factors.values() for label in groups))
+        for i, (key, groups) in enumerate(factors.items()):
             axes = figure.add_subplot(rows, min(_COLUMNS, len(factors)), i + 1)
-            values = 100.0 * np.array([[each.value, each.low, each.high] for each in shares])
-            spread = np.abs(values[:, 1:].T - values[:, 0])
-            places = np.arange(len(shares))
-            axes.errorbar(places, values[:, 0], spread, fmt="o-", ms=4, color=X, ecolor=INK, elinewidth=0.8, capsize=3)
-            axes.set_xticks(places, [each.level for each in shares], rotation=25, ha="right", fontsize=8)
+            for label, shares in groups.items():
+                values = 100.0 * np.array([[each.value, each.low, each.high] for each in shares])
+                spread = np.abs(values[:, 1:].T - values[:, 0])
+                number = labels.index(label)
+                beside = _BESIDE * (number - 0.5 * (len(labels) - 1))  # intervals do not hide each other
+                places = np.arange(len(shares)) + beside
+                style: dict[str, Any] = {
+                    "fmt": "o-",
+                    "ms": 4,
+                    "elinewidth": 0.8,
+                    "capsize": 3,
+                    "color": PALETTE[number % len(PALETTE)],
+                }
+                axes.errorbar(places, values[:, 0], spread, label=label, **style)
+            axes.set_xticks(range(len(shares)), [each.level for each in shares], rotation=25, ha="right", fontsize=8)
             axes.set_ylim(-3.0, 103.0)
             axes.set_title(key)
             if i % _COLUMNS == 0:
                 axes.set_ylabel("passed / % (95 %)")
+        if len(labels) > 1:
+            figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         return True
 
     return draw

@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lgmpc.sweeps.figure
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.figure import draw_sweep
+from lgmpc.sweeps.figure import draw_sweep, sweep_drawing
 from lgmpc.sweeps.summary import summarize
+from lgmpc.viz.figure_files import draw_figures
 
 from .conftest import Parse
 
@@ -44,3 +46,21 @@ def test_shares_are_drawn_over_levels_and_nothing_without_them(tmp_path: Path, p
     assert figure is not None
     assert figure.name == "shares.png"
     assert draw_sweep(sweep, {}, summarize(sweep, {}), tmp_path) is None
+
+
+def test_shares_of_variants_are_curves_of_their_own(tmp_path: Path, parse: Parse) -> None:
+    sweep = parse("""
+factors: [{key: plant.friction, kind: values, values: [0.4, 0.8]}]
+variants: {a: {}, b: {seed: 1}}
+""")
+    rows = {p.key: Row(p.key, Ending.FAIL if p.variant == "b" else Ending.PASS) for p in sweep.points}
+    del rows[sweep.points[1].key]  # b at 0.4
+    drawing = sweep_drawing(sweep, rows, summarize(sweep, rows))
+    assert drawing is not None
+    figure = draw_figures(dict([drawing]), "")["shares"]
+    (axes,) = figure.axes
+    curves = {each.get_label(): each.lines[0].get_ydata() for each in axes.containers}
+    np.testing.assert_array_equal(curves["a"], [100.0, 100.0])
+    np.testing.assert_array_equal(curves["b"], [np.nan, 0.0])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["0.4", "0.8"]

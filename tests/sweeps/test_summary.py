@@ -8,6 +8,7 @@ import pytest
 from lgmpc.sweeps import Ending, Row, Sweep
 from lgmpc.sweeps.statistics import mean_difference, median, share
 from lgmpc.sweeps.summary import summarize
+from lgmpc.sweeps.tables import level_table
 
 from .conftest import Parse
 
@@ -60,7 +61,13 @@ def test_shares_levels_and_pairs(parse: Parse) -> None:
         ("a", "0.8", 1.0),
         ("b", "0.8", 1.0),
     ]
-    assert [(level.level, level.passed.value) for level in found.levels] == [("0.4", 0.5), ("0.8", 1.0)]
+    assert [(level.labels["variant"], level.level, level.passed.value) for level in found.levels] == [
+        ("a", "0.4", 1.0),
+        ("b", "0.4", 0.0),
+        ("a", "0.8", 1.0),
+        ("b", "0.8", 1.0),
+    ]
+    assert level_table(found).rows[1][:4] == ("plant.friction", "0.4", "b", "1")
     tilt = next(each for each in found.pairings if each.quantity == "max_tilt_deg")
     assert (tilt.variant, tilt.against, tilt.difference.value) == ("b", "a", ((1 - 0) + (9 - 4)) / 2)
     assert found.passed

@@ -81,7 +81,6 @@ class ClosedLoopSession:
     _elapsed: float = field(init=False, default=0.0)
     _fell_s: float = field(init=False, default=math.inf)
     _taken_over: int = field(init=False, default=0)  # number of recorded ticks taken over from another session
-    _earlier: tuple[RunLog, ...] = field(init=False, default=())  # their logs, with floor and limits of each session
 
     def __post_init__(self) -> None:
         self.plant.reset(self.initial)
@@ -105,8 +104,7 @@ class ClosedLoopSession:
         log = self.recorder.log()
         if log.ticks == 0:
             return SessionResult(log, None, Verdict(Outcome.INTERRUPTED, ("stopped before the first tick",)), True)
-        parts = (*self._earlier, log.since(self._taken_over))
-        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=self._elapsed, parts=parts)
+        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=self._elapsed)
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
@@ -149,7 +147,6 @@ class ClosedLoopSession:
             InputError: the structures differ in an object that cannot be reset.
         """
         anew = take_over(beginning, self._loop, draws=draws)
-        self._earlier = (*old._earlier, old.recorder.log().since(old._taken_over))
         self.recorder.take_over(old.recorder)
         self._elapsed, self._fell_s, self._taken_over = old._elapsed, old._fell_s, self.recorder.ticks
         return anew

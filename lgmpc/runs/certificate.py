@@ -173,7 +173,7 @@ def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iter
     if feet:
         normal = log.contact_forces[:, :, 2]
         yield _smallest("normal force", feet, log.time, normal, 0.0, normal, "N")
-        limit = log.friction * np.maximum(normal, 0.0)
+        limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
         tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
         closed = normal > CONTACT_FORCE_N
         if closed.any():

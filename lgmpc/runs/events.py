@@ -262,7 +262,7 @@ def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int,
         return f"{quantity.name} beyond its limit of {limit:.3g} {unit}: {value:.3g} {unit}"
     who = _who(log, reached, quantity.subjects, span)
     if quantity.name == "friction":
-        return f"friction cone (coefficient {log.friction:.3g}) used up: {who}"
+        return f"friction cone (coefficient {log.friction_over_time[at[0]]:.3g}) used up: {who}"
     if quantity.name == "slip":
         return f"feet slid by up to {value:.3g} {unit}: {who}"
     worst = f", up to {value:.3g}" if abs(value) > (1.0 + _AT_LIMIT) * abs(limit) else ""

@@ -198,7 +198,7 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
     names = tuple(log.joint_names.tolist())
     if not names:
         return
-    yield _highest("torque", "N.m", names, np.abs(log.tau), log.effort_limit)
+    yield _highest("torque", "N.m", names, np.abs(log.tau), log.effort_limit_over_time)
     if joints is None:
         return
     yield _highest("joint speed", "rad/s", names, np.abs(log.joint_velocity), joints.speed)
@@ -206,7 +206,7 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
     if angles.shape[1] == len(names):
         yield _positions(names, angles, joints)
     if joints.line is not None:
-        yield _highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit))
+        yield _highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit_over_time))
 
 
 def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator[Limited]:
@@ -283,7 +283,7 @@ def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
     normal = log.contact_forces[:, :, 2]
     tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
     weight = 9.81 * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
-    limit = log.friction * np.maximum(normal, 0.0)
+    limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
     loaded = normal > max(_LOADED * weight, CONTACT_FORCE_N)
     return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)
 

@@ -18,6 +18,7 @@ __all__ = [
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
     "FRICTION_CHANNELS",
+    "LIMIT_CHANNELS",
     "MODES",
     "MPC_CHANNELS",
     "STEP_CHANNELS",
@@ -82,7 +83,9 @@ class _Table:
 
 
 _tick, _update = _Table("tick"), _Table("update")  # the axis "nodes" counts the horizon's states, N + 1
-_estimate, _step, _friction = (_Table(name, optional=True) for name in ("estimate", "step", "friction"))
+_estimate, _step, _friction, _limit = (
+    _Table(name, optional=True) for name in ("estimate", "step", "friction", "limit")
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +116,11 @@ class RunLog:
         mpc_ms: (m,) duration of each update, ms.
         contact_frames: (nc,) names of the contact frames.
         joint_names: (nu,) names of the actuated joints.
-        effort_limit: (nu,) torque limits that the plant clips at, N.m.
-        friction: friction coefficient of the plant's floor.
+        floor_friction: (n,) friction coefficient of the plant's floor; None, like the torque limits, if neither changed
+            during the run.
+        torque_limits: (n, nu) torque limits that the plant clips at, N.m.
+        effort_limit: (nu,) torque limits that the plant clips at, at the end, N.m.
+        friction: friction coefficient of the plant's floor at the end.
         contact_radius: radius of the spherical feet, m (0 = point feet).
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
@@ -170,6 +176,8 @@ class RunLog:
     swing_targets: Array | None = _step("nc", 3)
     footholds: Array | None = _step("nc", 3)
     joint_friction: Array | None = _friction("nu")
+    floor_friction: Array | None = _limit()
+    torque_limits: Array | None = _limit("nu")
     contact_frames: NDArray[np.str_]
     joint_names: NDArray[np.str_]
     effort_limit: Array
@@ -244,7 +252,7 @@ class RunLog:
 
     def _optional_tables(self) -> list[Mapping[str, Channel]]:
         """The optional tables of channels that this log has."""
-        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS)
+        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, LIMIT_CHANNELS)
         return [table for table in tables if any(getattr(self, name) is not None for name in table)]
 
     @property
@@ -253,6 +261,16 @@ class RunLog:
         if self.floating_base:
             return self.q[:, :7]
         return np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.ticks, 1))
+
+    @property
+    def friction_over_time(self) -> Array:
+        """(n,) friction coefficient of the plant's floor."""
+        return np.full(self.ticks, self.friction) if self.floor_friction is None else self.floor_friction
+
+    @property
+    def effort_limit_over_time(self) -> Array:
+        """(n, nu) torque limits that the plant clips at, N.m."""
+        return np.tile(self.effort_limit, (self.ticks, 1)) if self.torque_limits is None else self.torque_limits
 
     @property
     def joint_velocity(self) -> Array:
@@ -303,7 +321,7 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, *FRICTION_CHANNELS, "mass_kg"]
+        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, *FRICTION_CHANNELS, *LIMIT_CHANNELS, "mass_kg"]
         absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
@@ -320,11 +338,12 @@ def _channels(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
-CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS = map(
-    _channels, ("tick", "update", "estimate", "step", "friction")
+CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, LIMIT_CHANNELS = map(
+    _channels, ("tick", "update", "estimate", "step", "friction", "limit")
 )
-"""Channels by table, one entry per MPC update or per logged control tick; the last three tables are those of runs with
-an estimator, of runs whose steps are recorded, and of runs that estimate joint friction."""
+"""Channels by table, one entry per MPC update or per logged control tick; the last four tables are those of runs with
+an estimator, of runs whose steps are recorded, of runs that estimate joint friction, and of continued runs whose
+floor or torque limits changed."""
 
 
 @dataclass(frozen=True)

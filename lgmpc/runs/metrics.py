@@ -6,7 +6,6 @@ length of that part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,16 +114,13 @@ class Metrics:
     joint_friction_nm: float | None = None
 
 
-def compute_metrics(
-    log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None, parts: Sequence[RunLog] = ()
-) -> Metrics:
+def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
     """Return the metrics of a run.
 
     Args:
         log: the log, at the full control rate for complete counts and extremes.
         steady_from_s: time from which tracking errors and joint velocities are evaluated, s.
         elapsed_s: wall-clock time of the run, s; without it there is no real-time factor.
-        parts: the log in parts, where floor or torque limits changed: each part is compared with its own.
 
     Raises:
         InputError: if the log has no tick with a finite state.
@@ -147,10 +143,7 @@ def compute_metrics(
     home = log.base_reference[use] if log.commanded else base[:1]
     displacement = np.linalg.norm(base[:, :3] - home[:, :3], axis=1)
     torque = np.abs(log.tau[use])
-    parts = parts or (log,)
-    friction = np.concatenate([np.full((part.ticks, 1), part.friction) for part in parts])[use]
-    effort_limit = np.concatenate([np.tile(part.effort_limit, (part.ticks, 1)) for part in parts])[use]
-    saturated = torque >= (1.0 - 1e-9) * effort_limit
+    saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time[use]
     stance_slip, from_start = slip(time, log.contact_points[use], log.contact_forces[use, :, 2])
     steady = time >= steady_from_s
     com_error = np.linalg.norm(log.com[use] - log.com_reference[use], axis=1)[steady]
@@ -168,7 +161,7 @@ def compute_metrics(
         max_foot_displacement_m=float(from_start.max(initial=0.0)),
         max_abs_torque_nm=float(torque.max(initial=0.0)),
         torque_saturation_fraction=float(saturated.any(axis=1).mean()),
-        min_friction_margin_n=friction_margin(log.contact_forces[use], friction),
+        min_friction_margin_n=friction_margin(log.contact_forces[use], log.friction_over_time[use, None]),
         rms_joint_velocity_rad_s=_rms(joint_velocity.ravel()),
         com_rms_error_m=_rms(com_error),
         max_com_error_m=float(com_error.max()) if com_error.size else None,

@@ -12,7 +12,16 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, FRICTION_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, Channel, RunLog
+from lgmpc.runs.log import (
+    CHANNELS,
+    ESTIMATE_CHANNELS,
+    FRICTION_CHANNELS,
+    LIMIT_CHANNELS,
+    MPC_CHANNELS,
+    STEP_CHANNELS,
+    Channel,
+    RunLog,
+)
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
@@ -89,6 +98,7 @@ class Recorder:
         self._joint_names = np.array(list(joints), dtype=np.str_)
         self._contact_frames = np.array(list(contact_frames), dtype=np.str_)
         self._friction = float(friction)
+        self._earlier: tuple[tuple[int, float, Array], ...] = ()  # ticks of other recorders, floor, torque limits
         self._contact_radius = float(contact_radius)
         self._control_period_s = float(control_period_s)
         self._mpc_period_s = float(mpc_period_s)
@@ -157,6 +167,7 @@ class Recorder:
         Raises:
             InputError: it has updates of an MPC with another number of nodes.
         """
+        self._earlier = (*old._earlier, (old.ticks - old._taken_over, old._friction, old._effort_limit))
         self._ticks.take_over(old._ticks)
         if not old.mpc_updates:
             return
@@ -170,11 +181,25 @@ class Recorder:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
         return -(-self._ticks.log_bytes // every) + self._updates.log_bytes
 
+    @property
+    def _taken_over(self) -> int:
+        return sum(ticks for ticks, _, _ in self._earlier)
+
+    def _limits(self) -> dict[str, Any]:
+        """Return the channels of limits; none if they did not change."""
+        parts = (*self._earlier, (self.ticks - self._taken_over, self._friction, self._effort_limit))
+        if all(mu == self._friction and np.array_equal(effort, self._effort_limit) for _, mu, effort in parts):
+            return {}
+        friction = np.concatenate([np.full(ticks, mu) for ticks, mu, _ in parts])
+        effort = np.concatenate([np.tile(limit, (ticks, 1)) for ticks, _, limit in parts])
+        return dict(zip(LIMIT_CHANNELS, (friction, effort), strict=True))
+
     def log(self) -> RunLog:
         """Return a copy of all that has been recorded."""
         return RunLog(
             **self._ticks.columns(),
             **self._updates.columns(),
+            **self._limits(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),
             effort_limit=self._effort_limit.copy(),

@@ -13,7 +13,7 @@ from lgmpc.viz.style import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["finish", "label_modes", "label_pushes"]
+__all__ = ["finish", "friction_words", "label_modes", "label_pushes"]
 
 _MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
 """Colours of the modes; standing has none."""
@@ -48,6 +48,13 @@ def label_pushes(log: RunLog, *all_axes: Axes) -> None:
             axes.annotate(
                 text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
             )
+
+
+def friction_words(log: RunLog) -> str:
+    """Return the friction coefficients of the floor in the order of their times: ``0.6``, ``0.6, then 0.3``."""
+    floor = log.friction_over_time
+    changed = np.flatnonzero(np.diff(floor, prepend=np.nan))
+    return ", then ".join(f"{each:g}" for each in (floor[changed] if len(floor) else [log.friction]))
 
 
 def label_modes(log: RunLog, axes: Axes) -> None:

@@ -62,19 +62,22 @@ def add_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_h
 
 def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
     measured, planned = frames.mean(log.contact_forces), frames.mean(log.contact_forces_desired)
-    margin = log.friction * log.contact_forces[..., 2] - np.linalg.norm(log.contact_forces[..., :2], axis=2)
-    near = margin < _NEAR_SLIP * log.friction * log.contact_forces[..., 2]
+    limit = log.friction_over_time[:, None] * log.contact_forces[..., 2]
+    near = limit - np.linalg.norm(log.contact_forces[..., :2], axis=2) < _NEAR_SLIP * limit
     closed = log.contact_forces[..., 2] > 0.02 * scale.newtons
     slipping = frames.mean((near & closed).astype(np.float64)) > 0.0
     touching = frames.mean(closed.astype(np.float64)) > 0.0
+    floor = log.friction_over_time[frames.ticks]
+    frictions = np.unique(floor).tolist()
     for k, name in enumerate(log.contact_frames.tolist()):
         point = log.contact_points[frames.ticks, k]
         for folder, warn, shown in (
             ("cones", False, touching[:, k] & ~slipping[:, k]),
             ("slipping", True, touching[:, k] & slipping[:, k]),
         ):
-            path = f"/overlay/cones/{folder}/{name}"
-            add_cone(scene, path, log.friction, scale, frames.times, point, shown, warn=warn)
+            for friction in frictions:
+                path = f"/overlay/cones/{folder}/{name}" + (f"/{friction:g}" if len(frictions) > 1 else "")
+                add_cone(scene, path, friction, scale, frames.times, point, shown & (floor == friction), warn=warn)
         for folder, force, width in (("forces", measured[:, k], 1.0), ("planned", planned[:, k], 0.7)):
             arrow = Arrow(f"/overlay/{folder}/{name}", COLORS[folder], width, scale)
             arrow.add(scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
+from lgmpc.typing import Array
 from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_kinds, legend_above
-from lgmpc.viz.log_axes import finish, label_modes, label_pushes
+from lgmpc.viz.log_axes import finish, friction_words, label_modes, label_pushes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
 from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
 
@@ -129,12 +130,13 @@ def _forces(figure: Figure, log: RunLog) -> bool:
         left.plot(log.time, log.contact_forces_desired[:, k, 2], color=EXTRA, lw=1.0, label="planned")
         left.plot(log.time, normal, color=X, label="measured")
         left.set_ylabel(f"{name}, N")
-        right.fill_between(log.time, 0.0, log.friction * np.maximum(normal, 0.0), color=Z, alpha=0.18, lw=0.0)
-        right.plot(log.time, log.friction * np.maximum(normal, 0.0), color=Z, lw=1.0, label="µ × normal force")
+        limit = log.friction_over_time * np.maximum(normal, 0.0)
+        right.fill_between(log.time, 0.0, limit, color=Z, alpha=0.18, lw=0.0)
+        right.plot(log.time, limit, color=Z, lw=1.0, label="µ × normal force")
         right.plot(log.time, tangential, color=LIMIT, label="tangential force")
         finish(log, left, right)
     rows[0, 0].set_title("Normal force")
-    rows[0, 1].set_title(f"Friction, µ = {log.friction:g}")
+    rows[0, 1].set_title(f"Friction, µ = {friction_words(log)}")
     for axes in rows[-1]:
         axes.set_xlabel("time, s")
     label_pushes(log, *rows[0])
@@ -181,12 +183,13 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(8.0, 1.2 + (1.7 if alike else 3.0) * len(rows))
     all_axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
-        scale = np.ones(len(names)) if alike else log.effort_limit
+        limits = log.effort_limit_over_time[:, joints]
+        scale = np.ones_like(limits) if alike else limits
         for count, joint in enumerate(joints):
             color, label = (X, Y, Z, EXTRA)[count % 4], _joint_label(names[joint], kinds)
-            axes.plot(log.time, log.tau[:, joint] / scale[joint], color=color, lw=1.1, label=label)
-        for limit in sorted({float(limit) for limit in (log.effort_limit / scale)[joints]}):
-            draw_limits(axes, -limit, limit, f"limit {limit:g} N.m" if alike else "limit")
+            axes.plot(log.time, log.tau[:, joint] / scale[:, count], color=color, lw=1.1, label=label)
+        for limit in np.unique(limits / scale, axis=1).T:
+            _draw_effort_limit(axes, log.time, limit, " {:g} N.m" if alike else "")
         axes.set_ylabel("N.m" if alike else "fraction of the limit")
         axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
         finish(log, axes)
@@ -195,6 +198,19 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     if len(names) <= 12:
         legend_above(all_axes[0])
     return True
+
+
+def _draw_effort_limit(axes: Axes, time: Array, limit: Array, figure: str) -> None:
+    """Draw a limit (n,) on both sides of zero; where it changes, each of its values with a label."""
+    last = float(limit[-1])
+    if (limit == last).all():
+        draw_limits(axes, -last, last, "limit" + figure.format(last))
+        return
+    for side in (-limit, limit):
+        axes.plot(time, side, color=LIMIT, ls="--", lw=1.1, drawstyle="steps-post")
+    place: dict[str, Any] = {"xytext": (3, -3), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
+    for each in np.flatnonzero(np.diff(limit, prepend=np.nan)):
+        axes.annotate("limit" + figure.format(limit[each]), (time[each], limit[each]), color=LIMIT, **place)
 
 
 def _timing(figure: Figure, log: RunLog) -> bool:

@@ -12,6 +12,7 @@ from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.walking import body_velocity
 from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
+from lgmpc.viz.log_axes import friction_words
 from lgmpc.viz.marks import COLORS, Scale
 from lgmpc.viz.overlay import Frames, add_overlay
 from lgmpc.viz.page import Readout, page_of, time_line
@@ -99,7 +100,7 @@ def _facts(run: Run) -> list[tuple[str, str]]:
     metrics = run.result.metrics
     if metrics is None:
         return []
-    limit = float(run.log.effort_limit.max(initial=0.0))
+    limit = float(run.log.effort_limit_over_time.max(initial=0.0))
     facts = [("stayed up", f"{metrics.survived_s:.1f} s"), ("largest tilt", f"{metrics.max_tilt_deg:.2f}°")]
     facts += _standing_facts(metrics) if metrics.walking is None else _walking_facts(metrics.walking)
     facts.append(("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"))
@@ -144,7 +145,7 @@ def _legend(run: Run, scale: Scale) -> list[dict[str, object]]:
     if len(run.log.contact_frames):
         entries.append(entry("forces", "contact forces", size))
         entries.append(entry("planned", "planned forces", on=False))
-        entries.append(entry("cones", "friction cones", f"µ = {run.log.friction:g}"))
+        entries.append(entry("cones", "friction cones", f"µ = {friction_words(run.log)}"))
     entries.append(entry("com", "centre of mass", "orange: target"))
     if len(run.log.mpc_time):
         entries.append(entry("horizon", "predicted path"))

@@ -162,6 +162,12 @@ def test_each_part_is_compared_with_its_own_floor_and_torque_limit(pushed: Finis
     slack = run_from(pushed, 0.0, limits, tmp_path).result.metrics
     assert slack is not None and slack.min_friction_margin_n is not None
     assert slack.min_friction_margin_n > found.min_friction_margin_n
+    log = continued.session.log
+    np.testing.assert_array_equal(log.friction_over_time, np.where(log.time < 0.12 - 1e-9, 0.6, 3.0))
+    np.testing.assert_array_equal(log.effort_limit_over_time[:, 0], np.where(log.time < 0.12 - 1e-9, 1.8, 4.0))
+    explanation, _ = explain(continued)
+    used = next(each for each in explanation.nearest if each.name == "friction")
+    assert used.time_s is not None and used.time_s < 0.12
 
 
 def test_plans_come_at_another_rate_from_then_on(pushed: FinishedRun, tmp_path: Path) -> None:

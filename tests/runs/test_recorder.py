@@ -169,3 +169,19 @@ def test_missing_channels_are_all_named(standing) -> None:
     del arrays["com"], arrays["friction"]
     with pytest.raises(RunFolderError, match="com, friction"):
         RunLog.from_arrays(arrays)
+
+
+def test_limits_that_change_are_channels_of_the_log() -> None:
+    first, second, third = new_recorder(), new_recorder(effort_limit=np.full(12, 2.5)), new_recorder(friction=0.3)
+    record_standing(first, 4)
+    assert first.log().floor_friction is None
+    tick = {name: first.log().arrays()[name][-1] for name in CHANNELS}
+    second.take_over(first)
+    third.take_over(second)
+    for time in (0.01, 0.011):
+        third.record(**{**tick, "time": time})
+    log = RunLog.from_arrays(third.log().arrays())
+    np.testing.assert_array_equal(log.friction_over_time, [0.6] * 4 + [0.3] * 2)
+    np.testing.assert_array_equal(log.effort_limit_over_time, np.full((6, 12), 1.8))
+    np.testing.assert_array_equal(log.since(3).friction_over_time, [0.6, 0.3, 0.3])
+    np.testing.assert_array_equal(log.decimated(2).friction_over_time, [0.6, 0.6, 0.3])

@@ -158,3 +158,16 @@ def test_a_target_that_is_unknown_is_hidden(pushed_log) -> None:
     content, frames, _ = overlay(replace(pushed_log, com_reference=reference))
     known = np.isfinite(reference[frames.ticks, 0])
     np.testing.assert_array_equal(shown(content, "/overlay/com/target/ball", frames.times), known)
+
+
+def test_cones_are_as_wide_as_the_floor_allowed_at_the_time(pushed_log) -> None:
+    forces = np.tile([2.0, 0.0, 6.0], (pushed_log.ticks, 4, 1))
+    floor = np.where(np.arange(pushed_log.ticks) < 500, 0.6, 0.3)
+    limits = {"floor_friction": floor, "torque_limits": pushed_log.effort_limit_over_time}
+    content, frames, _ = overlay(replace(pushed_log, contact_forces=forces, **limits))
+    name, slippery = pushed_log.contact_frames[0], floor[frames.ticks] == 0.3
+    inner = np.append(slippery[:-1] == slippery[1:], True)
+    ok = shown(content, f"/overlay/cones/cones/{name}/0.6", frames.times)
+    warns = shown(content, f"/overlay/cones/slipping/{name}/0.3", frames.times)
+    np.testing.assert_array_equal(ok[inner], ~slippery[inner])
+    np.testing.assert_array_equal(warns[inner], slippery[inner])

@@ -159,3 +159,22 @@ def test_the_error_of_an_estimate_is_drawn_where_there_is_one(pushed_run, tmp_pa
     (path,) = plot_run(replace(pushed_run, log=estimated)).save(tmp_path)
     assert path.stem == "estimate"
     assert 0.01 < np.mean(pixels(path).min(axis=2) < 250) < 0.6
+
+
+def test_limits_that_changed_are_drawn_as_they_were(pushed_run, monkeypatch) -> None:
+    only(monkeypatch, "forces", "torques")
+    log, end = pushed_run.log, pushed_run.log.ticks // 2
+    friction = np.where(np.arange(log.ticks) < end, 0.6, 0.3)
+    effort = np.where(np.arange(log.ticks)[:, None] < end, 1.8, 1.2) * np.ones_like(log.tau)
+    changed = replace(log, friction=0.3, effort_limit=effort[-1].copy(), floor_friction=friction, torque_limits=effort)
+    plots = plot_run(replace(pushed_run, log=changed))
+    (cone,) = (line for line in plots["forces"].axes[1].lines if line.get_label() == "µ × normal force")
+    np.testing.assert_array_equal(cone.get_ydata(), friction * np.maximum(log.contact_forces[:, 0, 2], 0.0))
+    assert plots["forces"].axes[1].get_title(loc="left") == "Friction, µ = 0.6, then 0.3"
+    for axes in plots["torques"].axes:
+        dashed = [line.get_ydata() for line in axes.lines if line.get_linestyle() == "--"]
+        np.testing.assert_array_equal(dashed, [-effort[:, 0], effort[:, 0]])
+        assert [text.get_text() for text in axes.texts if "limit" in text.get_text()] == [
+            "limit 1.8 N.m",
+            "limit 1.2 N.m",
+        ]

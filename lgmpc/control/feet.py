@@ -266,7 +266,7 @@ class Feet:
         self.events.correct(horizon.flags, dt)
         fixed = self._fixed(time)
         points = np.where((self.stance | fixed)[:, None], self.footholds, self._nominal)
-        self._planner.horizon(clock, motion, time, dt, points, horizon.points)
+        self._planner.horizon(clock, motion, time, dt, points, horizon.points, self.stance.tolist())
         horizon.friction[:] = friction
         if horizon.margins.size:
             self._margins.write(horizon, motion, dt, fixed)

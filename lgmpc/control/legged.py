@@ -186,11 +186,9 @@ class LeggedController:
             self._write_horizon(time, planner)
             plan = planner.plan_from(time, terms)
             self.feet.decide(plan, planner.contacts.flags)
-            steps.watch(time, plan, terms.contact_points)
+            steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
             self._return_feet(time)
-        elif steps.deciding and steps.decide(
-            time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2]
-        ):
+        elif steps.deciding and steps.decide(time, planner):
             self._situation.reacting = True
             planner.expire()
         planner.follow(time, wbc)

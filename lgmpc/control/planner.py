@@ -95,17 +95,26 @@ class Planner:
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
         started = perf_counter()
-        plan = self.forecast(time, terms, self.contacts)
+        plan = self.forecast(self.state(time, terms), self.contacts, self.wrench)
         self._sampler.load(plan, time)
         self._expired = False
         self.spent = perf_counter() - started
         self.planned = True
         return plan
 
-    def forecast(self, time: float, terms: WholeBodyTerms, contacts: ContactHorizon) -> Plan:
-        """Return the plan from the sensed state with given contacts, which is not followed."""
-        state = MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
-        return self.mpc.update(state, contacts, self.motion, self._fading * self.observer.wrench)
+    def state(self, time: float, terms: WholeBodyTerms) -> MeasuredState:
+        """Return the sensed state, whose arrays change at the next tick."""
+        return MeasuredState(time, terms.q, terms.v, terms.com, terms.momentum, terms.rotation, terms.locked_inertia)
+
+    @property
+    def wrench(self) -> Array:
+        """(N, 6) predicted external wrench: the observed one, which fades."""
+        predicted: Array = self._fading * self.observer.wrench
+        return predicted
+
+    def forecast(self, state: MeasuredState, contacts: ContactHorizon, wrench: Array) -> Plan:
+        """Return the plan from a state with given contacts and external wrench (N, 6), which is not followed."""
+        return self.mpc.update(state, contacts, self.motion, wrench)
 
     def expire(self) -> None:
         """Make the next plan due at the next tick: the present one is based on other contacts."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from lgmpc.control.feet import Feet
 from lgmpc.control.planner import Planner
@@ -13,13 +13,33 @@ from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.reaction import StepReaction, StepReactionSettings, StepSchedule, forecast_cost, least
 from lgmpc.locomotion.reference import ReferenceBuilder
-from lgmpc.mpc import Plan
+from lgmpc.mpc import MeasuredState
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
 __all__ = ["PushSteps"]
 
 _LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Pushed:
+    """What a decision is based on, the same for every schedule: a pushed robot is faster at every tick.
+
+    Attributes:
+        state: measured when the decision began.
+        wrench: (N, 6) predicted then.
+        motion: of the robot in the plane.
+        friction: to rely on.
+        forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet that
+            carry least.
+    """
+
+    state: MeasuredState
+    wrench: Array
+    motion: BaseMotion
+    friction: float
+    forces: Array
 
 
 class PushSteps:
@@ -52,6 +72,7 @@ class PushSteps:
         self.deciding = False
         self._home = (0.0, 0.0, 0.0)
         self._captured = math.inf
+        self._pushed: _Pushed | None = None
 
     def stop(self) -> None:
         """Discard the steps: another mode moves the feet."""
@@ -81,41 +102,44 @@ class PushSteps:
         if not self.active or time >= self._captured:
             self._feet.follow(time, command)
 
-    def watch(self, time: float, plan: Plan | None, points: Array) -> None:
-        """Begin to decide if a plan just made shows that the feet at ``points`` (nc, 3) cannot hold the robot."""
-        if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
-            return
-        end = plan.xs[-1]
-        if self._reaction.needed(end[:3], end[3:6] / self._mass, points):
-            self.deciding = True
-            self.costs = []
-
-    def decide(
+    def watch(
         self, time: float, planner: Planner, terms: WholeBodyTerms, motion: BaseMotion, friction: float, forces: Array
-    ) -> bool:
-        """Evaluate the next schedule, if a decision is under way; return whether steps begin.
+    ) -> None:
+        """Begin to decide if the plan just made shows that the feet in place cannot hold the robot.
 
         Args:
             time: s.
-            planner: whose MPC forecasts.
+            planner: which planned.
             terms: sensed quantities.
             motion: of the robot in the plane.
             friction: to rely on.
-            forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet
-                that carry least.
+            forces: (nc,) normal forces of the feet, N.
         """
-        if not self.deciding:
+        plan = planner.plan
+        if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
+            return
+        end = plan.xs[-1]
+        if self._reaction.needed(end[:3], end[3:6] / self._mass, terms.contact_points):
+            self.deciding = True
+            self.costs = []
+            state = planner.state(time, terms).copy()
+            self._pushed = _Pushed(state, planner.wrench, motion, friction, forces.copy())
+
+    def decide(self, time: float, planner: Planner) -> bool:
+        """Evaluate the next schedule, if a decision is under way; return whether steps begin at ``time``, s."""
+        if not self.deciding or self._pushed is None:
             return False
+        pushed = self._pushed
         schedule = self._schedules[len(self.costs)]
-        horizon = self._horizon(time, planner, schedule, motion, friction)
         planner.motion.catching = True
-        planner.forecast(time, terms, horizon)  # from the last schedule's solution to near this one's
-        plan = planner.forecast(time, terms, horizon)
+        horizon = self._horizon(planner, schedule, pushed)
+        planner.forecast(pushed.state, horizon, pushed.wrench)  # from the last schedule's solution to near this one's
+        plan = planner.forecast(pushed.state, horizon, pushed.wrench)
         self.costs.append(forecast_cost(plan.xs, planner.motion.com, self._mass) if plan.status.fresh else math.inf)
         if len(self.costs) < len(self._schedules):
             return False
         self.deciding = False
-        best = self._schedules[least(self.costs, [each.load(forces) for each in self._schedules])]
+        best = self._schedules[least(self.costs, [each.load(pushed.forces) for each in self._schedules])]
         _LOG.info("steps against a push at %.3f s: %s", time, best)
         if not self.active:
             self._home = self._reference.x, self._reference.y, self._reference.yaw
@@ -124,11 +148,10 @@ class PushSteps:
         self.active = True
         return True
 
-    def _horizon(
-        self, time: float, planner: Planner, schedule: StepSchedule, motion: BaseMotion, friction: float
-    ) -> ContactHorizon:
+    def _horizon(self, planner: Planner, schedule: StepSchedule, pushed: _Pushed) -> ContactHorizon:
         """Write the contacts that a schedule would lead to."""
-        clock = self._feet.clock.copy()
+        time, clock = pushed.state.time, self._feet.clock.copy()
         clock.start(time, schedule.gait, first=schedule.first)
-        self._feet.write_horizon(time, planner.mpc.settings.node_s, motion, friction, planner.contacts, clock)
-        return planner.contacts
+        node_s, contacts = planner.mpc.settings.node_s, planner.contacts
+        self._feet.write_horizon(time, node_s, pushed.motion, pushed.friction, contacts, clock)
+        return contacts

@@ -248,7 +248,14 @@ class FootholdPlanner:
         return com[0] + x, com[1] + y
 
     def horizon(
-        self, clock: GaitClock, motion: BaseMotion, t: float, dt: float, contacts: Array, points: Array
+        self,
+        clock: GaitClock,
+        motion: BaseMotion,
+        t: float,
+        dt: float,
+        contacts: Array,
+        points: Array,
+        stance: Sequence[bool] | None = None,
     ) -> None:
         """Write the contact point or next foothold of each foot in each interval of a horizon.
 
@@ -259,16 +266,20 @@ class FootholdPlanner:
             dt: duration of the intervals, s.
             contacts: (nc, 3) contact points of the feet that stand, targets of those that swing, world, m.
             points: (N, nc, 3), overwritten.
+            stance: (nc,) feet that stand; those that lift off now then have their next foothold here, not among
+                ``contacts``. Those that the clock has on the ground unless given.
         """
         count = len(points)
         points[:] = contacts
         for foot in range(clock.nc):
             for swing in clock.swings(foot, t, t + count * dt):
-                if swing.liftoff <= t:
+                lifts_now = swing.liftoff <= t
+                if lifts_now and (stance is None or not stance[foot]):
                     continue
-                stance = clock.stance_duration(foot, swing.liftoff)
-                x, y = self.place_later(foot, motion, swing.touchdown - t, stance, clock.gait.width)
-                begin = math.ceil((swing.liftoff - t) / dt - 1e-9)
+                place = self.place if lifts_now else self.place_later
+                duration = clock.stance_duration(foot, swing.liftoff)
+                x, y = place(foot, motion, swing.touchdown - t, duration, width=clock.gait.width)
+                begin = max(math.ceil((swing.liftoff - t) / dt - 1e-9), 0)
                 points[begin:, foot, 0] = x
                 points[begin:, foot, 1] = y
                 points[begin:, foot, 2] = self._height_at(x, y)

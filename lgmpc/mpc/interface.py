@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -43,6 +43,10 @@ class MeasuredState:
         """Return the state of a level robot of which only the centroidal state is measured."""
         nothing = np.zeros(0)
         return cls(time, nothing, nothing, np.asarray(com), np.asarray(momentum), np.eye(3), np.zeros((3, 3)))
+
+    def copy(self) -> MeasuredState:
+        """Return the state with arrays of its own."""
+        return MeasuredState(self.time, *(getattr(self, each.name).copy() for each in fields(self)[1:]))
 
     def angular_momentum(self, angular_velocity: Array) -> Array:
         """Return (n, 3) angular momentum with locked joints at ``angular_velocity`` (n, 3), world axes, N.m.s."""

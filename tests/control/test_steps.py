@@ -62,6 +62,23 @@ def test_the_schedule_followed_is_the_best_of_those_evaluated() -> None:
     assert any(not first[schedule.first] for schedule in close)
 
 
+@pytest.mark.parametrize(("impulse", "first"), [((3.0, 5.196), "FL_FOOT"), ((-5.196, 3.0), "HL_FOOT")])
+def test_an_oblique_push_is_met_first_by_the_foot_that_it_points_to(impulse: tuple[float, float], first: str) -> None:
+    """The other diagonal would brake along its line, and leave that foot loaded until the base has passed it."""
+    session = pushed(impulse, seconds=1.5)
+    log, feet = session.recorder.log(), session.controller.robot.contact_frames
+    assert log.stance is not None and not session.controller.fallen
+    lifted = log.stance[np.flatnonzero(~log.stance.all(axis=1))[0]] == 0
+    assert lifted.sum() == 2 and lifted[feet.index(first)]
+
+
+def test_schedules_are_evaluated_for_the_same_state() -> None:
+    """A mirrored push exchanges the costs of the diagonals; a later evaluation finds a faster robot, and costs more."""
+    left, right = (np.array(pushed((3.0, y), seconds=0.55).controller.push_steps.costs) for y in (5.196, -5.196))
+    np.testing.assert_allclose(left.reshape(2, 2), right.reshape(2, 2)[:, ::-1], rtol=2e-3)
+    assert np.abs(left[0] - left[1]) > 5e-3 * left[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
 def test_harder_pushes_are_met_by_steps_and_end_where_the_robot_stood(plant: str) -> None:

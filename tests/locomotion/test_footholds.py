@@ -215,6 +215,22 @@ def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> 
         np.testing.assert_allclose(points[first:second, foot], np.tile([*expected, 0.1], (second - first, 1)))
 
 
+def test_the_horizon_places_the_feet_that_would_lift_off_now(legs: LegGeometry) -> None:
+    planner = FootholdPlanner(legs)
+    clock = GaitClock(TROT)
+    motion = BaseMotion(0.0, 0.0, 1.0, 0.5, 0.0)
+    contacts = legs.feet
+    points = np.zeros((5, 4, 3))
+    planner.horizon(clock, motion, 0.0, 0.02, contacts, points, [True] * 4)
+    lifted = np.flatnonzero(~clock.flags(0.0)).tolist()
+    assert len(lifted) == 2
+    for foot in range(4):
+        expected = planner.place(foot, motion, TROT.swing_s, TROT.stance_s) if foot in lifted else contacts[foot, :2]
+        np.testing.assert_allclose(points[:, foot, :2], np.tile(expected, (5, 1)), atol=1e-12)
+    planner.horizon(clock, motion, 0.0, 0.02, contacts, points, clock.flags(0.0).tolist())  # in the air already
+    np.testing.assert_array_equal(points, np.tile(contacts, (5, 1, 1)))
+
+
 def test_later_swings_are_placed_for_the_commanded_velocity(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs)
     motion = BaseMotion(0.0, 0.0, 0.5, 0.2, 0.0, commanded_vx=0.5)

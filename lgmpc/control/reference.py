@@ -124,6 +124,7 @@ class DesiredMotion:
         self.command = command = limiter.step(request, elapsed, acceleration)
         builder.advance(elapsed, command)
         if stepping:
+            builder.turn_about(terms.com, elapsed * command.yaw_rate)
             builder.shorten(terms.com, terms.yaw)
         x, y, mass, wanted = terms.x, terms.y, self._mass, builder.velocity(command)
         return BaseMotion(

@@ -117,6 +117,17 @@ class ReferenceBuilder:
             self.y += dt * (n * vx + c * vy)
             self.yaw += dt * rate
 
+    def turn_about(self, com: Array, angle: float) -> None:
+        """Turn the desired position about the measured centre of mass (3,) by an angle, rad.
+
+        A command is a motion relative to the robot: the displacement from the desired position turns with it. A
+        displacement that did not would add its product with the yaw rate to the velocity.
+        """
+        if angle:
+            c, n = math.cos(angle), math.sin(angle)
+            dx, dy = self.x - float(com[0]), self.y - float(com[1])
+            self.x, self.y = float(com[0]) + c * dx - n * dy, float(com[1]) + n * dx + c * dy
+
     def shorten(self, com: Array, yaw: float) -> None:
         """Limit the distances of desired position and heading from measured centre of mass (3,) and yaw."""
         s = self.settings

@@ -63,6 +63,20 @@ def test_positions_are_the_integral_of_velocities_in_a_turn(solo12: Robot, legs:
             com[:2] = builder.x, builder.y
 
 
+def test_a_robot_that_is_displaced_turns_at_the_commanded_velocity(solo12: Robot, legs: LegGeometry) -> None:
+    """At the commanded velocity, off the desired position, it keeps its displacement in its own axes."""
+    builder, command = ReferenceBuilder(solo12, legs), MotionCommand(vx=0.4, vy=-0.1, yaw_rate=1.5)
+    builder.begin(np.zeros(3), 0.2)
+    com, shift = np.array([0.02, -0.03, 0.2]), np.array([-0.02, 0.03])
+    for _ in range(500):
+        middle = builder.yaw + 0.5e-3 * command.yaw_rate
+        com[:2] += 1e-3 * (pin.utils.rotate("z", middle) @ [command.vx, command.vy, 0.0])[:2]
+        builder.advance(1e-3, command)
+        builder.turn_about(com, 1e-3 * command.yaw_rate)
+    turned = pin.utils.rotate("z", 500e-3 * command.yaw_rate)[:2, :2] @ shift
+    np.testing.assert_allclose([builder.x - com[0], builder.y - com[1]], turned, atol=1e-9)
+
+
 def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs: LegGeometry) -> None:
     """Following the limiter step by step comes to the nodes that were written at the start."""
     builder, limiter = ReferenceBuilder(solo12, legs), CommandLimiter(CommandLimits(acceleration_m_s2=2.0))

@@ -21,7 +21,7 @@ from lgmpc.lie import quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range
 from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array, BoolArray, IntArray
 
 __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
 
@@ -69,6 +69,11 @@ class LeggedEstimatorSettings(ImuNoise):
     rest_s: NonNegative = Field(
         default=0.02, description="Time for which a foot must pass the tests after it slid until it corrects again, s."
     )
+    floor_noise_m: Annotated[Positive, Field(le=1.0)] | None = Field(
+        default=None,
+        description="Standard deviation of the floor's height where a foot touches down, about a level plane, m. null: "
+        "the floor is unknown, and the estimated height drifts.",
+    )
     contact_force_n: RangeFromZero | None = Field(
         default=None,
         description="Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
@@ -90,6 +95,8 @@ class LeggedEstimator:
     are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
     joint speeds and the estimate, slides or has just touched down, which would appear as motion of the base. Feet that
     slide too slowly for this test are detected by their innovation, and begin a new contact where they come to rest.
+    Where the floor is known to be level up to ``floor_noise_m``, each touchdown also measures the height of the contact
+    point: the height does not drift, and a tilt can be distinguished from a bias of the accelerometer.
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
@@ -157,6 +164,7 @@ class LeggedEstimator:
         self._q, self._v = robot.q_reference.copy(), np.zeros(robot.nv)
         self._q[:7] = start
         self._running = False
+        self._floor = math.nan  # height of the floor against gravity, m
 
     def reset(self) -> None:
         """Start again with the next reading."""
@@ -164,7 +172,7 @@ class LeggedEstimator:
         self.legs.reset()
         self._moved[:] = -math.inf
         self.rejected[:] = False
-        self._running, self.failures = False, 0
+        self._running, self.failures, self._floor = False, 0, math.nan
 
     def update(self, measurement: Measurement) -> RobotState:
         """Process a reading and return the state at its time, in new arrays."""
@@ -199,6 +207,8 @@ class LeggedEstimator:
             ekf.end_contact(foot)
         for foot in np.flatnonzero(new).tolist():
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
+        if self.settings.floor_noise_m is not None and new.any():
+            self._touch_floor(np.flatnonzero(new), self.settings.floor_noise_m)
         np.greater(self.contacts, ekf.touching, out=self.rejected)
         self._q[:3] = ekf.position
         self._q[3:7] = quaternion.from_matrix.unchecked(ekf.rotation)
@@ -206,6 +216,13 @@ class LeggedEstimator:
         self._v[:3] = ekf.velocity @ ekf.rotation
         self._v[3:6] = reading.gyro - ekf.gyro_bias
         self._v[6:] = reading.speeds
+
+    def _touch_floor(self, feet: IntArray, noise: float) -> None:
+        """Correct with the floor's height at the contact points of ``feet``; the first ones define it."""
+        if math.isnan(self._floor):
+            self._floor = float((self._up @ self.ekf.points[:, feet]).mean())
+        for foot in feet.tolist():
+            self.ekf.correct_height(foot, self._floor, noise)
 
     def _slow(self) -> BoolArray:
         """Return (nc,) which contact points may be at rest: the chi-square test of their velocities about zero."""

@@ -90,6 +90,28 @@ def test_a_sliding_foot_is_in_contact_but_does_not_correct_the_estimate(
     np.testing.assert_allclose(state.v[:3], 0.0, atol=1e-3)
 
 
+def test_feet_that_step_on_a_level_floor_distinguish_a_tilt_from_the_bias_of_the_accelerometer(solo12: Robot) -> None:
+    """The accelerometer's bias of 0.1 m/s2 seems a tilt of 10 mrad: 4 mm from the front to the hind feet."""
+    level = resting(solo12, np.eye(3))
+    biased = level._replace(accelerometer=level.accelerometer + [0.1, 0.0, 0.0])
+    gravity = pin.computeGeneralizedGravity(solo12.model, solo12.create_data(), solo12.q_reference)[6:]
+    tilts = []
+    for noise in (None, 1e-3):
+        settings = LeggedEstimatorSettings(floor_noise_m=noise, accelerometer_bias_m_s2=0.1, rest_s=0.0)
+        estimator = LeggedEstimator(solo12, PERIOD, settings)
+        for step in range(24):
+            swing = np.array(biased.torques)
+            joints = slice(3 * (step % 4), 3 * (step % 4) + 3)
+            swing[joints] = gravity[joints]
+            for _ in range(10):
+                estimator.update(biased)
+            for _ in range(5):
+                state = estimator.update(biased._replace(torques=swing))
+            assert estimator.contacts.sum() == 3
+        tilts.append(np.arccos(quaternion.to_matrix(state.q[3:7])[2, 2]))
+    assert tilts[0] > 8e-3 and tilts[1] < 3e-3
+
+
 def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
     solo12: Robot, estimator: LeggedEstimator, caplog: pytest.LogCaptureFixture
 ) -> None:

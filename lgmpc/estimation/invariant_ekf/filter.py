@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 
 import casadi as ca
@@ -18,6 +19,7 @@ from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
 from lgmpc.estimation.invariant_ekf.programme import (
     augmentation,
     correction,
+    height_correction,
     known_landmark_correction,
     landmark_correction,
     prediction,
@@ -55,8 +57,8 @@ class InvariantEkf:
         outlier_probability: of a foot whose errors are as assumed; feet whose innovations are less probable than this
             do not correct the estimate (chi-square test of the normalised innovation squared, Bar-Shalom, Li and
             Kirubarajan 2001, 5.4.2). 0: all feet correct it.
-        progress: called with a description of what is being compiled. The corrections by landmarks are compiled at
-            their first use.
+        progress: called with a description of what is being compiled. The corrections by landmarks and heights are
+            compiled at their first use.
 
     Attributes:
         form: as given.
@@ -116,9 +118,12 @@ class InvariantEkf:
         self._flags, self._selected = np.zeros(contacts), np.zeros(used)
         self._used = np.zeros(used, dtype=np.bool_)
         self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        self._height = np.zeros(2)
         offset = three("contact_offset", contact_offset)
         densities = (*noise.densities, slip)
-        self._parameters = np.concatenate([[0.0], three("gravity", gravity), offset, np.square(densities)])
+        gravity = three("gravity", gravity)
+        self._up = -gravity / max(float(np.linalg.norm(gravity)), sys.float_info.min)
+        self._parameters = np.concatenate([[0.0], gravity, offset, np.square(densities)])
 
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
@@ -251,6 +256,30 @@ class InvariantEkf:
         self._marginalise(foot)
         self._flags[foot] = 0.0
 
+    def correct_height(self, foot: int, height: float, deviation: float) -> None:
+        """Correct the estimate with the known height of the contact point of ``foot``: the floor's.
+
+        Args:
+            foot: index, 0 to k - 1; in contact.
+            height: its coordinate against gravity, m.
+            deviation: standard deviation of the height, m; above zero.
+
+        Raises:
+            InputError: no such foot, one that is not in contact, or numbers that are not finite or not positive.
+        """
+        _check_index("foot", foot, self.contacts)
+        if not self.touching[foot]:
+            raise InputError("foot", foot, "one in contact (begin_contact first)")
+        if not math.isfinite(height):
+            raise InputError("height", height, "a finite number")
+        if not (math.isfinite(deviation) and deviation > 0.0):
+            raise InputError("deviation", deviation, "a positive length")
+        self._selected[:] = 0.0
+        self._selected[foot] = 1.0
+        self._height[:] = height, deviation**2
+        self._height_correction()
+        self._state[:] = self._scratch
+
     def add_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
         """Add a landmark of unknown position to the state, at its measured position.
 
@@ -376,6 +405,13 @@ class InvariantEkf:
         points = self.contacts + self.landmarks
         kernel = StageKernel.of(known_landmark_correction, self.form, points, progress=self._progress)
         return self._bind_one(kernel, landmark=self._known)
+
+    @functools.cached_property
+    def _height_correction(self) -> Callable[[], int]:
+        points = self.contacts + self.landmarks
+        kernel = StageKernel.of(height_correction, self.form, points, progress=self._progress)
+        inputs = {"selected": self._selected, "up": self._up, "height": self._height}
+        return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **inputs)
 
     def _bind_one(self, kernel: StageKernel, **inputs: Array) -> Callable[[], int]:
         """Connect a correction with one measured position to the filter's memory."""

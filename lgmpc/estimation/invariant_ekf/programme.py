@@ -14,7 +14,14 @@ import casadi as ca
 from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion, Observation
 from lgmpc.lie.symbolic import coefficients, sek3, so3
 
-__all__ = ["augmentation", "correction", "known_landmark_correction", "landmark_correction", "prediction"]
+__all__ = [
+    "augmentation",
+    "correction",
+    "height_correction",
+    "known_landmark_correction",
+    "landmark_correction",
+    "prediction",
+]
 
 _CORRECTED = ["pose_next", "bias_next", "covariance_next"]
 
@@ -188,6 +195,40 @@ def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
         [pose, bias, covariance, measured, noise, landmark],
         _update(form, (before, bias, covariance), observation, noise, gain, matrix @ gain[:9, :]),
         ["pose", "bias", "covariance", "measured", "noise", "landmark"],
+        _CORRECTED,
+    )
+
+
+def height_correction(form: ErrorForm, points: int) -> ca.Function:
+    """Return the Kalman update with the known height of a point that is part of the state.
+
+    Inputs: ``pose``, ``bias``, ``covariance``, ``selected`` (p,) 1 for the point, ``up`` (3,) unit vector against
+    gravity, world axes, ``height`` (2,): the point's coordinate along it, m, and its variance, m2.
+
+    Plain differences ``(d, e)`` of attitude and points result in the errors ``(B d, A d + C e)`` with the blocks of
+    :meth:`ErrorForm.from_differences`; the height's difference is ``up . e``, solved for.
+    """
+    pose, bias, covariance = _state(points)
+    selected, up, height = ca.SX.sym("selected", points), ca.SX.sym("up", 3), ca.SX.sym("height", 2)
+    before = _assume_group(pose)
+    change = form.from_differences(before)
+    attitude, matrix = change[:3, :3], ca.SX(1, 15 + 3 * points)
+    for i in range(points):
+        rows = slice(9 + 3 * i, 12 + 3 * i)
+        own = selected[i] * (change[rows, rows] @ up).T
+        matrix[:, rows] = own
+        matrix[:, :3] -= own @ change[rows, :3] @ attitude.T
+    gain = covariance @ matrix.T
+    innovation = ca.dot(up, before[:3, 5:] @ selected) - height[0]
+    variance = matrix @ gain + height[1]
+    return ca.Function(
+        f"inekf_correct_height_{form.name}_{points}",
+        [pose, bias, covariance, selected, up, height],
+        [
+            *_corrected(form, before, bias, gain * innovation / variance),
+            _symmetric(covariance - gain @ gain.T / variance),
+        ],
+        ["pose", "bias", "covariance", "selected", "up", "height"],
         _CORRECTED,
     )
 

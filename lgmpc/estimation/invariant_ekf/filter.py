@@ -16,6 +16,7 @@ from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, three
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
+from lgmpc.estimation.invariant_ekf.memory import column_major, read_only, split_state, write
 from lgmpc.estimation.invariant_ekf.programme import (
     augmentation,
     correction,
@@ -110,7 +111,7 @@ class InvariantEkf:
         used = contacts + landmarks
         columns, size = 5 + used, 15 + 3 * used
         self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
-        state, following = (_views(memory, columns, size) for memory in (self._state, self._scratch))
+        state, following = (split_state(memory, columns, size) for memory in (self._state, self._scratch))
         self._pose, self._bias, self._covariance = state
         self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
         self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
@@ -126,8 +127,8 @@ class InvariantEkf:
         self._parameters = np.concatenate([[0.0], gravity, offset, np.square(densities)])
 
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
-        self._before = {"pose": _memory(state[0]), "bias": state[1], "covariance": state[2].ravel()}
-        self._after = {"pose_next": _memory(following[0]), "covariance_next": following[2].ravel()}
+        self._before = {"pose": column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
+        self._after = {"pose_next": column_major(following[0]), "covariance_next": following[2].ravel()}
         self._predict = StageKernel.of(prediction, form, contacts, landmarks, progress=progress).bind(
             1,
             **self._before,
@@ -162,15 +163,15 @@ class InvariantEkf:
         )
         self._next_bias = following[1]
         self._rejected = np.zeros(contacts, dtype=np.bool_)
-        self.innovations_squared, self.rejected = _read_only(self._squares), self._rejected.view()
+        self.innovations_squared, self.rejected = read_only(self._squares), self._rejected.view()
         self.rejected.flags.writeable = False
         self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
         self.touching.flags.writeable = self.mapped.flags.writeable = False
-        self.pose = _read_only(self._pose)
+        self.pose = read_only(self._pose)
         self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
         self.points, self.landmark_positions = self.pose[:3, 5 : 5 + contacts], self.pose[:3, 5 + contacts :]
-        self.gyro_bias, self.accelerometer_bias = (_read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
-        self.covariance = _read_only(self._covariance)
+        self.gyro_bias, self.accelerometer_bias = (read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
+        self.covariance = read_only(self._covariance)
         self.reset(np.eye(5), np.zeros(15))
 
     def reset(
@@ -222,10 +223,10 @@ class InvariantEkf:
         Raises:
             InputError: a vector that is not finite or of another shape, or a duration that is not positive.
         """
-        _write("gyro", gyro, self._sample[:3])
-        _write("accelerometer", accelerometer, self._sample[3:])
+        write("gyro", gyro, self._sample[:3])
+        write("accelerometer", accelerometer, self._sample[3:])
         if foot_rates is not None:
-            _write("foot_rates", foot_rates, self._rolling)
+            write("foot_rates", foot_rates, self._rolling)
         self._parameters[0] = duration_of("duration", duration)
         self._next_bias[:] = self._bias
         self._predict()
@@ -313,8 +314,8 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        _write("measured", measured, self._measured)
-        _write("covariances", covariances, self._spread)
+        write("measured", measured, self._measured)
+        write("covariances", covariances, self._spread)
         self._correct()
         np.greater(self._squares, self._gate, out=self._rejected)
         self._state[:] = self._scratch
@@ -350,7 +351,7 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        _write("position", position, self._known)
+        write("position", position, self._known)
         self._write_one(measured, covariance)
         self._known_landmark_correction()
         self._state[:] = self._scratch
@@ -392,8 +393,8 @@ class InvariantEkf:
         self._used[point] = False
 
     def _write_one(self, measured: Array, covariance: Array) -> None:
-        _write("measured", measured, self._one_point)
-        _write("covariance", covariance, self._one_noise)
+        write("measured", measured, self._one_point)
+        write("covariance", covariance, self._one_noise)
 
     @functools.cached_property
     def _landmark_correction(self) -> Callable[[], int]:
@@ -436,29 +437,3 @@ def chi_square_bound(probability: float) -> float:
 def _check_index(name: str, index: int, count: int) -> None:
     if not 0 <= index < count:
         raise InputError(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one")
-
-
-def _views(memory: Array, columns: int, size: int) -> tuple[Array, Array, Array]:
-    """Return pose, biases and covariance as views of one array, so that one copy copies all."""
-    pose, bias, covariance = np.split(memory, [columns**2, columns**2 + 6])
-    return pose.reshape((columns, columns), order="F"), bias, covariance.reshape(size, size)
-
-
-def _memory(matrix: Array) -> Array:
-    """Return the flat memory of a matrix in column-major order."""
-    return matrix.T.reshape(-1)
-
-
-def _read_only(array: Array) -> Array:
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-def _write(name: str, value: Array, buffer: Array) -> None:
-    """Copy a finite array into a buffer of its shape; called at every tick."""
-    if np.shape(value) != buffer.shape:
-        raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
-    if not math.isfinite(np.add.reduce(value, axis=None)):
-        raise InputError(name, value, "finite numbers")
-    buffer[...] = value

@@ -1,7 +1,7 @@
 """Time one update of an MPC, for every QP solver, in a closed loop on its own exact model.
 
     python scripts/bench_mpc.py [--impulse 2.0] [--nodes 20] [--facets 8] [--seconds 3]
-    python scripts/bench_mpc.py --model full_body [--solvers riccati piqp]     # or kinodynamic, lqr
+    python scripts/bench_mpc.py --model full_body [--solvers active_set piqp]     # or kinodynamic, lqr
 
 A quadruped of Solo12's mass (with the models that have legs: Solo12) stands, is pushed for 0.2 s, and recovers.
 Updates at 100 Hz (50 Hz with the legs); an update is timed from measured state to plan, everything included. The
@@ -110,7 +110,7 @@ class CentroidalLoop(ClosedLoop):
 
     def __init__(self, name: str, nodes: int, facets: int, mpc: CentroidalMpc | CentroidalLqr | None = None) -> None:
         super().__init__(name)
-        solver = name if name in QP_SOLVERS else "riccati"
+        solver = name if name in QP_SOLVERS else "active_set"
         model = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=solver))
         self.mpc = model if mpc is None else mpc
         self.compiled = model.solver.compiled

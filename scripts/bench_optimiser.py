@@ -162,7 +162,7 @@ def time_constrained(nodes: int, rounds: int) -> list[Figure]:
     figures = []
     print(f"\nstance with hard friction cones and torque limits, N = {nodes}: SQP; median (least), ms")
     accurate = PiqpSettings("sparse_multistage", tolerance=1e-11, max_iterations=200)
-    for solver, make in (("structured", None), ("piqp", lambda qp: PiqpSolver(qp, accurate))):
+    for solver, make in (("active_set", None), ("piqp", lambda qp: PiqpSolver(qp, accurate))):
         sqp = LineSearchSqp(problem, qp_solver=make, progress=print)
         all_times = []
         for _ in range(rounds):

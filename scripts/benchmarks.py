@@ -179,7 +179,7 @@ def _by_model(model: str) -> Group:
 
 
 def _updates(model: str) -> Group:
-    options = f"bench_mpc.py --model {model} --solvers riccati"
+    options = f"bench_mpc.py --model {model} --solvers active_set"
     return Group(options, f"{options} --seconds 0.8", of_mpc)
 
 

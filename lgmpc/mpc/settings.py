@@ -102,10 +102,10 @@ class MpcSettings(Settings):
 class SqpMpcSettings(MpcSettings):
     """Settings of models solved by sequential quadratic programming."""
 
-    qp_solver: Literal["riccati", "structured", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
-        default="riccati",
-        description="Solver of each quadratic programme. riccati: lgmpc's own, in scalar code for small stages and in"
-        " dense blocks (structured) for large ones.",
+    qp_solver: Literal["active_set", "active_set_dense", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
+        default="active_set",
+        description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
+        " small stages and in dense blocks for large ones; active_set_dense: always in dense blocks.",
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."

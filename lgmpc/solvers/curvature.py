@@ -13,8 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.ocp import OcpQp, SubproblemFunctions
-from lgmpc.solvers.qp import QpSolver, QpStatus, StructuredSolver
-from lgmpc.solvers.sweep import BackwardSweep, Expansion
+from lgmpc.solvers.qp import ActiveSetSolver, QpSolver, QpStatus, penalised_feedback
 from lgmpc.typing import Array
 
 __all__ = ["CURVATURES", "Hessians", "is_convex", "solve_curved"]
@@ -50,7 +49,7 @@ def solve_curved(
         multipliers: (N, ng) of the path constraints.
         solve: solves the subproblem as it is; returns the status, and the kept fraction of gaps and violations.
     """
-    qp, own = functions.qp, solver if isinstance(solver, StructuredSolver) and solver.available else None
+    qp, own = functions.qp, solver if isinstance(solver, ActiveSetSolver) and solver.available else None
     allowed = own is not None and own.may_take_over
     arrays = qp.values, qp.terminal_values
     convex, known = [array.copy() for array in arrays], [array.copy() for array in solver.solution.arrays]
@@ -76,12 +75,4 @@ def solve_curved(
 
 def is_convex(qp: OcpQp) -> bool:
     """Return whether the cost is strictly convex along the dynamics, by a backward sweep."""
-    s = qp.structure
-    m = {name: qp.dense(name) for name in "ABQSR"}
-    jacobian = np.swapaxes(np.concatenate([m["A"], m["B"]], axis=2), 1, 2).copy()
-    hessian = np.block([[m["Q"], np.swapaxes(m["S"], 1, 2)], [m["S"], m["R"]]])
-    gradient, gaps = np.zeros((s.nodes, s.ndx + s.nu)), np.zeros((s.nodes + 1, s.ndx))
-    gains = np.zeros((s.nodes, s.nu, s.ndx)), np.zeros((s.nodes, s.nu))
-    last = qp.dense_terminal("Q"), np.zeros(s.ndx)
-    model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, compiled=False)
-    return BackwardSweep(model).run(0.0, closed=True)
+    return len(penalised_feedback(qp)) > 0

@@ -35,10 +35,11 @@ from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, Augmente
 from lgmpc.solvers.curvature import Hessians, solve_curved
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
 from lgmpc.solvers.qp import (
+    ActiveSetSettings,
+    ActiveSetSolver,
+    DenseRegulator,
     QpSolver,
     QpStatus,
-    StructuredSettings,
-    StructuredSolver,
     make_qp_solver,
 )
 from lgmpc.solvers.solution import Solution, Status, Timings
@@ -122,8 +123,8 @@ class LineSearchSqp(IterativeSolver):
         elif qp_solver is not None:
             self.qp_solver = qp_solver(qp)
         else:
-            own = StructuredSettings(1e-2 * self.settings.tolerance)
-            self.qp_solver = StructuredSolver(qp, own, progress=progress)
+            own = ActiveSetSettings(1e-2 * self.settings.tolerance)
+            self.qp_solver = ActiveSetSolver(qp, own, regulator=DenseRegulator(qp, progress), progress=progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -194,7 +195,7 @@ class LineSearchSqp(IterativeSolver):
 
     def _take_over(self, allowed: bool) -> None:
         """Set whether a slow solver takes the subproblems that lgmpc's own does not solve."""
-        if isinstance(self.qp_solver, StructuredSolver):
+        if isinstance(self.qp_solver, ActiveSetSolver):
             self.qp_solver.may_take_over = allowed or not self.qp_solver.available
 
     def _return_to_steps(self, status: Status | None) -> Status | None:
@@ -310,7 +311,7 @@ class LineSearchSqp(IterativeSolver):
         gaps = np.vstack([np.zeros(s.ndx), self.qp.vector("b")])
         kkt = self._residual() if status is not Status.NOT_FINITE else KktResidual.unknown()
         feedback = np.zeros((0, s.nu, s.ndx))
-        if isinstance(self.qp_solver, StructuredSolver) and status is not Status.NOT_FINITE:
+        if isinstance(self.qp_solver, ActiveSetSolver) and status is not Status.NOT_FINITE:
             feedback = self.qp_solver.feedback(self._multipliers)
         return Solution(
             self.problem.copy(), f.xs.copy(), f.us.copy(), feedback, np.zeros((0, s.nu)),

@@ -114,7 +114,7 @@ class RealTimeSqp:
     def __init__(
         self,
         problem: ShootingProblem,
-        qp_solver: str | Callable[[OcpQp], QpSolver] = "riccati",
+        qp_solver: str | Callable[[OcpQp], QpSolver] = "active_set",
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem

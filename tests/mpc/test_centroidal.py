@@ -213,7 +213,7 @@ def test_absurd_states_end_in_a_status(qp_solver: str, distance: float) -> None:
     np.testing.assert_allclose(back[-1].first_forces[:, 2], MASS * 9.81 / 4, atol=0.05)
 
 
-@pytest.mark.parametrize("qp_solver", ["riccati", "piqp"])
+@pytest.mark.parametrize("qp_solver", ["active_set", "piqp"])
 def test_saturated_forces_are_solved_for(qp_solver: str) -> None:
     mpc = make(qp_solver=qp_solver)
     plan = update(mpc, 0.0, STANDING + [0.3, -0.3, -0.1, 5.0, -5.0, -3.0, 0.5, 0.5, 0.2])

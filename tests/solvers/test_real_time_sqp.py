@@ -10,7 +10,14 @@ from samples import Unicycle
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Status
-from lgmpc.solvers.qp import PiqpSettings, PiqpSolver, ProxqpSettings, ProxqpSolver, RiccatiSettings, RiccatiSolver
+from lgmpc.solvers.qp import (
+    ActiveSetSettings,
+    ActiveSetSolver,
+    PiqpSettings,
+    PiqpSolver,
+    ProxqpSettings,
+    ProxqpSolver,
+)
 
 Make = Callable[..., ShootingProblem]
 PUSHES = {
@@ -21,7 +28,7 @@ PUSHES = {
 }
 # Tighter than their standard settings: the forces' weights are small, so that a gradient of 1e-6 is 1e-3 N.
 ACCURATE = {
-    "riccati": lambda qp: RiccatiSolver(qp, RiccatiSettings(tolerance=1e-9), fallback=ACCURATE["piqp"]),
+    "active_set": lambda qp: ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), fallback=ACCURATE["piqp"]),
     "piqp": lambda qp: PiqpSolver(qp, PiqpSettings(tolerance=1e-10)),
     "proxqp": lambda qp: ProxqpSolver(qp, ProxqpSettings(tolerance=1e-9)),
 }

@@ -6,18 +6,23 @@ from collections.abc import Callable
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.active_set import LARGE_STAGE, ActiveSetSettings, ActiveSetSolver
 from lgmpc.solvers.qp.cascade import Cascade
+from lgmpc.solvers.qp.dense_regulator import DenseRegulator
+from lgmpc.solvers.qp.feedback import penalised_feedback
 from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
 from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
 from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
-from lgmpc.solvers.qp.riccati import RiccatiSettings, RiccatiSolver
-from lgmpc.solvers.qp.structured import LARGE_STAGE, StructuredSettings, StructuredSolver
+from lgmpc.solvers.qp.sparse_regulator import SparseRegulator
 
 __all__ = [
     "LARGE_STAGE",
     "QP_SOLVERS",
+    "ActiveSetSettings",
+    "ActiveSetSolver",
     "Cascade",
+    "DenseRegulator",
     "OsqpSettings",
     "OsqpSolver",
     "PiqpSettings",
@@ -27,25 +32,19 @@ __all__ = [
     "QpSolution",
     "QpSolver",
     "QpStatus",
-    "RiccatiSettings",
-    "RiccatiSolver",
-    "StructuredSettings",
-    "StructuredSolver",
+    "SparseRegulator",
     "make_qp_solver",
+    "penalised_feedback",
 ]
 
 _Progress = Callable[[str], None]
 
 
-def _riccati(qp: OcpQp, progress: _Progress | None) -> QpSolver:
-    """Our own: scalar code for small stages, dense blocks for large ones."""
-    large = qp.structure.ndx + qp.structure.nu > LARGE_STAGE
-    return StructuredSolver(qp, progress=progress) if large else RiccatiSolver(qp, progress=progress)
-
-
 _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
-    "riccati": _riccati,
-    "structured": lambda qp, progress: StructuredSolver(qp, progress=progress),
+    "active_set": lambda qp, progress: ActiveSetSolver(qp, progress=progress),
+    "active_set_dense": lambda qp, progress: ActiveSetSolver(
+        qp, regulator=DenseRegulator(qp, progress), progress=progress
+    ),
     "piqp": lambda qp, _: PiqpSolver(qp),
     "piqp_multistage": lambda qp, _: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
     "osqp": lambda qp, _: OsqpSolver(qp),

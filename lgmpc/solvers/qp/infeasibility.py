@@ -2,14 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.central_path import nearest_in
+from lgmpc.solvers.qp.line import exact_line_search
+from lgmpc.solvers.qp.regulator import Regulator
 from lgmpc.typing import Array
 
-__all__ = ["is_certificate"]
+__all__ = ["is_certificate", "is_infeasible"]
 
 _LEAST = 1e-9  # relative margin beyond rounding
+_PENALTIES = (1e1, 1e3, 1e5, 1e7)  # of violations, in control weights
+_SWEEPS = 8  # with each of them
+_FAR = 1e2  # times the controls of a step with a small penalty: larger ones count as none
+
+
+def is_infeasible(regulator: Regulator, scale: float, factor: Callable[[], bool]) -> bool:
+    """Return whether the multipliers of the least violation prove that no step is without one.
+
+    The penalised violation is minimised by Newton's method, with penalties that grow.
+
+    Args:
+        regulator: of the problem, loaded, with its first state.
+        scale: the median control weight.
+        factor: calls it; returns whether there is a finite minimiser.
+    """
+    r, qp = regulator, regulator.qp
+    lower, upper = qp.vector("lower").copy(), qp.vector("upper").copy()
+    r.weights[...], r.targets[...] = scale, nearest_in(np.zeros_like(lower), lower, upper)
+    if not factor():
+        return False
+    rows, cost = r.rows.copy(), r.cost
+    reach = _FAR * float(np.abs(r.dus).max(initial=0.0))
+    for rho in scale * np.array(_PENALTIES):
+        for _ in range(_SWEEPS):
+            nearest = nearest_in(rows, lower, upper)
+            active = rows != nearest
+            np.multiply(active, rho, out=r.weights)
+            r.targets[...] = nearest
+            if not factor():
+                return False
+            np.multiply(r.weights, r.rows - r.targets, out=r.multipliers)
+            if np.array_equal(active, r.rows != nearest_in(r.rows, lower, upper)):
+                rows, cost = r.rows.copy(), r.cost
+                break
+            end = -float(np.vdot(r.multipliers, r.rows - rows))
+            rows, cost, _ = exact_line_search(rows, r.rows - rows, cost, r.cost, end, rho, lower, upper)
+        reach = max(reach, 2.0 * float(np.abs(r.dus).max(initial=0.0)))
+        if is_certificate(qp, r.dx0, r.multipliers, reach):
+            return True
+    return False
 
 
 def is_certificate(qp: OcpQp, dx0: Array, multipliers: Array, reach: float) -> bool:

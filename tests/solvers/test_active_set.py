@@ -1,4 +1,4 @@
-"""lgmpc's own solver for large stages, on random problems, against PIQP, OSQP and a dense solution of its equations."""
+"""lgmpc's own solver, on random problems, against PIQP, OSQP and a dense solution of its equations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from lgmpc.ocp import Block, KktConditions, OcpQp, OcpQpStructure, Trajectory
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
+    ActiveSetSettings,
+    ActiveSetSolver,
     Cascade,
+    DenseRegulator,
     OsqpSettings,
     OsqpSolver,
     PiqpSettings,
@@ -20,14 +23,13 @@ from lgmpc.solvers.qp import (
     QpSolution,
     QpSolver,
     QpStatus,
-    RiccatiSolver,
-    StructuredSettings,
-    StructuredSolver,
-    make_qp_solver,
+    SparseRegulator,
+    penalised_feedback,
 )
-from lgmpc.solvers.qp.regulator import BlockRegulator
+from lgmpc.solvers.qp.active_set import regulator_for
 
 NX, NU, NG, NODES = 9, 4, 6, 7
+Kind = type[DenseRegulator] | type[SparseRegulator]
 
 
 def structure(nx: int = NX, nu: int = NU, ng: int = NG, nodes: int = NODES) -> OcpQpStructure:
@@ -125,6 +127,11 @@ def test_a_solution_measures_itself_as_the_compiled_conditions_do() -> None:
     np.testing.assert_allclose(point.constraint_violation()[4:6], [0.5, 0.7], rtol=1e-12)
 
 
+@pytest.fixture(params=[DenseRegulator, SparseRegulator], ids=["dense", "sparse"])
+def kind(request: pytest.FixtureRequest) -> Kind:
+    return request.param
+
+
 def solved(solver: QpSolver, dx0: np.ndarray) -> QpSolution:
     solver.prepare()
     assert solver.solve(dx0) is QpStatus.SOLVED
@@ -132,52 +139,55 @@ def solved(solver: QpSolver, dx0: np.ndarray) -> QpSolution:
 
 
 @pytest.mark.parametrize(("tightness", "equalities"), [(0.3, 0), (0.3, 2), (3.0, 0), (3.0, 2), (10.0, 0)])
-def test_random_problems_have_the_solution_of_piqp_and_osqp(tightness: float, equalities: int) -> None:
+def test_random_problems_have_the_solution_of_piqp_and_osqp(kind: Kind, tightness: float, equalities: int) -> None:
+    tolerance = 1e-9 if kind is DenseRegulator else 1e-7  # which corrects rounding
     for seed in range(6):
         qp = random_problem(np.random.default_rng(seed), tightness, equalities)
-        solver = StructuredSolver(qp, StructuredSettings(tolerance=1e-9))
+        solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=tolerance), regulator=kind(qp))
         mine = solved(solver, qp.x0)
-        assert not solver.took_over
-        assert mine.residual().largest < 2e-9
+        assert not solver.took_over or (kind is SparseRegulator and equalities)  # a smaller penalty: too many rounds
+        assert mine.residual().largest < 2 * tolerance
         if tightness > 1.0:
             assert (np.abs(mine.multipliers) > 1e-6).sum() >= 5
         other = solved(PiqpSolver(qp, PiqpSettings(tolerance=1e-11)), qp.x0)
-        np.testing.assert_allclose(mine.dus, other.dus, atol=1e-6)
-        np.testing.assert_allclose(mine.dxs, other.dxs, atol=1e-6)
+        close = max(1e-6, 1e2 * tolerance)  # a gradient over the least curvature, 0.1, along the dynamics
+        np.testing.assert_allclose(mine.dus, other.dus, atol=close)
+        np.testing.assert_allclose(mine.dxs, other.dxs, atol=close)
         if not equalities and tightness < 3.0:  # else OSQP does not get that far
             split = solved(OsqpSolver(qp, OsqpSettings(tolerance=1e-7, max_iterations=20000)), qp.x0)
             np.testing.assert_allclose(mine.dus, split.dus, atol=1e-4)
         again = solved(solver, qp.x0)
         assert solver.iterations == 1  # the multipliers identify the active rows
-        np.testing.assert_allclose(again.dus, other.dus, atol=1e-6)
+        np.testing.assert_allclose(again.dus, other.dus, atol=close)
 
 
-def test_nearby_problems_take_few_sweeps() -> None:
+def test_nearby_problems_take_few_sweeps(kind: Kind) -> None:
     rng = np.random.default_rng(0)
     qp = random_problem(rng, 3.0)
-    solver = StructuredSolver(qp)
+    solver = ActiveSetSolver(qp, regulator=kind(qp))
     solved(solver, qp.x0)
     cold = solver.iterations
+    most = 3 if kind is DenseRegulator else 6  # a smaller penalty: more rounds of multipliers
     for _ in range(5):
         solved(solver, qp.x0 + 1e-3 * rng.standard_normal(NX))
-        assert solver.iterations <= 3 < cold and not solver.took_over
+        assert solver.iterations <= most < cold and not solver.took_over
 
 
-@pytest.mark.parametrize("kind", ["bounds", "rows", "nan", "no control weight"])
-def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: str) -> None:
+@pytest.mark.parametrize("fault", ["bounds", "rows", "nan", "no control weight"])
+def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: Kind, fault: str) -> None:
     qp = random_problem(np.random.default_rng(1), 3.0)
-    solver = StructuredSolver(qp)
+    solver = ActiveSetSolver(qp, regulator=kind(qp))
     expected = solved(solver, qp.x0).dus.copy()
     values = qp.values.copy()
-    if kind == "bounds":
+    if fault == "bounds":
         qp.vector("lower")[2, 1], qp.vector("upper")[2, 1] = 1.0, -1.0
-    elif kind == "rows":  # the same row twice, between bounds that contradict each other
+    elif fault == "rows":  # the same row twice, between bounds that contradict each other
         for name in ("C", "D"):
             full = qp.dense(name)[2]
             full[3] = full[1]
             put(qp, name, 2, full)
         qp.vector("lower")[2, [1, 3]], qp.vector("upper")[2, [1, 3]] = [1.0, -9.0], [2.0, -8.0]
-    elif kind == "nan":
+    elif fault == "nan":
         qp.vector("b")[3, 0] = np.nan
     else:
         for k in range(NODES):
@@ -185,7 +195,7 @@ def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: str) -> Non
             put(qp, "S", k, np.zeros((NU, NX)))
     solver.prepare()
     status = solver.solve(qp.x0)
-    outcome = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(kind, QpStatus.INFEASIBLE)
+    outcome = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(fault, QpStatus.INFEASIBLE)
     assert status is outcome and solver.took_over is (status is not QpStatus.INFEASIBLE)
     assert status is not QpStatus.INFEASIBLE or solver.iterations < 80  # regulators, of which PIQP's iterations are ten
     if status is not QpStatus.SOLVED:
@@ -195,7 +205,7 @@ def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: str) -> Non
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_only_infeasible_problems_are_called_so(seed: int) -> None:
+def test_only_infeasible_problems_are_called_so(kind: Kind, seed: int) -> None:
     """PIQP with many iterations judges problems whose bounds are moved until some contradict each other."""
     rng = np.random.default_rng(seed)
     qp = random_problem(rng, 3.0)
@@ -203,7 +213,7 @@ def test_only_infeasible_problems_are_called_so(seed: int) -> None:
     for share in (0.0, 0.05, 0.1, 0.3, 1.0):
         qp.vector("lower")[...] += share * shift
         qp.vector("upper")[...] += share * shift
-        solver, judge = StructuredSolver(qp), PiqpSolver(qp, PiqpSettings(max_iterations=300))
+        solver, judge = ActiveSetSolver(qp, regulator=kind(qp)), PiqpSolver(qp, PiqpSettings(max_iterations=300))
         found = []
         for each in (solver, judge):
             each.prepare()
@@ -231,21 +241,21 @@ def test_the_next_solver_is_tried_where_one_fails() -> None:
 def test_the_active_rows_of_another_solver_are_solved_exactly() -> None:
     """An interior point method leaves multipliers and distances whose products are small, not they themselves."""
     qp = random_problem(np.random.default_rng(0), 10.0)
-    settings = StructuredSettings(tolerance=1e-9, max_iterations=0)  # no interior point method of its own
+    settings = ActiveSetSettings(tolerance=1e-9, max_iterations=0)  # no interior point method of its own
     rough = PiqpSettings(tolerance=1e-6)
-    solver = StructuredSolver(qp, settings, fallback=lambda qp: PiqpSolver(qp, rough))
+    solver = ActiveSetSolver(qp, settings, fallback=lambda qp: PiqpSolver(qp, rough))
     solution = solved(solver, qp.x0)
     assert solver.took_over
     assert solved(PiqpSolver(qp, rough), qp.x0).residual().largest > 1e-9
     assert solution.residual().largest < 2e-9
 
 
-def test_regulator_solves_the_equations_of_its_minimum() -> None:
+def test_regulator_solves_the_equations_of_its_minimum(kind: Kind) -> None:
     """Against one dense system of the penalised problem; the second solve with the factors of the first."""
     rng = np.random.default_rng(2)
     qp = random_problem(rng, 1.0)
-    regulator = BlockRegulator(qp.structure)
-    regulator.load(qp)
+    regulator = kind(qp)
+    regulator.load()
     regulator.weights[...] = rng.uniform(0.0, 5.0, (NODES, NG)) * (rng.random((NODES, NG)) < 0.6)
     regulator.dx0[...] = qp.x0
     for again in (False, True):
@@ -266,16 +276,16 @@ def test_regulator_solves_the_equations_of_its_minimum() -> None:
     cost += 0.5 * x @ qp.dense_terminal("Q") @ x + qp.dense_terminal("q")[:, 0] @ x
     assert regulator.cost == pytest.approx(cost, rel=1e-10)
     put(qp, "R", 3, -100.0 * np.eye(NU))
-    regulator.load(qp)
+    regulator.load()
     assert not regulator.factor()
 
 
-def test_same_inputs_give_the_same_bits() -> None:
+def test_same_inputs_give_the_same_bits(kind: Kind) -> None:
     qp = random_problem(np.random.default_rng(3), 3.0)
-    solver = StructuredSolver(qp)
+    solver = ActiveSetSolver(qp, regulator=kind(qp))
     first = [array.copy() for array in solved(solver, qp.x0).arrays]
     solver.reset()
-    for other in (solver, StructuredSolver(qp)):
+    for other in (solver, ActiveSetSolver(qp, regulator=kind(qp))):
         for one, two in zip(first, solved(other, qp.x0).arrays, strict=True):
             np.testing.assert_array_equal(one, two)
 
@@ -283,20 +293,36 @@ def test_same_inputs_give_the_same_bits() -> None:
 def test_without_compiler_it_is_piqp(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
     qp = random_problem(np.random.default_rng(4), 3.0)
-    solver = StructuredSolver(qp)
+    solver = ActiveSetSolver(qp)
     assert solved(solver, qp.x0).residual().largest < 1e-6
     assert solver.took_over
 
 
-def test_the_default_solver_depends_on_the_size() -> None:
-    assert isinstance(make_qp_solver("riccati", OcpQp(structure())), RiccatiSolver)
-    assert isinstance(make_qp_solver("riccati", OcpQp(structure(nx=LARGE_STAGE))), StructuredSolver)
+def test_the_code_depends_on_the_size() -> None:
+    assert isinstance(regulator_for(OcpQp(structure())), SparseRegulator)
+    assert isinstance(regulator_for(OcpQp(structure(nx=LARGE_STAGE))), DenseRegulator)
+
+
+def test_gains_are_the_slope_of_the_solution_while_rows_stay_at_their_bounds(kind: Kind) -> None:
+    rng = np.random.default_rng(5)
+    qp = random_problem(rng, 3.0)
+    solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), regulator=kind(qp))
+    first = solved(solver, qp.x0)
+    us, multipliers = first.dus.copy(), first.multipliers.copy()
+    gains, step = solver.feedback(multipliers), 1e-5 * rng.standard_normal(NX)
+    moved = solved(solver, qp.x0 + step)
+    assert ((np.abs(moved.multipliers) > 1e-9) == (np.abs(multipliers) > 1e-9)).all()
+    # Penalties hold rows as firmly as they are large.
+    np.testing.assert_allclose(moved.dus[0] - us[0], -gains[0] @ step, atol=1e-8)
+    assert np.abs(penalised_feedback(qp)[0] - gains[0]).max() > 1e-2  # those without any row
+    for k in range(NODES):
+        put(qp, "R", k, -np.eye(NU))
+    assert len(penalised_feedback(qp)) == 0
 
 
 def test_invalid_settings_are_refused() -> None:
-    for name in ("tolerance", "penalty"):
-        with pytest.raises(InputError, match=name):
-            StructuredSettings(**{name: 0.0})
+    with pytest.raises(InputError, match="tolerance"):
+        ActiveSetSettings(tolerance=0.0)
 
 
 @pytest.mark.slow
@@ -305,7 +331,7 @@ def test_a_pushed_quadruped_with_friction_and_torque_limits_is_solved_as_with_pi
     problem = constrained(stance)
     guess = Trajectory(np.tile(problem.x0, (21, 1)), stance.guess().us)
     sqp = LineSearchSqp(problem)
-    assert isinstance(sqp.qp_solver, StructuredSolver)
+    assert isinstance(sqp.qp_solver, ActiveSetSolver)
     taken: list[int] = []
     solution = sqp.solve(guess, callback=lambda _: taken.append(sqp.qp_solver.iterations))
     assert solution.status is Status.CONVERGED and not sqp.qp_solver.took_over

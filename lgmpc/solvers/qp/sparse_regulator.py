@@ -1,10 +1,6 @@
-"""The linear-quadratic regulator with penalised rows: a Riccati sweep and a roll-out, compiled for any horizon.
+"""The regulator of small stages: sparse scalar code of a stage, compiled for any horizon.
 
-It minimises the cost of an :class:`~lgmpc.ocp.OcpQp` plus
-
-    sum_k sum_i  1/2 weight_ki (row_ki - target_ki)^2,        row_k = C_k dx_k + D_k du_k,
-
-subject to the dynamics only. With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost with its
+With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost with its
 penalties, the sweep is
 
     M = R~ + B^T P B = L L^T,   Y = L^-1 (S~ + B^T P A),   y = L^-1 (r~ + B^T (P b + p)),
@@ -15,6 +11,7 @@ and the roll-out ``du = -L^-T (Y dx + y)``. Structural zeros cost nothing, and s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -25,35 +22,31 @@ from lgmpc.compile import StageKernel, recall
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
-__all__ = ["StageRegulator"]
+__all__ = ["SparseRegulator"]
 
 
-class StageRegulator:
-    """Minimises an :class:`~lgmpc.ocp.OcpQp` with penalised rows instead of its bounds, on the problem's own memory.
+class SparseRegulator:
+    """:class:`~lgmpc.solvers.qp.regulator.Regulator` in scalar code, on the problem's own memory.
 
     Args:
         qp: the problem; R + D^T diag(weights) D has to be positive definite.
         progress: called with a description of what is being compiled.
-
-    Attributes:
-        dx0: (ndx,) first state, to be written; a view of :attr:`dxs`.
-        weights: (N, ng) of the rows' penalties, to be written.
-        targets: (N, ng) of the rows, to be written.
-        dxs: (N+1, ndx) the minimiser's states.
-        dus: (N, nu) its controls.
-        costates: (N, ndx) multipliers of the dynamics, signed as in :class:`~lgmpc.ocp.KktConditions`.
-        rows: (N, ng) values ``C dx + D du``.
     """
 
+    penalty = 1e4  # rounding is far below the tolerance, and is not corrected
+    keeps_factors = False
+
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
-        s, n = qp.structure, qp.structure.nodes
+        self.qp, s, n = qp, qp.structure, qp.structure.nodes
         last, backward, forward, total = recall(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        self.available = backward.compiled
         self.weights: Array = np.zeros((n, s.ng))
         self.targets: Array = np.zeros((n, s.ng))
         self.dxs: Array = np.zeros((n + 1, s.ndx))
         self.dus: Array = np.zeros((n, s.nu))
         self.costates: Array = np.zeros((n, s.ndx))
         self.rows: Array = np.zeros((n, s.ng))
+        self.multipliers: Array = np.zeros((n, s.ng))
         self.dx0: Array = self.dxs[0]
         togo = np.zeros((n + 1, backward.output_sizes["togo"]))
         factors = np.zeros((n, backward.output_sizes["factor"]))
@@ -74,13 +67,25 @@ class StageRegulator:
 
     @property
     def cost(self) -> float:
-        """Cost of the minimiser, without the penalties."""
+        """Cost of the minimiser, without the penalties; not finite if the problem's numbers are not."""
         return float(self._cost[0])
 
-    def minimise(self) -> None:
-        """Write the minimiser; its entries are not finite where there is none."""
+    def load(self) -> None:
+        """Do nothing: the matrices are read where they are."""
+
+    def factor(self) -> bool:
+        """Minimise; False if the Hessian in some stage's controls is not positive definite."""
+        self.solve()
+        return math.isfinite(self._cost[0])
+
+    def solve(self) -> None:
+        """Minimise for other targets; factors are not kept."""
         for call in self._calls:
             call()
+
+    def polish(self, tolerance: float) -> int | None:
+        """Return 0: with penalties as moderate as this, the minimiser is stationary."""
+        return 0
 
 
 def _compile(

@@ -1,0 +1,296 @@
+"""lgmpc's own solver: active sets where the last solve identifies them, an interior point method where not.
+
+Both call one :class:`~lgmpc.solvers.qp.regulator.Regulator` with penalised rows, whose computing time does not depend
+on the number of active rows: scalar code where stages are small, dense blocks where they are large.
+
+*Active sets.* For multiplier estimates mu and a penalty rho the augmented Lagrangian
+
+    phi(z) = cost(z) + rho/2 sum_i dist(row_i(z) + mu_i / rho, [lower_i, upper_i])^2,      z satisfying the dynamics,
+
+is convex and piecewise quadratic: the rows outside their (shifted) bounds are the active ones, and the minimiser of the
+piece that they define is one call of the regulator with these rows penalised. Newton's method (Qi and Sun, "A nonsmooth
+version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the last point until they stay the
+same, with an exact line search where phi would not decrease; then ``mu <- rho (row + mu / rho - nearest point)``
+(Hestenes' and Powell's method of multipliers). From one iteration of an SQP, or one tick of an MPC, to the next few
+rows change: one to three sweeps confirm the active set that the multipliers imply.
+
+*Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the regulator
+with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
+of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
+IFAC 2020). The predictor also identifies the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
+Tapia, Zhang, SIAM Review 36, 1994). As soon as these hardly change any more, the solve continues with active sets and
+ends exactly, without the ill-conditioned end of the central path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.ocp import OcpQp
+from lgmpc.solvers.qp.cascade import Cascade
+from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
+from lgmpc.solvers.qp.dense_regulator import DenseRegulator
+from lgmpc.solvers.qp.feedback import penalised_feedback
+from lgmpc.solvers.qp.infeasibility import is_infeasible
+from lgmpc.solvers.qp.line import exact_line_search
+from lgmpc.solvers.qp.penalties import Penalties
+from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
+from lgmpc.solvers.qp.regulator import Regulator
+from lgmpc.solvers.qp.sparse_regulator import SparseRegulator
+from lgmpc.solvers.sweep import all_finite
+from lgmpc.typing import Array
+
+__all__ = ["LARGE_STAGE", "ActiveSetSettings", "ActiveSetSolver", "regulator_for"]
+
+LARGE_STAGE = 30
+"""States and controls of a stage from which dense blocks pay."""
+
+_PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallback
+_FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
+_HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights
+_START = 20.0  # penalty of all rows where the central path begins, in control weights
+
+
+@dataclass(frozen=True)
+class ActiveSetSettings:
+    """Tolerance and limits of :class:`ActiveSetSolver`.
+
+    Attributes:
+        tolerance: largest residual of the optimality conditions.
+        max_sweeps: regulators that confirm or correct one guess of the active rows.
+        max_iterations: of the interior point method.
+    """
+
+    tolerance: float = 1e-6
+    max_sweeps: int = 25
+    max_iterations: int = 30
+
+    def __post_init__(self) -> None:
+        """Check the tolerance."""
+        if not self.tolerance > 0.0:
+            raise InputError("tolerance", self.tolerance, "above 0")
+
+
+def regulator_for(qp: OcpQp, progress: Callable[[str], None] | None = None) -> Regulator:
+    """Return scalar code for small stages, dense blocks for large ones."""
+    large = qp.structure.ndx + qp.structure.nu > LARGE_STAGE
+    return DenseRegulator(qp, progress) if large else SparseRegulator(qp, progress)
+
+
+class ActiveSetSolver:
+    """:class:`~lgmpc.solvers.qp.QpSolver` for problems whose R is positive definite; warm-started by multipliers.
+
+    What it cannot solve (a singular R) and all problems on a machine without a C compiler are solved by PIQP.
+
+    Args:
+        qp: the problem.
+        settings: tolerance and limits.
+        fallback: makes the solver that takes over; PIQP unless given, in dense blocks first, then with sparse factors.
+        regulator: of the same problem; :func:`regulator_for` unless given.
+        progress: called with a description of what is being compiled.
+
+    Attributes:
+        iterations: factorisations of the last solve, and the other solver's iterations if it took over.
+        took_over: whether the other solver did the last solve.
+        may_take_over: whether it does such solves at all; else their status is NUMERICAL.
+        available: whether there is machine code for the first.
+
+    Raises:
+        MissingDependencyError: PIQP, the standard fallback, is not installed.
+    """
+
+    name = "active_set"
+
+    def __init__(
+        self,
+        qp: OcpQp,
+        settings: ActiveSetSettings | None = None,
+        fallback: Callable[[OcpQp], QpSolver] | None = None,
+        regulator: Regulator | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        s = qp.structure
+        self.qp = qp
+        self.settings = ActiveSetSettings() if settings is None else settings
+        self.iterations = 0
+        self.took_over = False
+        self.may_take_over = True
+        self._fallback = self._piqp(qp) if fallback is None else fallback(qp)
+        self._regulator = r = regulator_for(qp, progress) if regulator is None else regulator
+        self.solution = QpSolution.zeros(qp)
+        self._penalties = Penalties(qp, r, self.solution.multipliers, self.settings.tolerance, progress)
+        self.available = r.available and self._penalties.available
+        self._scale, self._ready = 0.0, False
+        block = s.blocks["R"]
+        diagonal = block.where.start + np.flatnonzero(block.rows == block.columns)
+        self._control_weights = np.add.outer(s.size * np.arange(s.nodes), diagonal).ravel()
+
+    def reset(self) -> None:
+        """Set the multipliers to zero, and reset the other solver."""
+        self.solution.write(0.0, 0.0, 0.0, 0.0)
+        self._fallback.reset()
+        self.took_over = False
+
+    def prepare(self) -> None:
+        """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
+        # Of intervals without control the weights are ones, which mean nothing.
+        weights = self.qp.values.take(self._control_weights)
+        middle = weights.size // 2
+        if weights.size:
+            weights.partition(middle)
+            self._scale = float(weights[middle])
+        self._penalties.rho = self._regulator.penalty * self._scale
+        self._ready = self.available and self._scale > 0.0
+        if self._ready:
+            self._regulator.load()
+
+    def solve(self, dx0: Array) -> QpStatus:
+        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        self.iterations, self.took_over = 0, False
+        self._regulator.dx0[...] = dx0
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
+            if self._ready:
+                self._penalties.resume()
+                if self._active_set():
+                    return QpStatus.SOLVED
+            lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
+            finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
+            if finite and bool((lower > upper).any()):
+                return QpStatus.INFEASIBLE
+            if self._ready and finite:
+                if self._interior_point():
+                    return QpStatus.SOLVED
+                if is_infeasible(self._regulator, self._scale, self._factor):
+                    return QpStatus.INFEASIBLE
+        # A scale of zero: controls without a cost of their own, which the other solver may solve for.
+        if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
+            return QpStatus.NUMERICAL
+        return self._solve_otherwise(dx0, finite)
+
+    def _solve_otherwise(self, dx0: Array, finite: bool) -> QpStatus:
+        """Call the other solver, and end exactly with the active rows that it finds."""
+        self.took_over = True
+        self._fallback.prepare()
+        status = self._fallback.solve(dx0)
+        self.iterations += self._fallback.iterations
+        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+            self.solution.write(*self._fallback.solution.arrays)
+            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+                if self._ready and finite and self._polish():
+                    return QpStatus.SOLVED
+        return status
+
+    def feedback(self, multipliers: Array) -> Array:
+        """Return the gains (N, nu, ndx) of the controls while rows with multipliers (N, ng) stay at their bounds.
+
+        Returns:
+            The gains K of ``du = -K dx``; of length 0 where the cost is not convex along these rows.
+        """
+        self.prepare()
+        weights = np.where(np.abs(multipliers) > self.settings.tolerance, _HELD * self._scale, 0.0)
+        return penalised_feedback(self.qp, weights)
+
+    def _polish(self) -> bool:
+        """Solve exactly with the active rows of the other solver: those with more multiplier than distance."""
+        s, qp = self.solution, self.qp
+        lower, upper = qp.vector("lower"), qp.vector("upper")
+        rows = np.einsum("kij,kj->ki", qp.dense("C"), s.dxs[:-1]) + np.einsum("kij,kj->ki", qp.dense("D"), s.dus)
+        bounds = np.where(s.multipliers > 0.0, upper, lower)
+        active = np.abs(s.multipliers) > np.abs(rows - bounds)
+        self._penalties.point[...] = np.where(active, bounds, nearest_in(rows, lower, upper))
+        self._penalties.mu[...] = np.where(active, s.multipliers, 0.0)
+        return self._active_set()
+
+    def _piqp(self, qp: OcpQp) -> QpSolver:
+        # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
+        tolerance = 1e-2 * self.settings.tolerance
+        return Cascade([PiqpSolver(qp, PiqpSettings(name, tolerance, most)) for name, most in _PIQP])
+
+    def _active_set(self) -> bool:
+        """Minimise the augmented Lagrangian from point and multiplier estimates; False if that takes too many sweeps.
+
+        Active are rows of the point that are outside their bounds, shifted by the multipliers.
+        """
+        r, p, tolerance = self._regulator, self._penalties, self.settings.tolerance
+        cost, phi, allowed, searching = 0.0, math.inf, p.point.size / 8, False
+        for _ in range(self.settings.max_sweeps):
+            p.penalise()
+            if not self._factor():
+                return False
+            p.measure()
+            if p.residual <= tolerance and self._accept():
+                return True
+            if p.changed > max(allowed, _FEW):  # no contraction: the guess was too far off
+                if r.keeps_factors:
+                    return False
+                searching = True
+            allowed = p.changed
+            if p.difference <= tolerance:  # the minimiser for these multipliers
+                p.mu[...], p.point[...] = r.multipliers, self._nearest_to(r.rows + r.multipliers)
+                phi = math.inf
+                continue
+            before, phi = phi, r.cost + 0.5 * p.rho * p.squares
+            if phi < before or not searching:
+                p.point[...], cost = r.rows, r.cost
+                continue
+            step = r.rows - p.point
+            end = -float(np.vdot(r.multipliers, step))
+            bounds = (self.qp.vector(name) - p.mu / p.rho for name in ("lower", "upper"))
+            p.point[...], cost, phi = exact_line_search(p.point, step, cost, r.cost, end, p.rho, *bounds)
+        return False
+
+    def _interior_point(self) -> bool:
+        """Follow the central path until the active rows are known; False if it does not converge."""
+        r, lower, upper = self._regulator, self.qp.vector("lower").copy(), self.qp.vector("upper").copy()
+        path = CentralPath(lower, upper, _START * self._scale, self._penalties.rho)
+        path.begin(r.weights, r.targets)
+        if not self._factor():
+            return False
+        path.start(r.rows)
+        for _ in range(self.settings.max_iterations):
+            path.predict(r.weights, r.targets)
+            if not self._factor():
+                return False
+            path.correct(r.rows, r.targets)
+            r.solve()
+            if not path.step(r.rows):
+                return False
+            if self._is_optimal():
+                return True
+            if path.settled:
+                self._penalties.point[...], self._penalties.mu[...] = path.active_rows()
+                if self._active_set():
+                    return True
+        return False
+
+    def _factor(self) -> bool:
+        self.iterations += 1
+        return self._regulator.factor() and math.isfinite(self._regulator.cost)
+
+    def _is_optimal(self) -> bool:
+        """Take the regulator's point, and its multipliers, if they satisfy the optimality conditions."""
+        self._penalties.measure()
+        return self._penalties.residual <= self.settings.tolerance and self._accept()
+
+    def _accept(self) -> bool:
+        """Take the regulator's point, whose rows are within their bounds, and its multipliers, if it is stationary."""
+        r, tolerance = self._regulator, self.settings.tolerance
+        corrections = r.polish(tolerance)
+        if corrections is None or (corrections and not self._bound_residual() <= tolerance):
+            return False
+        self.solution.write(r.dxs, r.dus, r.costates, r.multipliers)
+        return True
+
+    def _bound_residual(self) -> float:
+        """Return the largest residual of bounds and complementarity: 0 if only rows at bounds have multipliers."""
+        r = self._regulator
+        return float(np.abs(r.rows - self._nearest_to(r.rows + r.multipliers)).max(initial=0.0))
+
+    def _nearest_to(self, rows: Array) -> Array:
+        return nearest_in(rows, self.qp.vector("lower"), self.qp.vector("upper"))

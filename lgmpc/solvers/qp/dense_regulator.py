@@ -1,0 +1,169 @@
+"""The regulator of large stages: a loop over dense stages in C (``dense_regulator.c``).
+
+Where a stage has tens of states, dense blocks are faster than scalar code without zeros, and are compiled once for each
+size of a stage. A second solve with the same weights and other targets uses the factors of the first, at a fraction of
+the cost.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from lgmpc.compile import aligned_zeros
+from lgmpc.ocp import OcpQp, OcpQpStructure
+from lgmpc.solvers.compiled_sweep import compile_stages, work_size
+from lgmpc.typing import Array, IntArray
+
+__all__ = ["DenseRegulator"]
+
+_VALUES = 2  # their place in a frame
+_LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
+_REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
+
+
+class DenseRegulator:
+    """:class:`~lgmpc.solvers.qp.regulator.Regulator` on dense blocks (see the module).
+
+    Args:
+        qp: the problem.
+        progress: called with a description of what is being compiled.
+    """
+
+    penalty = 1e7  # one round of multipliers is enough; rounding is corrected
+    keeps_factors = True
+
+    def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
+        self.qp, s = qp, qp.structure
+        n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
+        library = compile_stages("lgmpc_dense_regulator", "lgmpc.solvers.qp", nx, nu, progress)
+        self.available = library is not None
+        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_regulator
+
+        def measure(part: str, *sizes: int) -> int:
+            return 0 if library is None else work_size(library, f"lgmpc_dense_regulator_{part}", *sizes)
+
+        self._tall = measure("tall")
+        self._factors = aligned_zeros(n * measure("factors"))
+        places = _places(s, self._tall, measure("high"))
+        self._plan = np.array([n, ng, s.size, len(places), _LOAD], dtype=np.int64)
+        self._last, self._last_gradient = np.zeros((nx, nx)), np.zeros(nx)
+        self._gradient, self._gaps, self._residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
+        self.dx0: Array = np.zeros(nx)
+        self.weights: Array = np.zeros((n, ng))
+        self.targets: Array = np.zeros((n, ng))
+        self.dxs: Array = np.zeros((n + 1, nx))
+        self.dus: Array = np.zeros((n, nu))
+        self.costates: Array = np.zeros((n, nx))
+        self.rows: Array = np.zeros((n, ng))
+        self.multipliers: Array = np.zeros((n, ng))
+        self._cost = np.zeros(1)
+
+        own = (
+            self._plan, places, np.zeros(0), aligned_zeros(n * measure("stage", ng)),
+            self._factors, aligned_zeros((n + 1) * measure("togo")), np.zeros((n + 1, nx)),
+            aligned_zeros(measure("work", ng)), self.weights, self._last,
+        )  # fmt: skip
+        point = (self.dxs, self.dus, self.costates, self.rows)
+        self._frame = _frame(
+            *own, self._last_gradient, self._gradient, self._gaps, self.dx0, self.targets, *point, self._cost,
+            self.multipliers, self._residual,
+        )  # fmt: skip
+        # A correction is the same problem with the residual as its gradient, and all that is constant zero.
+        self._correction = tuple(np.zeros_like(array) for array in point)
+        zeros = np.zeros(max(nx, n * nx, n * ng))
+        unused = np.zeros(1)
+        self._correcting = _frame(
+            *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
+        )
+        self._memory = (own, zeros, unused)  # the frames hold addresses only
+
+    @property
+    def cost(self) -> float:
+        """Cost of the minimiser, without the penalties."""
+        return float(self._cost[0])
+
+    def load(self) -> None:
+        """Take over the problem's matrices and vectors."""
+        qp, nx = self.qp, self.dx0.size
+        values = np.ascontiguousarray(qp.values)
+        self._frame[_VALUES] = values.ctypes.data
+        self._gradient[:, :nx], self._gradient[:, nx:] = qp.vector("q"), qp.vector("r")
+        self._gaps[...] = qp.vector("b")
+        self._last[...] = qp.dense_terminal("Q")
+        self._last_gradient[...] = qp.dense_terminal("q")[:, 0]
+        self._run(_LOAD)
+
+    def factor(self) -> bool:
+        """Minimise; False if the Hessian in some stage's controls is not positive definite."""
+        return self._run(_FACTOR) == 0
+
+    def solve(self) -> None:
+        """Minimise for other targets, the weights being those of the last :meth:`factor`."""
+        self._run(_SOLVE)
+
+    def polish(self, tolerance: float) -> int | None:
+        """Correct minimiser and multipliers by their rounding; return how often, None if they are not stationary."""
+        for corrections in range(_REFINEMENTS + 1):
+            if self._stationarity() <= tolerance:
+                return corrections
+            if corrections < _REFINEMENTS:
+                self._refine()
+        return None
+
+    def _stationarity(self) -> float:
+        """Largest entry of the Lagrangian's gradient at the minimiser: zero but for rounding, which weights magnify."""
+        self._run(_MEASURE)
+        return float(np.abs(self._residual).max(initial=0.0))
+
+    def _refine(self) -> None:
+        """Correct minimiser and multipliers by the last :meth:`_stationarity`, with the last factors."""
+        self._plan[-1] = _SOLVE
+        self._call(self._correcting)
+        dxs, dus, costates, rows = self._correction
+        self.dxs += dxs
+        self.dus += dus
+        self.costates += costates
+        self.rows += rows
+        self.multipliers += self.weights * rows
+
+    def _run(self, mode: int) -> int:
+        self._plan[-1] = mode
+        return self._call(self._frame)
+
+
+def _frame(*arrays: Array | IntArray) -> Any:
+    """Addresses of arrays, as the C code reads them."""
+    addresses = [array.ctypes.data for array in arrays]
+    return (ctypes.c_void_p * len(addresses))(*addresses)
+
+
+def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:
+    """(entries, 2) where each stored entry of a stage is, and where it belongs in the stage's dense matrices.
+
+    Those have columns of ``tall`` (states and controls) or ``high`` numbers (states).
+    """
+    nx = s.ndx
+    dynamics = tall * (nx + s.nu)
+    path = dynamics + high * (nx + s.nu) + tall * nx
+    pairs = []
+    for name, start, height, row, column in (
+        ("Q", 0, tall, 0, 0), ("S", 0, tall, nx, 0), ("R", 0, tall, nx, nx),
+        ("A", dynamics, high, 0, 0), ("B", dynamics, high, 0, nx),
+    ):  # fmt: skip
+        block = s.blocks[name]
+        pairs.append((block.positions, start + block.rows + row + height * (block.columns + column)))
+    block = s.blocks["S"]
+    pairs.append((block.positions, block.columns + tall * (block.rows + nx)))
+    for name, row in (("C", 0), ("D", nx)):  # transposed: a row of the constraint is contiguous
+        block = s.blocks[name]
+        pairs.append((block.positions, path + block.columns + row + tall * block.rows))
+    places: IntArray = np.hstack([np.vstack(pair) for pair in pairs]).T.astype(np.int64, order="C")
+    return places
+
+
+def _unavailable(_: Any) -> int:
+    return 1

@@ -1,0 +1,74 @@
+/* Rows of an augmented Lagrangian, of all stages; penalties.py says what is computed. */
+
+#include <math.h>
+
+#ifdef __clang__
+  #pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+  #pragma GCC optimize ("O3,fp-contract=off")
+#endif
+#ifdef __GNUC__
+  #define EXPORT __attribute__((visibility("default")))
+#else
+  #define EXPORT
+#endif
+
+typedef struct {
+  const long long* plan; /* stages, rows of each, how far apart the stages' bounds are */
+  const double *numbers, *lower, *upper, *known; /* numbers: the least known multiplier that counts, rho */
+  double *mu, *point, *weights, *targets;
+  const double* rows;
+  double *multipliers, *measures;
+} Frame;
+
+#define EACH_ROW \
+  for (long long k = 0; k < f->plan[0]; ++k) \
+    for (long long j = 0, i = k * f->plan[1]; j < f->plan[1]; ++j, ++i)
+
+#define BOUNDS const double lower = f->lower[k * f->plan[2] + j], upper = f->upper[k * f->plan[2] + j];
+
+/* NaN for bounds that are. */
+static inline double nearest(double value, double lower, double upper) {
+  return value >= lower ? (value <= upper ? value : upper) : lower;
+}
+
+EXPORT void lgmpc_resume(const Frame* f) {
+  EACH_ROW {
+    BOUNDS
+    const double mu = fabs(f->known[i]) > f->numbers[0] ? f->known[i] : 0.0;
+    f->mu[i] = mu;
+    f->point[i] = mu > 0.0 ? upper : mu < 0.0 ? lower : nearest(0.0, lower, upper);
+  }
+}
+
+EXPORT void lgmpc_penalise(const Frame* f) {
+  const double rho = f->numbers[1];
+  EACH_ROW {
+    BOUNDS
+    const double shift = f->mu[i] / rho, target = nearest(f->point[i], lower - shift, upper - shift);
+    f->targets[i] = target;
+    f->weights[i] = f->point[i] != target ? rho : 0.0;
+  }
+}
+
+EXPORT void lgmpc_measure(const Frame* f) {
+  const double rho = f->numbers[1];
+  double difference = 0, residual = 0, squares = 0, changed = 0;
+  EACH_ROW {
+    BOUNDS
+    const double shift = f->mu[i] / rho, row = f->rows[i], multiplier = f->weights[i] * (row - f->targets[i]);
+    const double outside = row - nearest(row, lower - shift, upper - shift);
+    const double apart = fabs(rho * outside - multiplier);
+    const double error = fabs(row - nearest(row + multiplier, lower, upper));
+    f->multipliers[i] = multiplier;
+    difference = apart > difference ? apart : difference;
+    residual = error > residual ? error : residual;
+    residual = lower - upper > residual ? lower - upper : residual; /* no row satisfies bounds that contradict */
+    squares += outside * outside;
+    changed += (f->weights[i] != 0.0) != (outside != 0.0);
+  }
+  f->measures[0] = difference;
+  f->measures[1] = residual;
+  f->measures[2] = squares;
+  f->measures[3] = changed;
+}

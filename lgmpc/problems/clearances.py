@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Union
 
 import coal
 import numpy as np
@@ -13,21 +12,19 @@ from pydantic import Field
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import ShapePairDistance
 from lgmpc.errors import InputError
-from lgmpc.robot import Capsule, CollisionShape, Robot, Sphere, place_shape
+from lgmpc.robot import Box, CollisionShape, Robot, Sphere, place_shape
+from lgmpc.robot.collision import AnyShape
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
 __all__ = ["Clearance", "clearance_items", "least_clearance"]
 
-RoundShape = Annotated[Union[Sphere, Capsule], Field(discriminator="kind")]  # noqa: UP007
-"""A shape whose distance from another is known in closed form."""
-
 
 class Clearance(Settings):
-    """Two spheres or capsules that keep a distance."""
+    """Two spheres or capsules, or a sphere and a box, that keep a distance."""
 
-    first: RoundShape = Field(description="A shape on a frame of the robot.")
-    second: RoundShape = Field(description="A shape on another link, or of the world (link: universe).")
+    first: AnyShape = Field(description="A shape on a frame of the robot; a sphere if the other one is a box.")
+    second: AnyShape = Field(description="A shape on another link, or of the world (link: universe).")
     distance_m: NonNegative = Field(default=0.02, description="Least distance of their surfaces, m.")
     weight: Positive | None = Field(
         default=None,
@@ -40,7 +37,7 @@ def clearance_items(robot: Robot, clearances: Sequence[Clearance]) -> tuple[list
     """Return the costs and constraints of clearances.
 
     Raises:
-        InputError: an unknown frame, or two shapes on the same joint.
+        InputError: an unknown frame, two shapes on the same joint, or a box and something else than a sphere.
     """
     costs, constraints = [], []
     for i, (clearance, pair) in enumerate(zip(clearances, _pairs(robot, clearances), strict=True)):
@@ -80,7 +77,7 @@ def _pairs(robot: Robot, clearances: Sequence[Clearance]) -> list[tuple[Collisio
     ]
 
 
-def _place(robot: Robot, key: str, shape: Sphere | Capsule) -> CollisionShape:
+def _place(robot: Robot, key: str, shape: AnyShape) -> CollisionShape:
     try:
         return place_shape(robot.model, shape)
     except InputError as error:
@@ -91,5 +88,6 @@ def _geometry(part: CollisionShape) -> coal.CollisionGeometry:
     shape = part.shape
     if isinstance(shape, Sphere):
         return coal.Sphere(shape.radius_m)
-    assert isinstance(shape, Capsule)
+    if isinstance(shape, Box):
+        return coal.Box(*(2.0 * half for half in shape.half_size_m))
     return coal.Capsule(shape.radius_m, 2.0 * shape.half_length_m)

@@ -100,6 +100,7 @@ class NlpSolver:
         self,
         guess: Trajectory | Solution | None = None,
         *,
+        max_iterations: int | None = None,
         time_limit: float | None = None,
         callback: Callback | None = None,
         throw: bool = False,
@@ -109,16 +110,21 @@ class NlpSolver:
         Args:
             guess: initial states and controls (the first state is replaced by the problem's); the first state at all
                 nodes and zero controls unless given.
+            max_iterations: most iterations (of ipopt), at least 0, if that is less than the settings'.
             time_limit: s; checked after each iteration (of ipopt); the settings' unless given.
             callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
             throw: raise if the solve ends without a solution.
 
         Raises:
-            InputError: a guess of the wrong shape; a time limit or callback for fatrop, which does not support them.
+            InputError: a guess of the wrong shape; a negative number of iterations; iterations, time limit or callback
+                for fatrop, which does not support them.
             SolverError: no solution, with ``throw``.
         """
-        if self.name != "ipopt" and (time_limit is not None or callback is not None):
-            raise InputError("time_limit or callback", "one for fatrop", "none: fatrop cannot be interrupted")
+        for name, value in (("max_iterations", max_iterations), ("time_limit", time_limit), ("callback", callback)):
+            if self.name != "ipopt" and value is not None:
+                raise InputError(name, "one for fatrop", "none: fatrop cannot be interrupted")
+        if max_iterations is not None and max_iterations < 0:
+            raise InputError("max_iterations", max_iterations, "at least 0")
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
@@ -132,7 +138,7 @@ class NlpSolver:
             lower.full() > upper.full()
         ).any() or problem.first_violation() is not None:  # CasADi raises; ipopt searches
             return self._unsolved(base, Status.INFEASIBLE, start, throw)
-        self._watch.begin(start, time_limit, callback)
+        self._watch.begin(start, max_iterations, time_limit, callback)
         try:
             found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
         except RuntimeError:  # raised by fatrop if an iterate contains NaN
@@ -143,8 +149,8 @@ class NlpSolver:
         z = found["x"].full()[:, 0]
         finite = bool(np.isfinite(z).all() and math.isfinite(float(found["f"])))
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED) if finite else Status.NOT_FINITE
-        if self._watch.late and status is Status.STOPPED:
-            status = Status.TIME_LIMIT
+        if status is Status.STOPPED and self._watch.reached is not None:
+            status = self._watch.reached
         with np.errstate(invalid="ignore"):
             solution = self._solution(z, p, found, status, stats, start)
         if throw and not status.solved:
@@ -192,21 +198,24 @@ class NlpSolver:
 
 
 class _Watch(ca.Callback):
-    """Reports ipopt's iterations to a callback, and checks the time limit."""
+    """Reports ipopt's iterations to a callback, and checks the limits of iterations and time."""
 
     def __init__(self, shooting: MultipleShooting) -> None:
         ca.Callback.__init__(self)
         self._size = {"x": shooting.size, "f": 1, "g": len(shooting.equalities), "lam_x": shooting.size}
         self._size |= {"lam_g": self._size["g"], "lam_p": int(shooting.programme["p"].numel())}
         self._gaps = np.array(shooting.equalities)
-        self.begin(0.0, None, None)
+        self.begin(0.0, None, None, None)
         self.construct("watch", {})
 
-    def begin(self, start: float, time_limit: float | None, callback: Callback | None) -> None:
+    def begin(
+        self, start: float, max_iterations: int | None, time_limit: float | None, callback: Callback | None
+    ) -> None:
         """Reset for a solve that began at ``start``."""
-        self.late = False
+        self.reached: Status | None = None  # which limit
         self.error: BaseException | None = None
-        self._start, self._limit, self._callback, self._count = start, time_limit, callback, 0
+        self._start, self._most, self._limit = start, max_iterations, time_limit
+        self._callback, self._count = callback, 0
 
     def get_n_in(self) -> int:
         """As CasADi requires."""
@@ -223,8 +232,11 @@ class _Watch(ca.Callback):
     def eval(self, arg: Any) -> Any:
         """Return 1 to stop."""
         elapsed = time.perf_counter() - self._start
-        self.late = self._limit is not None and elapsed >= self._limit
-        stop = self.late
+        if self._limit is not None and elapsed >= self._limit:
+            self.reached = Status.TIME_LIMIT
+        elif self._most is not None and self._count >= self._most:
+            self.reached = Status.ITERATION_LIMIT
+        stop = self.reached is not None
         if self._callback is not None and self._count > 0:
             values = dict(zip((ca.nlpsol_out(i) for i in range(len(arg))), arg, strict=True))
             gap = float(np.abs(values["g"].full()[self._gaps, 0]).max())

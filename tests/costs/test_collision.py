@@ -31,14 +31,19 @@ def arm() -> tuple[pin.Model, pin.GeometryModel]:
         ("hand", 6, coal.Sphere(0.07)),
         ("post", 0, coal.Capsule(0.04, 1.2)),
         ("ball", 0, coal.Sphere(0.1)),
+        ("step", 0, coal.Box(0.5, 0.3, 0.2)),
+        ("case", 3, coal.Box(0.2, 0.1, 0.3)),
     ]
     for name, joint, shape in shapes:
         place = pin.SE3(pin.exp3(rng.standard_normal(3)), rng.uniform(-0.3, 0.3, 3))
         geometry.addGeometryObject(pin.GeometryObject(name, joint, place, shape))
     objects = geometry.geometryObjects
+    boxes, spheres = {"step", "case"}, {"hand", "ball"}
     for i, one in enumerate(objects):
         for j in range(i):
-            if one.parentJoint != objects[j].parentJoint:
+            names = {one.name, objects[j].name}
+            known = not names & boxes or bool(names & spheres)
+            if known and one.parentJoint != objects[j].parentJoint:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
     return model, geometry
 
@@ -179,9 +184,12 @@ def test_shapes_are_placed_on_frames_by_name() -> None:
 
 def test_shapes_without_a_distance_are_named() -> None:
     _, mine, post = flying()
-    box = CollisionShape("case", 0, pin.SE3.Identity(), Box(link="*", half_size_m=(0.1, 0.1, 0.1)))
-    with pytest.raises(InputError, match="second: got 'case', a box; expected a sphere or a capsule"):
-        ShapePairDistance(mine, box)
+    box, more = (CollisionShape(name, 0, pin.SE3.Identity(), Box(link="*", half_size_m=(0.1,) * 3)) for name in "ab")
+    rod = CollisionShape("rod", 1, pin.SE3.Identity(), Capsule(link="*", radius_m=0.1, half_length_m=0.1))
+    with pytest.raises(InputError, match="first: got 'rod', a capsule; expected a sphere, because 'a' is a box"):
+        ShapePairDistance(rod, box)
+    with pytest.raises(InputError, match="second: got 'rod', a capsule; expected a sphere, because 'b' is a box"):
+        ShapePairDistance(more, rod)
     with pytest.raises(InputError, match="first, second: got 'mine', 'mine' on one joint; expected shapes"):
         ShapePairDistance(mine, mine)
     with pytest.raises(InputError, match="first: got str; expected a CollisionShape"):

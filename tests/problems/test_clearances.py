@@ -13,6 +13,7 @@ from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.solvers import LineSearchSqp, Status
 
 BALL = {"kind": "sphere", "link": "universe", "center_m": [0.45, -0.2, 0.45], "radius_m": 0.1}
+BOX = {"kind": "box", "link": "universe", "center_m": [0.45, -0.2, 0.45], "half_size_m": [0.09, 0.08, 0.1]}
 HAND = {"kind": "capsule", "link": "panda_hand", "radius_m": 0.06, "half_length_m": 0.05}
 NEAR = {"first": HAND, "second": BALL, "distance_m": 0.03}
 
@@ -50,10 +51,23 @@ def test_unknown_links_and_pairs_that_cannot_move_are_refused(change: dict[str, 
         build_reach(load_robot(RobotSpec(model="panda")), reach(**change))
 
 
-def test_a_box_is_refused_with_the_shapes_that_have_a_distance() -> None:
-    box = {"kind": "box", "link": "universe", "half_size_m": [0.1, 0.1, 0.1]}
-    with pytest.raises(InputError, match=r"second.kind: got the text 'box'; expected one of sphere, capsule"):
-        reach(second=box)
+def test_a_hand_keeps_its_distance_from_a_box_in_its_way() -> None:
+    robot, ball = load_robot(RobotSpec(model="panda")), {"kind": "sphere", "link": "panda_hand", "radius_m": 0.06}
+    settings = reach(first=ball, second=BOX)
+    free = build_reach(robot, settings.replace({"clearances": []}))
+    through = LineSearchSqp(free.problem).solve(free.guess)
+    apart = build_reach(robot, settings)
+    assert apart.figures(through.trajectory)["clearance_m"] < 0.0
+    solution = LineSearchSqp(apart.problem).solve(apart.guess)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    assert abs(apart.figures(solution.trajectory)["clearance_m"] - 0.03) < 1e-6
+
+
+def test_a_box_and_a_capsule_are_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"clearances.0: got '.*', a capsule; expected a sphere, because '.*' is a box"
+    ):
+        build_reach(load_robot(RobotSpec(model="panda")), reach(second=BOX))
 
 
 def test_gains_of_one_contact_leave_those_of_the_others() -> None:

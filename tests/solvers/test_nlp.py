@@ -41,6 +41,11 @@ def test_costs_and_conditions_of_the_solution(cart: ShootingProblem) -> None:
 def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable[..., ShootingProblem]) -> None:
     guess = Trajectory(np.zeros((9, 2)), np.zeros((8, 1)))
     assert NlpSolver(cart, NlpSettings(max_iterations=2)).solve(guess).status is Status.ITERATION_LIMIT
+    stopped = NlpSolver(cart).solve(guess, max_iterations=2)
+    assert stopped.status is Status.ITERATION_LIMIT and stopped.iterations == 2
+    assert NlpSolver(cart).solve(guess, max_iterations=200).status is Status.CONVERGED
+    with pytest.raises(InputError, match="max_iterations: got -1; expected at least 0"):
+        NlpSolver(cart).solve(guess, max_iterations=-1)
     cart.set("limit", [2.0, 0.6, -5.0])
     assert NlpSolver(cart).solve(guess).status is Status.INFEASIBLE
     cart.x0[0] = np.nan

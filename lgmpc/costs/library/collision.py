@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
-from lgmpc.robot.collision import Capsule, CollisionShape, Sphere
+from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere
 
 __all__ = ["ShapePairDistance"]
 
@@ -19,12 +19,16 @@ _LEAST_SINE_SQUARED = 1e-12
 
 
 class ShapePairDistance(Residual):
-    """Signed distance of two spheres or capsules (1,), m: below zero where they overlap.
+    """Signed distance of two spheres or capsules, or of a sphere and a box (1,), m: below zero where they overlap.
 
-    It is the distance of their axes, a point or a segment each, minus the radii: of segments the least of the distances
-    of their ends from the other segment and, where the nearest points of their lines lie on both, of the lines
-    (Ericson, Real-Time Collision Detection, 2005, section 5.1.9). Where two of these are equal, as for parallel axes
-    side by side, the derivative is that of one of them; where the axes meet it is zero.
+    Of spheres and capsules it is the distance of their axes, a point or a segment each, minus the radii: of segments
+    the least of the distances of their ends from the other segment and, where the nearest points of their lines lie on
+    both, of the lines (Ericson, Real-Time Collision Detection, 2005, section 5.1.9). Where two of these are equal, as
+    for parallel axes side by side, the derivative is that of one of them; where the axes meet it is zero.
+
+    Of a sphere and a box it is the distance of the centre from the box, or within the box minus that from the nearest
+    face, minus the radius. Of a box and a capsule or another box there is no such formula: spheres along the edges of
+    one of them have it.
 
     As a constraint: ``lower=0.02, upper=inf``. As a cost: ``QuadraticBarrier(0.02, np.inf)``.
 
@@ -33,7 +37,8 @@ class ShapePairDistance(Residual):
         second: another, or one of the world (joint 0).
 
     Raises:
-        InputError: a shape that is neither sphere nor capsule, or two on the same joint, whose distance is constant.
+        InputError: no shape, a box and something else than a sphere, or two on the same joint, whose distance is
+            constant.
     """
 
     nr = 1
@@ -42,17 +47,20 @@ class ShapePairDistance(Residual):
         for name, shape in (("first", first), ("second", second)):
             if not isinstance(shape, CollisionShape):
                 raise InputError(name, type(shape).__name__, "a CollisionShape")
-            if not isinstance(shape.shape, (Sphere, Capsule)):
-                raise InputError(name, f"'{shape.name}', a {shape.shape.kind}", "a sphere or a capsule")
         if first.joint == second.joint:
             raise InputError("first, second", f"'{first.name}', '{second.name}' on one joint", "shapes that can move")
+        for name, shape, other in (("first", first, second), ("second", second, first)):
+            if isinstance(other.shape, Box) and not isinstance(shape.shape, Sphere):
+                got = f"'{shape.name}', a {shape.shape.kind}"
+                raise InputError(name, got, f"a sphere, because '{other.name}' is a box")
         self.first, self.second = first, second
-        self._axes = (_Axis(first), _Axis(second))
-        self._reach = sum(axis.radius for axis in self._axes)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the distance."""
-        first, second = self._axes
+        for box, sphere in ((self.first, self.second), (self.second, self.first)):
+            if isinstance(box.shape, Box) and isinstance(sphere.shape, Sphere):
+                return _from_box(s, box, box.shape, _Axis(sphere).placed(s)[0]) - sphere.shape.radius_m
+        first, second = _Axis(self.first), _Axis(self.second)
         (a, h), (b, k) = first.placed(s), second.placed(s)
         if first.length == 0.0:
             square = _point_segment(a, b, k, second.length)
@@ -62,8 +70,7 @@ class ShapePairDistance(Residual):
             ends = [_point_segment(a + side * h, b, k, second.length) for side in (-1, 1)]
             ends += [_point_segment(b + side * k, a, h, first.length) for side in (-1, 1)]
             square = _lines(b - a, h, k, first.length * second.length, _least(ends))
-        apart = square > 0
-        return ca.if_else(apart, ca.sqrt(ca.if_else(apart, square, 1.0)), 0.0) - self._reach
+        return _root(square) - first.radius - second.radius
 
 
 class _Axis:
@@ -89,6 +96,25 @@ class _Axis:
             return self._center, self._half
         joint = s.robot.joint_placement(s.q, self._joint)
         return joint.translation + joint.rotation @ self._center, joint.rotation @ self._half
+
+
+def _from_box(s: StageSymbols, part: CollisionShape, box: Box, point: Any) -> Any:
+    """Return the signed distance of a point from a box; within it, that from the nearest face."""
+    if part.joint:
+        joint = s.robot.joint_placement(s.q, part.joint)
+        point = joint.rotation.T @ (point - joint.translation)
+    rotation, center = ca.DM(np.asarray(part.placement.rotation)), ca.DM(np.asarray(part.placement.translation))
+    inside = ca.vertsplit(rotation.T @ (point - center))
+    beyond = [ca.fabs(x) - half for x, half in zip(inside, box.half_size_m, strict=True)]
+    square = sum(ca.if_else(x > 0, x, 0.0) ** 2 for x in beyond)
+    nearest = -_least([-x for x in beyond])
+    return ca.if_else(nearest > 0, _root(square), nearest)
+
+
+def _root(square: Any) -> Any:
+    """Return the square root, with a derivative of zero at zero."""
+    apart = square > 0
+    return ca.if_else(apart, ca.sqrt(ca.if_else(apart, square, 1.0)), 0.0)
 
 
 def _point_segment(p: Any, center: Any, half: Any, length: float) -> Any:

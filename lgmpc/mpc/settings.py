@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
@@ -13,6 +13,10 @@ __all__ = ["CentroidalWeights", "MpcSettings", "MultibodyWeights", "SqpMpcSettin
 
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
+
+
+_FORMER_SOLVERS = {"riccati": "active_set", "structured": "active_set_dense"}
+"""Names in older configs and run folders."""
 
 
 class TrackingWeights(Settings):
@@ -113,3 +117,9 @@ class SqpMpcSettings(MpcSettings):
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
+
+    @field_validator("qp_solver", mode="before")
+    @classmethod
+    def _rename(cls, name: Any) -> Any:
+        """Accept a solver's former name."""
+        return _FORMER_SOLVERS.get(name, name) if isinstance(name, str) else name

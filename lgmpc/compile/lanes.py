@@ -153,7 +153,7 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 }}
 """
 
-_VERSION = "5"  # part of every cache key: increase it when the functions below change
+_VERSION = "6"  # part of every cache key: increase it when the functions below change
 LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
 
 
@@ -193,6 +193,8 @@ def generate_lanes(function: casadi.Function) -> tuple[str, ...]:
         calls="".join(f"  {name}_part{i}(x, r, w);\n" for i in range(len(parts))),
     )  # fmt: skip
     bodies = ["".join(parts[i : i + _PARTS]) for i in range(0, len(parts), _PARTS)]
+    if len(bodies) == 1:  # a second file would take longer to start the compiler on than to compile
+        return (_HEAD + entry + bodies[0],)
     return tuple(_HEAD + body for body in (entry, *bodies))
 
 

@@ -15,7 +15,8 @@ from lgmpc.costs.library import JointEffort, ShapePairDistance, StateError
 from lgmpc.ocp import LagrangianHessians, ShootingProblem, SubproblemFunctions
 from lgmpc.robot import Capsule, place_shape
 
-MODEL = pin.buildSampleModelManipulator()
+WHOLE = pin.buildSampleModelManipulator()
+MODEL = pin.buildReducedModel(WHOLE, [4, 6], 0.3 * np.ones(6))  # four joints: less to compile
 HAND = MODEL.frames[-1].name
 
 
@@ -34,7 +35,7 @@ def problem_of(kind: str) -> ShootingProblem:
     dynamics = dynamics_of(kind)
     items = [
         CostItem("rest", StateError(dynamics.state), 0.1),
-        CostItem("effort", JointEffort(6), 1e-3),
+        CostItem("effort", JointEffort(4), 1e-3),
         CostItem("near", ShapePairDistance(first, second), 2.0),
     ]
     apart = [ConstraintItem("apart", ShapePairDistance(first, second), 0.02, np.inf)]

@@ -75,8 +75,17 @@ def make(kind: str) -> Action:
     return MultibodyAction(kind, dynamics, items, rows)
 
 
-@pytest.mark.parametrize("kind", ["points", "surface", "arm", "impulse"])
-def test_the_pipeline_is_the_expansion(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "jit"),
+    [
+        *((kind, "0") for kind in ("points", "surface", "impulse")),
+        ("arm", "1"),
+        *(pytest.param(kind, "1", marks=pytest.mark.slow) for kind in ("points", "surface", "impulse")),
+    ],
+)
+def test_the_pipeline_is_the_expansion(kind: str, jit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpreted and compiled."""
+    monkeypatch.setenv("LGMPC_JIT", jit)
     action = make(kind)
     assert action.expansion is not None
     steps = action.expansion.steps

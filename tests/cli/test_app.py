@@ -44,9 +44,6 @@ def test_a_path_is_printed_in_its_own_bytes_in_an_ascii_locale(result: Result, t
     missing = result("check", folder / "stand.yaml", **ascii_locale)
     assert missing.returncode == 2
     assert f"Did you mean {file}" in missing.stderr
-    checked = result("check", file, **ascii_locale)
-    assert checked.returncode == 0, checked.stderr
-    assert checked.stdout.endswith(f"OK  {file}\n")
     ran = result("run", file, "duration_s=0.5", "--out", folder, **ascii_locale)
     assert ran.returncode == 0, ran.stderr
     assert f"saved in {folder}/" in ran.stdout

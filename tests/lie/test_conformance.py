@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -264,11 +265,16 @@ def test_casadi_log_agrees_at_exactly_pi(case, symbol) -> None:
         assert_equal(case.group.exp(expected), element, 1e-14)
 
 
+@lru_cache
+def jacobian_of_exp(case: Any, symbol: type) -> ca.Function:
+    xi = symbol.sym("xi", case.dim)
+    return ca.Function("J", [xi], [ca.jacobian(ca.vec(case.symbolic.exp(xi)), xi)])
+
+
 @SYMBOLS
 def test_casadi_derivatives_of_exp(case, any_angle, symbol) -> None:
     """d exp(xi) = hat(J_left dxi) exp(xi); at 0 that is the generators themselves."""
-    xi = symbol.sym("xi", case.dim)
-    jacobian = ca.Function("J", [xi], [ca.jacobian(ca.vec(case.symbolic.exp(xi)), xi)])
+    jacobian = jacobian_of_exp(case, symbol)
     for length in (0.0, 1.0):
         value = case.tangent(any_angle, length)
         left, element = left_jacobian_by_expm(case.group.ad(value)), expm(case.hat(value))
@@ -288,13 +294,17 @@ def test_casadi_second_derivative_of_exp_at_zero(case) -> None:
             assert_equal(got[:, i, j], (0.5 * (a @ b + b @ a)).ravel(order="F"), 1e-15)
 
 
+@lru_cache
+def jacobian_of_log(case: Any, symbol: type) -> ca.Function:
+    xi = symbol.sym("xi", case.dim)
+    return ca.Function("J", [xi], [ca.jacobian(case.symbolic.log(case.symbolic.exp(xi)), xi)])
+
+
 @SYMBOLS
 def test_casadi_derivatives_of_log(case, angle, length, symbol) -> None:
     """log(exp(xi)) = xi has the identity as its derivative up to just below pi."""
-    xi = symbol.sym("xi", case.dim)
-    jacobian = ca.Function("J", [xi], [ca.jacobian(case.symbolic.log(case.symbolic.exp(xi)), xi)])
     value = case.tangent(min(angle, math.pi - 1e-7), length)
-    assert_equal(jacobian(value), np.eye(case.dim), 1e-13)
+    assert_equal(jacobian_of_log(case, symbol)(value), np.eye(case.dim), 1e-13)
 
 
 def test_casadi_derivatives_of_jacobians_at_zero(case) -> None:
@@ -312,11 +322,16 @@ def test_casadi_derivatives_of_jacobians_at_zero(case) -> None:
             assert_equal(derivative[:, i], sign * case.group.ad(e).ravel(order="F"), 1e-15)
 
 
-def test_right_jacobian_is_the_casadi_derivative(case, any_angle) -> None:
-    """One reference for CasADi and numpy: d/de log(exp(xi)^{-1} exp(xi + e)) at e = 0."""
+@lru_cache
+def jacobian_of_gap(case: Any) -> ca.Function:
+    """d/de log(exp(xi)^{-1} exp(xi + e))."""
     xi, e = ca.SX.sym("xi", case.dim), ca.SX.sym("e", case.dim)
     symbolic = case.symbolic
     gap = symbolic.log(symbolic.compose(symbolic.inverse(symbolic.exp(xi)), symbolic.exp(xi + e)))
-    function = ca.Function("J", [xi, e], [ca.jacobian(gap, e)])
+    return ca.Function("J", [xi, e], [ca.jacobian(gap, e)])
+
+
+def test_right_jacobian_is_the_casadi_derivative(case, any_angle) -> None:
+    """One reference for CasADi and numpy, at e = 0."""
     value = case.tangent(any_angle, 1.0)
-    assert_equal(function(value, np.zeros(case.dim)), case.group.right_jacobian(value), 3e-14)
+    assert_equal(jacobian_of_gap(case)(value, np.zeros(case.dim)), case.group.right_jacobian(value), 3e-14)

@@ -66,8 +66,8 @@ def test_the_desired_rates_are_exact_derivatives_along_the_flight() -> None:
     controller = GeometricController(QUADROTOR, Lissajous())
     start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
     step = 1e-3
-    flight = fly(QUADROTOR, controller, start, 0.4, step)
-    for k in (50, 170, 301):
+    flight = fly(QUADROTOR, controller, start, 0.21, step)
+    for k in (50, 130, 201):
         ahead, here, behind = (controller.command(flight.times[k + i], states_at(flight, k + i)) for i in (1, 0, -1))
         rate = so3.vee(0.5 * (m := here.rotation.T @ (ahead.rotation - behind.rotation) / (2 * step)) - 0.5 * m.T)
         assert np.allclose(here.rate, rate, atol=2e-4 * max(np.abs(here.rate).max(), 1.0))
@@ -99,7 +99,7 @@ def test_a_start_on_the_trajectory_stays_on_it() -> None:
     start = QuadrotorState(wanted[0], wanted[1], turned.rotation, controller.command(0.0, spun).rate)
     errors = []
     for step in (4e-3, 2e-3):
-        flight = fly(QUADROTOR, controller, start, 0.8, step)
+        flight = fly(QUADROTOR, controller, start, 0.4, step)
         goal = np.array([trajectory.at(t).position[0] for t in flight.times])
         errors.append(np.abs(flight.states.position - goal).max())
     assert errors[1] < 1e-8
@@ -109,7 +109,7 @@ def test_a_start_on_the_trajectory_stays_on_it() -> None:
 def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
     """``J theta'' = -k_R sin theta - k_Omega theta'``, which scipy solves to 1e-12."""
     starts, inertia = np.radians([30.0, 178.0, 179.99]), QUADROTOR.inertia[0, 0]
-    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 2.0, 1e-3)
+    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 2.0)
     exact = solve_ivp(
         lambda _, y: np.r_[y[3:], (-GAINS.rotation * np.sin(y[:3]) - GAINS.rate * y[3:]) / inertia],
         (0.0, 2.0),
@@ -120,7 +120,7 @@ def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
         atol=1e-13,
     ).y[:3]
     angles = np.unwrap(euler_angles(flight.states.rotation)[..., 0], axis=0)
-    assert np.abs(angles - exact.T).max() < 1e-9
+    assert np.abs(angles - exact.T).max() < 4e-9  # 2.4e-9, and at half the step 1.5e-10
     assert np.all(np.abs(angles[-1]) < starts)
 
 
@@ -130,11 +130,11 @@ def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_gro
     psi, _ = attitude_error(flight.states.rotation, np.eye(3))
     assert np.all(psi == 2.0) and np.all(flight.moments == 0.0)
 
-    beside = turn_only(QuadrotorState.at_rest(so3.exp(np.array([np.pi - 1e-6, 0.0, 0.0]))), 2.0, 1e-3)
+    beside = turn_only(QuadrotorState.at_rest(so3.exp(np.array([np.pi - 1e-6, 0.0, 0.0]))), 1.5)
     away = np.pi - np.abs(euler_angles(beside.states.rotation)[:, 0])
     inertia = QUADROTOR.inertia[0, 0]
     rate = (np.sqrt(GAINS.rate**2 + 4.0 * inertia * GAINS.rotation) - GAINS.rate) / (2.0 * inertia)
-    window = slice(500, 1500)  # after the decay of the fast mode, in the linear range of the sine
+    window = slice(250, 750)  # after the decay of the fast mode, in the linear range of the sine
     measured = np.polyfit(beside.times[window], np.log(away[window]), 1)[0]
     assert measured == pytest.approx(rate, rel=1e-4)
 
@@ -146,7 +146,7 @@ UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0]
 def test_the_lyapunov_function_never_rises(gains: GeometricGains) -> None:
     """``1/2 Omega^T J Omega + Psi`` has the derivative ``-Omega . k_Omega Omega``."""
     rotations = Rotation.random(50, random_state=4).as_matrix()
-    flight = turn_only(QuadrotorState.at_rest(rotations), 1.5, gains=gains)
+    flight = turn_only(QuadrotorState.at_rest(rotations), 1.0, gains=gains)
     psi, _ = attitude_error(flight.states.rotation, np.eye(3), gains.rotation)
     omega = flight.states.rate
     energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + psi
@@ -170,7 +170,7 @@ def test_stiffness_per_axis_is_the_gradient_of_its_error_function() -> None:
 
 
 def test_gains_per_axis_make_each_axis_a_pendulum_of_its_own() -> None:
-    flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3))), 1.0, 1e-3, UNEVEN)
+    flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3))), 1.0, gains=UNEVEN)
     for axis in range(3):
         inertia, k, c = QUADROTOR.inertia[axis, axis], UNEVEN.rotation[axis], UNEVEN.rate[axis]
         exact = solve_ivp(
@@ -190,7 +190,7 @@ def test_gains_of_position_act_on_the_axes_of_the_world() -> None:
     axis = GeometricController(QUADROTOR, Hover(), UNEVEN).command(0.0, start).rotation[:, 2]
     force = np.array([0.0, 0.0, QUADROTOR.weight]) - UNEVEN.position * start.position - UNEVEN.velocity * start.velocity
     assert np.allclose(axis, force / np.linalg.norm(force), atol=1e-14)
-    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 4.0, 5e-3)
+    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 4.0, 1e-2)
     assert np.linalg.norm(flight.states.position[-1]) < 0.01
 
 
@@ -234,7 +234,7 @@ def test_it_recovers_from_almost_every_tumble_and_euler_angles_lose_some() -> No
 @pytest.mark.parametrize("kind", [GeometricController, EulerAnglePid])
 def test_both_recover_from_rest_upside_down_and_from_small_tilts(kind) -> None:
     starts = so3.exp(np.radians([[178.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, -25.0, 0.0], [10.0, 10.0, 40.0]]))
-    flight = fly(REAL, kind(REAL, GOAL), QuadrotorState.at_rest(starts, GOAL.point), 9.0, 1e-2)
+    flight = fly(REAL, kind(REAL, GOAL), QuadrotorState.at_rest(starts, GOAL.point), 6.0, 1e-2)
     assert (away(flight) < 0.02).all()
 
 

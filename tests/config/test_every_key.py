@@ -25,8 +25,10 @@ import pinocchio as pin
 import pytest
 
 import lgmpc.config.build
+import lgmpc.config.solving
 from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_config
 from lgmpc.config.build import build_robot, prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.schema import Document
 from lgmpc.config.solving import build_scenario, prepare_solve
 from lgmpc.control.lying import LyingSettings
@@ -41,6 +43,7 @@ from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
+from lgmpc.problems import Scenario
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, SolveGate
 from lgmpc.settings import Settings
@@ -76,6 +79,7 @@ estimator: {{kind: inekf}}
 joint_friction: {{}}
 reference: {{kind: com_circle}}
 pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
+mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
 WALKING = """
@@ -83,7 +87,6 @@ locomotion:
   gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]
   reaction: {{gait: hop}}
 commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: -0.01, gait: stand}}]
-mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
 BALL = {
@@ -394,21 +397,37 @@ def recorded_by(config: Document) -> str:
         log = vars(session.run(lambda progress: None).log)
     finally:
         _PARTS.enabled = True
+    return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, acting_late(session)])
+
+
+def acting_late(session: ClosedLoopSession) -> list[float]:
+    """Return the values that the controllers hold of the settings that act in failures only."""
     wbc, mpc = session.controller.wbc.settings, getattr(session.controller.planner, "mpc", None)
-    late = [getattr(held, name) for name in ACT_LATE for held in (wbc, mpc and mpc.settings) if hasattr(held, name)]
-    return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, late])
+    return [getattr(held, name) for name in ACT_LATE for held in (wbc, mpc and mpc.settings) if hasattr(held, name)]
 
 
-@pytest.mark.parametrize(
-    "model",
-    ["centroidal", "centroidal_footholds", "kinodynamic", pytest.param("full_body", marks=pytest.mark.slow), "lqr"],
-)
-def test_every_key_of_a_closed_loop_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
+def test_every_key_of_a_closed_loop_is_built_into_something(urdf: Path, parts: Parts) -> None:
+    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal"))
+    keys = [key for key in leaves(config) if not key.startswith(("commands", "locomotion."))]
+    left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
+    assert left == [], ", ".join(left)
+
+
+@pytest.mark.parametrize("model", ["centroidal_footholds", "kinodynamic", "full_body"])
+def test_every_key_that_the_centroidal_model_lacks_is_built_into_something(
+    model: str, urdf: Path, parts: Parts
+) -> None:
+    config, centroidal = (parse_any_config(LOOP.format(urdf=urdf, model=each)) for each in (model, "centroidal"))
+    keys = [key for key in leaves(config) if key not in set(leaves(centroidal))]
+    assert keys and all(key.startswith("mpc.") for key in keys)
+    left = unused(config, keys, lambda each: print_of_loop(each, parts), lambda each: acting_late(prepare(each)))
+    assert left == [], ", ".join(left)
+
+
+@pytest.mark.parametrize("model", ["lqr", pytest.param("centroidal_footholds", marks=pytest.mark.slow)])
+def test_every_key_of_a_model_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
     config = parse_any_config(LOOP.format(urdf=urdf, model=model))
-    assert isinstance(config, Config)
-    elsewhere = ("commands", "locomotion.")
-    keys = [key for key in leaves(config) if model == "centroidal" or key.startswith("mpc.")]
-    keys = [key for key in keys if not key.startswith(elsewhere)]
+    keys = [key for key in leaves(config) if key.startswith("mpc.")]
     left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
     assert left == [], ", ".join(left)
 
@@ -477,7 +496,16 @@ def test_every_key_of_a_problem_is_built_into_something(
 
 
 @pytest.mark.parametrize("method", ["box_fddp", "al_fddp", "sqp", "ipopt", "fatrop"])
-def test_every_key_of_a_solver_reaches_the_solver(method: str) -> None:
+def test_every_key_of_a_solver_reaches_the_solver(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    built: dict[str, Scenario] = {}
+
+    def build_once(given: SolveConfig) -> Scenario:
+        key = given.robot.model_dump_json() + given.problem.model_dump_json()
+        if key not in built:
+            built[key] = build_scenario(given)
+        return built[key]
+
+    monkeypatch.setattr(lgmpc.config.solving, "build_scenario", build_once)  # all solvers derive from its expressions
     config = load_solve_config("panda_reach", [f"solver={{method: {method}}}", "problem.nodes=2"])
     sections = ("solver.", "gate.") if method == "box_fddp" else ("solver.",)
     keys = [key for key in leaves(config) if key.startswith(sections)]

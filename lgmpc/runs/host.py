@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import platform
 from collections.abc import Mapping
@@ -35,13 +36,15 @@ class HostInfo:
 
 def versions() -> Mapping[str, str]:
     """Return the versions of Python and of the packages on which results depend ("absent" if not installed)."""
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "absent"
-    return found
+    return {"python": platform.python_version(), **{package: _version_of(package) for package in _PACKAGES}}
+
+
+@functools.cache  # reading a package's metadata takes milliseconds, and every point of a sweep has the versions
+def _version_of(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "absent"
 
 
 def host_info() -> HostInfo:

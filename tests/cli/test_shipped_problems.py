@@ -12,8 +12,8 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 @pytest.mark.parametrize(
     "name",
     [
-        "iris_loop",
         "upside_down_recovery",
+        pytest.param("iris_loop", marks=pytest.mark.slow),  # fast: tests/problems/test_flight.py
         pytest.param("talos_reach", marks=pytest.mark.slow),
         pytest.param("solo12_righting", marks=pytest.mark.slow),
     ],

@@ -194,7 +194,11 @@ class ActiveSetSolver:
         """
         self.prepare()
         weights = np.where(np.abs(multipliers) > self.settings.tolerance, _HELD * self._scale, 0.0)
-        return penalised_feedback(self.qp, weights)
+        gains = None
+        if self._ready:
+            self._regulator.weights[...], self._regulator.targets[...] = weights, 0.0
+            gains = self._regulator.feedback() if self._factor() else None
+        return penalised_feedback(self.qp, weights) if gains is None else gains
 
     def _polish(self) -> bool:
         """Solve exactly with the active rows of the other solver: those with more multiplier than distance."""

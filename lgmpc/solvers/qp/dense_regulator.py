@@ -101,6 +101,16 @@ class DenseRegulator:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
         return self._run(_FACTOR) == 0
 
+    def feedback(self) -> Array | None:
+        """Return the gains (N, nu, ndx) K of ``du = -K dx + ...``, from the last :meth:`factor`."""
+        (n, nu), nx = self.dus.shape, self.dx0.size
+        factors = self._factors.reshape(n, -1)
+        # Of each control its column of the eliminated Hessian: half = K^T R above, then R; R's diagonal by reciprocals.
+        columns = factors[:, : nu * self._tall].reshape(n, nu, self._tall)
+        transposed = np.tril(columns[:, :, nx : nx + nu], -1)
+        transposed[:, np.arange(nu), np.arange(nu)] = 1.0 / factors[:, nu * self._tall :][:, :nu]
+        return np.asarray(np.linalg.solve(transposed, columns[:, :, :nx]), dtype=np.float64)
+
     def solve(self) -> None:
         """Minimise for other targets, the weights being those of the last :meth:`factor`."""
         self._run(_SOLVE)

@@ -58,6 +58,9 @@ class Regulator(Protocol):
     def factor(self) -> bool:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
 
+    def feedback(self) -> Array | None:
+        """Return the gains (N, nu, ndx) K of ``du = -K dx + ...`` of the last :meth:`factor`; None if not kept."""
+
     def solve(self) -> None:
         """Minimise for other targets, the weights being those of the last :meth:`factor`."""
 

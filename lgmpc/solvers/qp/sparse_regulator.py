@@ -78,6 +78,10 @@ class SparseRegulator:
         self.solve()
         return math.isfinite(self._cost[0])
 
+    def feedback(self) -> Array | None:
+        """Return None: factors are not kept."""
+        return None
+
     def solve(self) -> None:
         """Minimise for other targets; factors are not kept."""
         for call in self._calls:

@@ -132,11 +132,11 @@ def _forces(figure: Figure, log: RunLog) -> bool:
         left.set_ylabel(f"{name}, N")
         limit = log.friction_over_time * np.maximum(normal, 0.0)
         right.fill_between(log.time, 0.0, limit, color=Z, alpha=0.18, lw=0.0)
-        right.plot(log.time, limit, color=Z, lw=1.0, label="µ × normal force")
+        right.plot(log.time, limit, color=Z, lw=1.0, label=f"{friction_words(log)} × normal force")
         right.plot(log.time, tangential, color=LIMIT, label="tangential force")
         finish(log, left, right)
     rows[0, 0].set_title("Normal force")
-    rows[0, 1].set_title(f"Friction, µ = {friction_words(log)}")
+    rows[0, 1].set_title("Friction")
     for axes in rows[-1]:
         axes.set_xlabel("time, s")
     label_pushes(log, *rows[0])

@@ -131,6 +131,7 @@ OTHER: dict[str, Any] = {
     "solo12_*/problem.contact_gains": {"FL_FOOT": (100.0, 20.0)},
     "panda_reach/problem.clearances": (BALL,),
     "panda_reach/problem.clearances.0.*.link": "panda_link4",
+    "panda_reach/problem.clearances.0.first.half_length_m": 0.01,  # the ball is nearest to an end then
     "panda_reach/problem.frame": "panda_hand",
     "*/problem.rotors.frames": ("iris__rotor_1", "iris__rotor_0", "iris__rotor_2", "iris__rotor_3"),
     "*/problem.rotors.turning": ("cw", "cw", "ccw", "ccw"),

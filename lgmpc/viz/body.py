@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, IntArray
+from lgmpc.viz.collada import is_misread, read_parts
 from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, sphere
 from lgmpc.viz.scene import Material, Scene
 
@@ -126,7 +127,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
     for geometry in visuals.geometryObjects:
         key = (geometry.meshPath or geometry.name, tuple(geometry.meshScale))
         if key not in meshes:
-            meshes[key] = mesh_of(geometry.geometry)
+            meshes[key] = _mesh(geometry)
         mesh = meshes[key]
         if mesh is None:
             continue
@@ -135,6 +136,16 @@ def _visual_parts(robot: Robot) -> list[Part]:
         opacity = 1.0 if plain else float(geometry.meshColor[3])
         parts.append(Part(joint, geometry.name, mesh, geometry.placement, Material(color, opacity, shininess=40.0)))
     return parts
+
+
+def _mesh(visual: pin.GeometryObject) -> Mesh | None:
+    """Return the mesh of a visual geometry; ``None`` for a kind that is not drawn."""
+    if is_misread(visual.geometry, visual.meshPath):
+        try:
+            return Mesh.joined(read_parts(visual.meshPath, visual.meshScale))
+        except (ValueError, RuntimeError) as error:
+            _LOG.warning("%s is drawn incompletely: %s", visual.name, " ".join(str(error).split()))
+    return mesh_of(visual.geometry)
 
 
 def _depths(model: Any) -> IntArray:

@@ -13,7 +13,20 @@ from numpy.typing import NDArray
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Mesh", "box", "cone", "cylinder", "disc", "ellipsoid", "lathe", "mesh_of", "shade", "sphere", "tube"]
+__all__ = [
+    "Mesh",
+    "box",
+    "cone",
+    "cylinder",
+    "disc",
+    "ellipsoid",
+    "lathe",
+    "mesh_of",
+    "shade",
+    "sphere",
+    "triangles_of",
+    "tube",
+]
 
 CREASE_DEG = 35.0
 """The edge between faces at a larger angle, rad, is drawn sharp."""
@@ -34,6 +47,16 @@ class Mesh:
     positions: NDArray[np.float32]
     normals: NDArray[np.float32]
     faces: NDArray[np.uint32]
+
+    @classmethod
+    def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
+        """Return one mesh of several."""
+        first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])], dtype=np.uint32)
+        return cls(
+            np.concatenate([mesh.positions for mesh in meshes]),
+            np.concatenate([mesh.normals for mesh in meshes]),
+            np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=True)]),
+        )
 
 
 def shade(vertices: Array, triangles: IntArray) -> Mesh:
@@ -183,12 +206,16 @@ def tube(points: Array, radius: float, segments: int = 8) -> Mesh:
     return shade(np.concatenate(rings), triangles)
 
 
+def triangles_of(geometry: Any) -> IntArray:
+    """Return the vertex indices (n, 3) of a coal mesh's triangles."""
+    corners = map(geometry.tri_indices, range(geometry.num_tris))
+    return np.array([(t[0], t[1], t[2]) for t in corners], dtype=np.int64).reshape(-1, 3)
+
+
 def mesh_of(geometry: Any) -> Mesh | None:
     """Return the mesh of a coal geometry in its own frame; ``None`` for a kind that is not drawn (plane, ...)."""
     if isinstance(geometry, coal.BVHModelBase):
-        corners = map(geometry.tri_indices, range(geometry.num_tris))
-        triangles = np.array([(t[0], t[1], t[2]) for t in corners], dtype=np.int64)
-        return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles.reshape(-1, 3))
+        return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles_of(geometry))
     if isinstance(geometry, coal.Box):
         return box(np.asarray(geometry.halfSide))
     if isinstance(geometry, coal.Sphere):

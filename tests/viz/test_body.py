@@ -2,11 +2,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pinocchio as pin
+import pytest
 
-from lgmpc.robot import ModelSource
+from lgmpc.robot import ModelSource, RobotSpec, load_robot
 from lgmpc.viz.body import load_body
+from lgmpc.viz.collada import is_misread
 from lgmpc.viz.scene import Scene
 
 from .test_scene import tracks, unpack
@@ -20,6 +23,25 @@ def test_solo12_has_its_meshes_and_its_size(solo12) -> None:
     assert abs(lowest[2]) < 0.005  # the feet stand on the floor
     assert 0.2 < highest[2] < 0.35
     assert 0.3 < highest[0] - lowest[0] < 0.7
+
+
+@pytest.mark.parametrize("model", ["go2", "anymal_c"])
+def test_parts_of_several_materials_are_drawn_whole(model: str) -> None:
+    """Every vertex of the URDF's visuals belongs to a drawn triangle: the drawn part is as large as the file."""
+    robot = load_robot(RobotSpec(model=model))
+    folders = [str(folder) for folder in robot.source.package_dirs]
+    visuals = pin.buildGeomFromUrdf(
+        robot.model, str(robot.source.urdf), pin.GeometryType.VISUAL, package_dirs=folders
+    ).geometryObjects
+    drawn = {part.name: part.mesh for part in load_body(robot).parts}
+    several = 0
+    for visual in [each for each in visuals if isinstance(each.geometry, coal.BVHModelBase)]:
+        vertices, mesh = np.reshape(visual.geometry.vertices(), (-1, 3)), drawn[visual.name]
+        several += is_misread(visual.geometry, visual.meshPath)
+        np.testing.assert_allclose(mesh.positions.min(axis=0), vertices.min(axis=0), atol=1e-6)
+        np.testing.assert_allclose(mesh.positions.max(axis=0), vertices.max(axis=0), atol=1e-6)
+        assert mesh.faces.max() + 1 == len(mesh.positions)
+    assert several > 0
 
 
 def test_joints_are_where_pinocchio_has_them(solo12) -> None:

@@ -19,7 +19,7 @@ from lgmpc.control.modes import Mode
 from lgmpc.errors import SolverError
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.locomotion.contacts import ContactState
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.forensics import finite_part
@@ -38,6 +38,7 @@ __all__ = ["ClosedLoopSession", "Observed", "RunObserver"]
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
 _MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}
+_CLEARANCE_PERIOD_S = 4e-3
 _LOW = (Mode.LIE, Mode.RISE, Mode.SIT)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
 
@@ -104,13 +105,24 @@ class ClosedLoopSession:
         log = self.recorder.log()
         if log.ticks == 0:
             return SessionResult(log, None, Verdict(Outcome.INTERRUPTED, ("stopped before the first tick",)), True)
-        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s, elapsed_s=self._elapsed)
+        metrics = compute_metrics(
+            log,
+            steady_from_s=self.gate.steady_from_s,
+            elapsed_s=self._elapsed,
+            leg_clearances=self._leg_clearances(log) if log.stepped else None,
+        )
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
             verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
         # Without the first tick of a continuation, whose logged forces acted in a step of the session before.
         certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
+
+    def _leg_clearances(self, log: RunLog) -> Array:
+        """Return the least distance between two legs every few milliseconds, m."""
+        every = max(round(_CLEARANCE_PERIOD_S / log.control_period_s), 1)
+        q = log.q[::every]
+        return leg_clearances(self.robot, q[np.isfinite(q).all(axis=1)])
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> None:
         """Simulate up to tick ``until``, exclusive, or to the end.

@@ -97,6 +97,10 @@ class Gate(Settings):
     )
     min_steps: Number | None = Field(default=None, description="Number of swings of all feet.")
     max_lost_contacts: Number | None = Field(default=None, description="Number of contacts lost during a stance.")
+    max_leg_collisions: Number | None = Field(
+        default=None,
+        description="Number of times that two legs touch: capsules of the feet's radius along their links.",
+    )
     max_walking_tilt_deg: NonNegative | None = Field(
         default=None, description="Largest tilt of the base while it walks, degrees."
     )

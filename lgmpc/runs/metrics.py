@@ -80,6 +80,7 @@ class Metrics:
         min_base_height_fraction: lowest base height over the first; 1 for a fixed base.
         walking: metrics of commanded motion; None for a run without commands.
         falls: number of falls; a fall ends when the robot folds its legs again.
+        leg_collisions: number of times that two legs touched; None where they were not compared.
         joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
         modes: metrics of falls, lying and rising; None where modes were not recorded.
     """
@@ -112,15 +113,19 @@ class Metrics:
     falls: int = 0
     modes: ModeMetrics | None = None
     joint_friction_nm: float | None = None
+    leg_collisions: int | None = None
 
 
-def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None) -> Metrics:
+def compute_metrics(
+    log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None, leg_clearances: Array | None = None
+) -> Metrics:
     """Return the metrics of a run.
 
     Args:
         log: the log, at the full control rate for complete counts and extremes.
         steady_from_s: time from which tracking errors and joint velocities are evaluated, s.
         elapsed_s: wall-clock time of the run, s; without it there is no real-time factor.
+        leg_clearances: (k,) least distance between two legs at k times, m.
 
     Raises:
         InputError: if the log has no tick with a finite state.
@@ -176,6 +181,7 @@ def compute_metrics(log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float
         walking=walking_metrics(log, tilt[:fall_index]),
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
+        leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
         joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[end - 1].mean()),
     )
 
@@ -278,6 +284,11 @@ def timing(milliseconds: Array) -> Timing | None:
         return None
     p50, p99 = np.percentile(milliseconds, [50.0, 99.0])
     return Timing(float(p50), float(p99), float(milliseconds.max()))
+
+
+def _count_collisions(clearances: Array) -> int:
+    touching = clearances < 0.0
+    return int(touching[:1].sum() + np.count_nonzero(touching[1:] & ~touching[:-1]))
 
 
 def _tick_ms(log: RunLog) -> Array:

@@ -82,6 +82,7 @@ _WORDS = {
     "cost_of_transport": _Words("the cost of transport was"),
     "steps": _Words("steps taken:"),
     "lost_contacts": _Words("contacts lost during a stance:"),
+    "leg_collisions": _Words("legs touched each other; times:"),
     "walking_tilt_deg": _Words("the walking base tilted by", "deg"),
     "scuff_m": _Words("a swinging foot slid over the floor by", "mm", 1e3),
     "peak_impact_n": _Words("a foot touched down with", "N"),

@@ -85,6 +85,17 @@ def test_tilt_is_relative_to_the_reference_posture() -> None:
     np.testing.assert_allclose(tilt_deg(np.array([reference, leaning]), reference), [0.0, 4.0], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("clearances", "count"), [([0.1, 0.0, 0.1], 0), ([0.1, -0.01, -0.02, 0.1, -0.01], 2), ([-0.01, 0.1], 1), ([], 0)]
+)
+def test_collisions_of_legs_are_counted_once_each(changed, clearances, count) -> None:
+    assert compute_metrics(changed(lambda arrays: None), leg_clearances=np.array(clearances)).leg_collisions == count
+
+
+def test_legs_that_were_not_compared_have_no_collisions(changed) -> None:
+    assert compute_metrics(changed(lambda arrays: None)).leg_collisions is None
+
+
 def test_displacement_and_final_errors(changed) -> None:
     def move(arrays):
         arrays["q"][500, :2] += [0.03, 0.04]

@@ -119,7 +119,11 @@ def test_every_limit_of_the_gate_can_fail_a_run(standing, field) -> None:
         metrics = replace(metrics, **{metric: replace(getattr(metrics, metric), p50=worst)})
     else:
         metrics = replace(metrics, **{metric: worst})
-    limit = 1 if field.endswith(("failures", "misses", "steps", "contacts", "falls", "rises", "descents")) else 0.5
+    limit = (
+        1
+        if field.endswith(("failures", "misses", "steps", "contacts", "falls", "rises", "descents", "collisions"))
+        else 0.5
+    )
     (reason,) = judge(metrics, Gate(**{field: limit})).reasons
     assert field in reason
     assert field[4:] in _WORDS

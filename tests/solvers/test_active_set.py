@@ -8,7 +8,7 @@ from bench_optimiser import constrained
 from paired_problems import Stance
 
 from lgmpc.errors import InputError
-from lgmpc.ocp import Block, KktConditions, OcpQp, OcpQpStructure, Trajectory
+from lgmpc.ocp import Block, KktConditions, OcpQp, OcpQpStructure, SubproblemFunctions, Trajectory
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
@@ -219,6 +219,22 @@ def test_only_infeasible_problems_are_called_so(kind: Kind, seed: int) -> None:
             each.prepare()
             found.append(each.solve(qp.x0))
         assert found[0] is found[1], share
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("push", [50.0, 100.0])
+def test_a_state_that_the_motors_cannot_save_is_infeasible_by_their_limits(push: float) -> None:
+    """A stance pushed beyond its friction cones and torques: proved without the other solver, which agrees."""
+    stance = Stance(20)
+    problem = constrained(stance, push=push)
+    functions = SubproblemFunctions(problem)
+    functions.us[...] = stance.guess().us
+    functions.linearize()
+    solver, judge = ActiveSetSolver(functions.qp), PiqpSolver(functions.qp, PiqpSettings(max_iterations=300))
+    for each in (solver, judge):
+        each.prepare()
+        assert each.solve(np.zeros(problem.state.ndx)) is QpStatus.INFEASIBLE
+    assert not solver.took_over
 
 
 def test_the_next_solver_is_tried_where_one_fails() -> None:

@@ -10,12 +10,12 @@ from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.central_path import nearest_in
 from lgmpc.solvers.qp.line import exact_line_search
 from lgmpc.solvers.qp.regulator import Regulator
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["is_certificate", "is_infeasible"]
 
 _LEAST = 1e-9  # relative margin beyond rounding
-_PENALTIES = (1e1, 1e3, 1e5, 1e7)  # of violations, in control weights
+_PENALTIES = (1e1, 1e3, 1e5, 1e7, 1e9, 1e11)  # of violations, in control weights
 _SWEEPS = 8  # with each of them
 _FAR = 1e2  # times the controls of a step with a small penalty: larger ones count as none
 
@@ -67,20 +67,22 @@ def is_certificate(qp: OcpQp, dx0: Array, multipliers: Array, reach: float) -> b
         g_k = D_k^T y_k + B_k^T lambda_{k+1}.
 
     Within bounds the left side is at most ``sum upper y+ + lower y-``. If the right side exceeds that for all controls
-    of some size, no such step is feasible.
+    of some size, no such step is feasible. Rows that bound a single control take part by limiting that control instead.
 
     Args:
         qp: the problem.
         dx0: (ndx,) first state.
         multipliers: (N, ng) y, for example those of the least violation.
-        reach: absolute value up to which controls are considered.
+        reach: absolute value up to which controls without bounds of their own are considered.
     """
-    scale = float(np.abs(multipliers).max(initial=0.0))
-    if not (scale > 0.0 and np.isfinite(scale)):
-        return False
-    y = multipliers / scale
     m = {name: qp.dense(name) for name in "ABCD"}
     gaps, lower, upper = qp.vector("b"), qp.vector("lower"), qp.vector("upper")
+    least, most, rest = _control_bounds(m["C"], m["D"], lower, upper, reach)
+    y = np.where(rest & (np.where(multipliers > 0.0, upper, -lower) < np.inf), multipliers, 0.0)
+    scale = float(np.abs(y).max(initial=0.0))
+    if not (scale > 0.0 and np.isfinite(scale)):
+        return False
+    y /= scale
     adjoint, total, size = np.zeros(qp.structure.ndx), 0.0, 0.0
     slopes = np.empty((qp.structure.nodes, qp.structure.nu))
     for k in range(qp.structure.nodes - 1, -1, -1):
@@ -90,5 +92,19 @@ def is_certificate(qp: OcpQp, dx0: Array, multipliers: Array, reach: float) -> b
         adjoint = m["C"][k].T @ y[k] + m["A"][k].T @ adjoint
     total += float(adjoint @ dx0)
     within = float((upper[y > 0.0] * y[y > 0.0]).sum() + (lower[y < 0.0] * y[y < 0.0]).sum())
-    margin = total - within - reach * float(np.abs(slopes).sum())
+    margin = total - within + float(np.minimum(slopes * least, slopes * most).sum())
     return margin > _LEAST * (1.0 + size + abs(within))
+
+
+def _control_bounds(c: Array, d: Array, lower: Array, upper: Array, reach: float) -> tuple[Array, Array, BoolArray]:
+    """Return bounds (N, nu) on the controls, at most ``reach``, and which rows (N, ng) bound more than one control."""
+    single = ~c.any(axis=2) & (np.count_nonzero(d, axis=2) == 1)
+    most = np.full((len(d), d.shape[2]), reach)
+    least = -most
+    node, row = np.nonzero(single)
+    control = np.argmax(d[node, row] != 0.0, axis=1)
+    slope = d[node, row, control]
+    ends = np.sort([lower[node, row] / slope, upper[node, row] / slope], axis=0)
+    np.maximum.at(least, (node, control), ends[0])
+    np.minimum.at(most, (node, control), ends[1])
+    return least, most, ~single

@@ -33,7 +33,7 @@ from lgmpc.simulation.plant import Plant
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyTerms
 
-__all__ = ["ClosedLoopSession", "Observed", "RunObserver"]
+__all__ = ["ClosedLoopSession", "Observed", "RunObserver", "clearances_of_legs"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
@@ -41,6 +41,14 @@ _MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}
 _CLEARANCE_PERIOD_S = 4e-3
 _LOW = (Mode.LIE, Mode.RISE, Mode.SIT)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
+
+
+def clearances_of_legs(robot: Robot, log: RunLog) -> Array | None:
+    """Return the least distance between two legs every few milliseconds, m; ``None`` if no foot swung."""
+    if not log.stepped:
+        return None
+    q = log.q[:: max(round(_CLEARANCE_PERIOD_S / log.control_period_s), 1)]
+    return leg_clearances(robot, q[np.isfinite(q).all(axis=1)])
 
 
 @dataclass
@@ -109,7 +117,7 @@ class ClosedLoopSession:
             log,
             steady_from_s=self.gate.steady_from_s,
             elapsed_s=self._elapsed,
-            leg_clearances=self._leg_clearances(log) if log.stepped else None,
+            leg_clearances=clearances_of_legs(self.robot, log),
         )
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if broken:
@@ -117,12 +125,6 @@ class ClosedLoopSession:
         # Without the first tick of a continuation, whose logged forces acted in a step of the session before.
         certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
-
-    def _leg_clearances(self, log: RunLog) -> Array:
-        """Return the least distance between two legs every few milliseconds, m."""
-        every = max(round(_CLEARANCE_PERIOD_S / log.control_period_s), 1)
-        q = log.q[::every]
-        return leg_clearances(self.robot, q[np.isfinite(q).all(axis=1)])
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> None:
         """Simulate up to tick ``until``, exclusive, or to the end.

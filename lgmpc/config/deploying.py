@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lgmpc.config.build import build_controller, build_estimator, build_recorder, build_robot, build_sensors
-from lgmpc.config.closed_loop import RunObserver
+from lgmpc.config.closed_loop import RunObserver, clearances_of_legs
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
@@ -196,7 +196,9 @@ class _DeploymentSession:
         if log.ticks == 0:
             outcome = Outcome.INTERRUPTED if interrupted else Outcome.FAIL
             return SessionResult(log, None, Verdict(outcome, (ending.value,)), interrupted)
-        metrics = compute_metrics(log, steady_from_s=self.gate.steady_from_s)
+        metrics = compute_metrics(
+            log, steady_from_s=self.gate.steady_from_s, leg_clearances=clearances_of_legs(self.robot, log)
+        )
         verdict = judge(metrics, self.gate, interrupted=interrupted)
         if ending is Ending.LOST:
             verdict = Verdict(Outcome.FAIL, (ending.value, *verdict.reasons))

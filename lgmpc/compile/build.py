@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import functools
-import threading
-import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import casadi
 
-from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.function import CompiledFunction, Signature, index_of
 from lgmpc.compile.native import Progress, bind_library, load_library
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
 __all__ = ["compile_function", "compile_functions", "compile_map", "densify_function", "map_function"]
-
-_warned = False
-_warning = threading.Lock()
 
 
 def compile_function(function: casadi.Function, *, progress: Progress | None = None) -> CompiledFunction:
@@ -128,28 +123,12 @@ def _compile(
 ) -> CompiledFunction:
     dense = densify_function(function)
     signature = Signature.of(dense, stages, shared)
-    compiler = find_compiler() if jit_enabled() else None
+    compiler = compiler_for_functions()
     if compiler is not None:
         library = load_library(dense, compiler, progress)
         return CompiledFunction(signature, functools.partial(bind_library, library), compiled=True)
-    if jit_enabled():
-        _warn_once()
     horizon = dense if stages is None else map_function(dense, stages, shared)
     return CompiledFunction(signature, functools.partial(_bind_interpreter, horizon), compiled=False)
-
-
-def _warn_once() -> None:
-    global _warned
-    with _warning:
-        first, _warned = not _warned, True
-    if first:
-        warnings.warn(
-            "no C compiler found: functions are interpreted, about 20 times slower. Install gcc (apt install gcc), or "
-            "without root ziglang (pip install ziglang), or name a compiler in CC; LGMPC_JIT=0 interprets without this "
-            "warning",
-            RuntimeWarning,
-            stacklevel=4,
-        )
 
 
 def _bind_interpreter(function: casadi.Function, signature: Signature, memory: Sequence[Array]) -> Callable[[], int]:

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from pathlib import Path
 
 from lgmpc.errors import CompileError, InputError
 
-__all__ = ["FLAGS", "Compiler", "find_compiler", "jit_enabled", "thread_count"]
+__all__ = ["FLAGS", "Compiler", "compiler_for_functions", "find_compiler", "jit_enabled", "thread_count"]
 
 # Measured with gcc 12 on the Jacobians of Solo12's inverse dynamics (26,000 scalar statements): -O1 3.4 s and 4.4 us a
 # call, -O2 8 s and 3.9 us, -O3 no better. -march=native (from _describe) saves 16 % of a call: AVX needs fewer moves.
@@ -41,6 +42,8 @@ _GCC_FLAGS = ("--param=ira-max-conflict-table-size=0",)
 
 _UNSAFE_FLAGS = ("-ffast-math", "-Ofast", "-funsafe-math-optimizations", "-ffinite-math-only")
 _CANDIDATES = ("cc", "gcc", "clang")
+_warned = False
+_warning = threading.Lock()
 _MOST_THREADS = 63  # of team.c
 _processors = threading.BoundedSemaphore(os.cpu_count() or 1)  # of compilers that run at once in this process
 
@@ -142,6 +145,34 @@ def thread_count() -> int:
     if not (value.isdecimal() and 1 <= int(value) <= _MOST_THREADS):
         raise InputError("LGMPC_THREADS", repr(value), f"a number of threads, 1 to {_MOST_THREADS}")
     return int(value)
+
+
+def compiler_for_functions() -> Compiler | None:
+    """Return the compiler; None, with one warning a process, if there is none, and None with ``LGMPC_JIT=0``.
+
+    Raises:
+        InputError: as :func:`jit_enabled` and :func:`find_compiler`.
+    """
+    if not jit_enabled():
+        return None
+    compiler = find_compiler()
+    if compiler is None:
+        _warn_once()
+    return compiler
+
+
+def _warn_once() -> None:
+    global _warned
+    with _warning:
+        first, _warned = not _warned, True
+    if first:
+        warnings.warn(
+            "no C compiler found: functions are interpreted, about 20 times slower. Install gcc (apt install gcc), or "
+            "without root ziglang (pip install ziglang), or name a compiler in CC; LGMPC_JIT=0 interprets without this "
+            "warning",
+            RuntimeWarning,
+            stacklevel=5,
+        )
 
 
 def find_compiler() -> Compiler | None:

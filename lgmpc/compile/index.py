@@ -35,7 +35,7 @@ import casadi
 
 from lgmpc import __imported_ns__
 from lgmpc.compile.cache import cache_folder, discard, is_whole, request_key
-from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.native import Progress
 
 __all__ = ["recall"]
@@ -73,7 +73,7 @@ def recall(make: Callable[..., T], *arguments: Any, progress: Progress | None = 
         CompileError: the compiler failed.
         InputError: the environment (cache folder, ``CC``) cannot be used; or from ``make``.
     """
-    compiler = find_compiler() if jit_enabled() else None
+    compiler = compiler_for_functions()
     content = None if compiler is None else _content(make, arguments)
     index = None if content is None else _index()
     if compiler is None or content is None or index is None:

@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.build import densify_function
-from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.function import Argument, Signature, index_of
 from lgmpc.compile.index import recall
 from lgmpc.compile.lanes import has_lanes
@@ -45,7 +45,7 @@ class StageKernel:
     def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
         function = densify_function(function)
         self._signature = Signature.of(function)
-        compiler = find_compiler() if jit_enabled() and not _calls_python(function) else None
+        compiler = None if _calls_python(function) else compiler_for_functions()
         self._code = function if compiler is None else load_library(function, compiler, progress)
         self.compiled = compiler is not None
 
@@ -125,7 +125,7 @@ class BatchKernel(StageKernel):
 
     def __init__(self, function: casadi.Function | Pipeline, progress: Progress | None = None) -> None:
         pipeline = function if isinstance(function, Pipeline) else _pipeline_of(densify_function(function))
-        compiler = find_compiler() if jit_enabled() else None
+        compiler = compiler_for_functions()
         self._libraries: list[ctypes.CDLL] = []
         if pipeline is None or compiler is None:
             super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)

@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi
 
 from lgmpc.compile.cache import cache_folder, find_entry, make_entry, request_key
-from lgmpc.compile.compiler import find_compiler, jit_enabled
+from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.native import Progress
 from lgmpc.errors import CompileError
 
@@ -55,7 +55,7 @@ def compile_source(name: str, source: str, *, progress: Progress | None = None) 
         CompileError: the compiler failed.
         InputError: the environment (cache folder, ``CC``) cannot be used.
     """
-    compiler = find_compiler() if jit_enabled() else None
+    compiler = compiler_for_functions()
     if compiler is None:
         return None
     folder = cache_folder()

@@ -173,7 +173,7 @@ class TestInBrowser:
         drawings = {
             "map": boundary_drawing({"QP": curve}, "largest push"),
             "shares": share_drawing(
-                {"friction": [PassShare("0.4", 0.5, 0.3, 0.7), PassShare("0.7", 0.9, 0.8, 1.0)] * 2}
+                {"friction": {"": [PassShare("0.4", 0.5, 0.3, 0.7), PassShare("0.7", 0.9, 0.8, 1.0)] * 2}}
             ),
         }
         blocks = [Figure(name, svg) for name, svg in svg_figures(drawings).items()]

@@ -110,15 +110,18 @@ def test_shipped_configs_that_walk_pass_their_gates(name: str, plant: str) -> No
 
 
 @pytest.mark.slow
-def test_an_estimated_state_costs_no_accuracy_of_the_velocity() -> None:
-    """At most a tenth on top of the exact state's deviation; the estimate drifts by less than 1 % of the way."""
-    _, _, estimated = walked(session_of(name="solo12_velocity_inekf"))
-    _, _, exact = walked(session_of("estimator={kind: ground_truth}", name="solo12_velocity_inekf"))
+@pytest.mark.parametrize(("until", "share", "more"), [(5.0, 1.1, 0.0), (8.0, 1.0, 0.6e-3)], ids=["straight", "turn"])
+def test_an_estimated_state_costs_little_accuracy_of_the_velocity(until: float, share: float, more: float) -> None:
+    """Straight on, at most a tenth on top of the exact state's deviation; a turn, in which feet slide, 0.6 mm/s more.
+
+    The estimate drifts by less than 1 % of the way.
+    """
+    changes = (f"duration_s={until}",)
+    _, _, estimated = walked(session_of(*changes, name="solo12_velocity_inekf"))
+    _, _, exact = walked(session_of(*changes, "estimator={kind: ground_truth}", name="solo12_velocity_inekf"))
     assert estimated.velocity_rmse_m_s is not None and exact.velocity_rmse_m_s is not None
-    assert (
-        estimated.velocity_rmse_m_s < 1.1 * exact.velocity_rmse_m_s
-    )  # measured 2.9 and 3.1 mm/s; in Pinocchio 3.2 and 2.7
-    assert estimated.odometry_drift_percent is not None and estimated.odometry_drift_percent < 1.0  # 0.2
+    assert estimated.velocity_rmse_m_s < share * exact.velocity_rmse_m_s + more
+    assert estimated.odometry_drift_percent is not None and estimated.odometry_drift_percent < 1.0
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_joints
 from lgmpc.typing import Array
 
 __all__ = ["LegGeometry"]
@@ -53,8 +53,7 @@ class LegGeometry:
         base = pin.XYZQUATToSE3(q[:7])
         feet, hips, lengths = [], [], []
         for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
-            # The chain from the base: the free-flyer is joint 1.
-            joints = [joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1]
+            joints = leg_joints(robot, frame)
             if not joints:
                 raise InputError("contact_frames", name, "a frame that a joint of the leg moves")
             tip = data.oMf[frame].translation

@@ -3,7 +3,7 @@
 from lgmpc.robot.checks import ModelReport
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
-from lgmpc.robot.leg_clearance import leg_clearances
+from lgmpc.robot.legs import leg_clearances, leg_joints
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
@@ -24,6 +24,7 @@ __all__ = [
     "available_models",
     "check_model",
     "leg_clearances",
+    "leg_joints",
     "load_robot",
     "place_shape",
     "shape_of",

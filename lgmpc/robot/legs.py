@@ -1,4 +1,4 @@
-"""Distances between the legs of a robot, from its configurations."""
+"""The legs of a robot: their joints, and the distances between them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ import pinocchio as pin
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["leg_clearances"]
+__all__ = ["leg_clearances", "leg_joints"]
+
+
+def leg_joints(robot: Robot, frame: int) -> list[int]:
+    """Return the joints between the base, whose free-flyer is joint 1, and a contact frame."""
+    model = robot.model
+    return [joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1]
 
 
 def leg_clearances(robot: Robot, q: Array) -> Array:
@@ -29,7 +35,7 @@ def leg_clearances(robot: Robot, q: Array) -> Array:
     model, data = robot.model, robot.create_data()
     chains = []
     for frame in robot.contact_ids:
-        joints = [joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1]
+        joints = leg_joints(robot, frame)
         chains.append((joints[min(1, len(joints) - 1) :], frame))
     paths = [np.empty((len(q), len(joints) + 1, 3)) for joints, _ in chains]
     for k, configuration in enumerate(q):

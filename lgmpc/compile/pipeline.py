@@ -222,9 +222,8 @@ def bind_pipeline(
     With ``LGMPC_THREADS`` above 1, parts of a long horizon are evaluated at the same time, with the same bits.
     """
     libraries[0].lgmpc_pipeline_lanes.restype = ctypes.c_longlong
-    lanes, parts = libraries[0].lgmpc_pipeline_lanes(), 1
-    if stages * layout.operations >= _WORTH_A_THREAD:
-        parts = min(thread_count(), -(-stages // lanes))
+    lanes, threads = libraries[0].lgmpc_pipeline_lanes(), thread_count()
+    parts = min(threads, -(-stages // lanes)) if stages * layout.operations >= _WORTH_A_THREAD else 1
     team = _load_team() if parts > 1 else None
     if team is None:
         parts = 1

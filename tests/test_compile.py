@@ -229,7 +229,13 @@ def test_call_copies_in_and_out(way: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [((), "arguments of 'shift': got 0"), ((np.zeros(3),), r"x: got shape \(3,\).*\(2,\)")]
+    ("arguments", "words"),
+    [
+        ((), "arguments of 'shift': got 0"),
+        ((np.zeros(3),), r"x: got shape \(3,\).*\(2,\)"),
+        ((["a", "b"],), "x: got <U1 entries; expected real numbers"),
+        ((np.zeros(2, dtype=complex),), "x: got complex128 entries"),
+    ],
 )
 def test_call_names_what_does_not_fit(arguments: tuple, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
@@ -277,6 +283,9 @@ def test_a_bound_call_works_on_memory_of_the_callers(way: str) -> None:
         function.bind(x=np.zeros((2, 6))[:, ::2])
     with pytest.raises(InputError, match="got 'xx'"):
         function.bind(xx=np.zeros(6))
+    y.setflags(write=False)
+    with pytest.raises(InputError, match="y: got a read-only array"):
+        function.bind(y=y)
 
 
 @needs_compiler
@@ -640,6 +649,17 @@ def test_compiler_that_does_not_run_is_bad_input(program: str, monkeypatch: pyte
 def test_flags_that_break_arithmetic_are_refused(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_CFLAGS", f"-g {flag}")
     with pytest.raises(InputError, match=f"LGMPC_CFLAGS: got {flag}"):
+        find_compiler()
+    monkeypatch.delenv("LGMPC_CFLAGS")
+    monkeypatch.setenv("CC", f"cc {flag}")
+    with pytest.raises(InputError, match=f"CC: got {flag}"):
+        find_compiler()
+
+
+@pytest.mark.parametrize("variable", ["CC", "LGMPC_CFLAGS"])
+def test_a_quotation_that_does_not_end_is_bad_input(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(variable, 'cc "-g')
+    with pytest.raises(InputError, match=f"{variable}: got 'cc \"-g'; .*No closing quotation"):
         find_compiler()
 
 

@@ -67,6 +67,7 @@ def test_the_call_keeps_its_memory_alive(jit: str, monkeypatch: pytest.MonkeyPat
         ("a", np.zeros(2), "a: got"),
         ("b", np.zeros(2), "Did you mean|one of its names"),
         ("m", None, "an array for 'm'"),
+        ("m", np.broadcast_to(np.zeros(4), (5, 4)), "m: got a read-only array"),
     ],
 )
 def test_memory_that_does_not_fit_is_refused(kernel: StageKernel, name: str, array: object, message: str) -> None:

@@ -179,20 +179,15 @@ def find_compiler() -> Compiler | None:
     """Return the compiler that ``CC`` names, else the first of cc, gcc, clang and the pip package ziglang, or None.
 
     Raises:
-        InputError: ``CC`` names a program that cannot be run, or ``LGMPC_CFLAGS`` a flag that breaks arithmetic.
+        InputError: ``CC`` names a program that cannot be run, or ``CC`` or ``LGMPC_CFLAGS`` contains a flag that breaks
+            arithmetic, or a quotation that does not end.
     """
-    extra = tuple(shlex.split(os.environ.get("LGMPC_CFLAGS", "")))
-    for flag in extra:
-        if flag in _UNSAFE_FLAGS:
-            raise InputError(
-                "LGMPC_CFLAGS", flag, "flags that keep IEEE arithmetic (NaN and guarded divisions rely on it)"
-            )
-    chosen = os.environ.get("CC", "").strip()
-    if chosen:
-        command = tuple(shlex.split(chosen))
+    extra, command = _words_of("LGMPC_CFLAGS"), _words_of("CC")
+    if command:
         version = _version(command)
         if version is None:
-            raise InputError("CC", repr(chosen), "a C compiler that runs; or unset CC, and lgmpc searches for one")
+            got = repr(shlex.join(command))
+            raise InputError("CC", got, "a C compiler that runs; or unset CC, and lgmpc searches for one")
         return _describe(command, version, extra)
     for name in _CANDIDATES:
         version = _version((name,))
@@ -204,6 +199,19 @@ def find_compiler() -> Compiler | None:
         if version is not None:
             return _describe(command, version, extra)
     return None
+
+
+def _words_of(variable: str) -> tuple[str, ...]:
+    """Return the words of an environment variable, checked for flags that break arithmetic."""
+    text = os.environ.get(variable, "")
+    try:
+        words = tuple(shlex.split(text))
+    except ValueError as error:
+        raise InputError(variable, repr(text), f"words as in a shell ({error})") from error
+    for flag in words:
+        if flag in _UNSAFE_FLAGS:
+            raise InputError(variable, flag, "flags that keep IEEE arithmetic (NaN and guarded divisions rely on it)")
+    return words
 
 
 def _describe(command: tuple[str, ...], version: str, extra: tuple[str, ...]) -> Compiler:

@@ -128,13 +128,15 @@ class CompiledFunction:
                 which fills it.
 
         Raises:
-            InputError: wrong number of arguments or wrong shape.
+            InputError: wrong number of arguments, wrong shape, or entries that are not real numbers.
         """
         if len(args) != len(self.inputs):
             expected = f"{len(self.inputs)}: {', '.join(self.input_names)}"
             raise InputError(f"arguments of '{self.name}'", len(args), expected)
         for name, buffer, arg in zip(self.input_names, self.inputs, args, strict=True):
-            value = np.asarray(arg, dtype=np.float64)
+            value = np.asarray(arg)
+            if value.dtype.kind not in "fiub":
+                raise InputError(f"{self.name}: {name}", f"{value.dtype} entries", "real numbers")
             if value.shape == (*buffer.shape, 1):
                 value = value[..., 0]
             if value.ndim > 0 and value.shape != buffer.shape:
@@ -187,6 +189,8 @@ class CompiledFunction:
             size = arrays[place].size
             if array.dtype != np.float64 or array.size != size or not array.flags.c_contiguous:
                 raise InputError(name, f"{array.dtype} of shape {array.shape}", f"float64, contiguous, {size} numbers")
+            if place >= len(self.inputs) and not array.flags.writeable:
+                raise InputError(name, "a read-only array", "memory that results can be written to")
             arrays[place] = array.reshape(-1)
         return self._bind(self._signature, arrays)
 

@@ -86,7 +86,7 @@ class StageKernel:
         for name in memory:
             index_of(f"argument of '{self._signature.name}'", name, names)
         arrays, steps = [], []
-        for argument in arguments:
+        for index, argument in enumerate(arguments):
             if argument.name not in memory:
                 raise InputError(f"memory for '{self._signature.name}'", "none", f"an array for '{argument.name}'")
             array = memory[argument.name]
@@ -96,6 +96,8 @@ class StageKernel:
             if array.dtype != np.float64 or not contiguous or not (shared or rows):
                 got = f"{array.dtype} of shape {array.shape}"
                 raise InputError(argument.name, got, f"float64 of shape ({stages}, {argument.size}), contiguous rows")
+            if index >= len(self._signature.inputs) and not array.flags.writeable:
+                raise InputError(argument.name, "a read-only array", "memory that results can be written to")
             arrays.append(array)
             steps.append(0 if shared else array.strides[0] // array.itemsize)
         return self._bind(stages, arrays, steps)

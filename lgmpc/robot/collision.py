@@ -157,7 +157,7 @@ def shape_of(part: pin.GeometryObject) -> CollisionShape:
 
     Cylinders become capsules of the same length if they are longer than wide, other objects boxes.
     """
-    centre, shape = _enclosed(part.geometry, part.meshScale)
+    centre, shape = _enclosed(part.geometry)
     return CollisionShape(
         f"{shape.kind} {part.name}", int(part.parentJoint), part.placement * pin.SE3(np.eye(3), centre), shape
     )
@@ -185,7 +185,7 @@ def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
             yield shape_of(part)
 
 
-def _enclosed(geometry: coal.CollisionGeometry, scale: np.ndarray) -> tuple[np.ndarray, Sphere | Box | Capsule]:
+def _enclosed(geometry: coal.CollisionGeometry) -> tuple[np.ndarray, Sphere | Box | Capsule]:
     """Return the centre of a geometry in its own axes, and the shape that encloses it."""
     if isinstance(geometry, coal.Sphere):
         return np.zeros(3), Sphere(link="*", radius_m=geometry.radius)

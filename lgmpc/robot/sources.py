@@ -121,6 +121,10 @@ def _parser_words(text: str) -> tuple[str, ...]:
 def _native_stderr() -> Iterator[list[str]]:
     """Capture the output of native code to file descriptor 2; the list contains the text after the block."""
     printed: list[str] = []
+    if sys.stderr is None:  # a process started without standard error: there is nothing to capture
+        yield printed
+        printed.append("")
+        return
     sys.stderr.flush()
     saved = os.dup(2)
     with tempfile.TemporaryFile() as file:

@@ -220,7 +220,7 @@ class StateMultibody(State):
 
 
 def _pull_into_ball(rng: np.random.Generator, phi: Array, inside: Array) -> None:
-    """Return ``phi``, or where it is longer than pi a random point within the ball on the line to ``inside``."""
+    """Replace ``phi``, if it is longer than pi, by a random point within the ball on the line to ``inside``."""
     if np.linalg.norm(phi) < np.pi:
         return
     step = phi - inside

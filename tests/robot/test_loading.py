@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import example_robot_data
@@ -176,6 +179,15 @@ def test_a_urdf_that_cannot_be_read_is_quoted_by_its_parser(tmp_path, capfd) -> 
     with pytest.raises(ModelError, match=r"broken\.urdf: .*XML"):
         load_robot(RobotSpec(urdf=path))
     assert capfd.readouterr().err == ""
+
+
+def test_a_process_without_standard_error_loads_robots(tmp_path) -> None:
+    script = tmp_path / "load.py"
+    script.write_text(
+        "from lgmpc.robot import RobotSpec, check_model\nprint(check_model(RobotSpec(model='solo12')).robot)\n"
+    )
+    done = subprocess.run(f"{shlex.quote(sys.executable)} {script} 2>&-", shell=True, capture_output=True, text=True)
+    assert done.stdout == "solo12\n"
 
 
 def test_an_srdf_that_cannot_be_read(tmp_path, data_dir) -> None:

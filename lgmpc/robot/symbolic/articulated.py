@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.robot.symbolic.dynamics import Wrench, moment_of_field
+from lgmpc.robot.symbolic.dynamics import Wrench, carried, mirrored, moment_of_field
 from lgmpc.robot.symbolic.passes import Placement, Rotation, rotate_symmetric
 from lgmpc.robot.symbolic.tree import Tree
 
@@ -42,9 +42,9 @@ class _Inertia:
         """Return the inertia without the joint's direction of motion: minus ``U D^-1 U^T`` with U = (force, moment)."""
         over_force, over_moment = pivot.solve(force.T), pivot.solve(moment.T)
         return _Inertia(
-            _symmetrized(self.mass - ca.mtimes(force, over_force)),
+            mirrored(self.mass - ca.mtimes(force, over_force)),
             self.cross - ca.mtimes(force, over_moment),
-            _symmetrized(self.inertia - ca.mtimes(moment, over_moment)),
+            mirrored(self.inertia - ca.mtimes(moment, over_moment)),
         )
 
     def carried(self, step: Placement) -> _Inertia:
@@ -54,7 +54,7 @@ class _Inertia:
         arm = ca.skew(step.translation)
         moved = cross - ca.mtimes(mass, arm)
         inertia = rotate_symmetric(step.rotation, self.inertia) + ca.mtimes(arm, moved) + ca.mtimes(arm, cross).T
-        return _Inertia(mass, moved, _symmetrized(inertia))
+        return _Inertia(mass, moved, mirrored(inertia))
 
 
 class _Pivot:
@@ -118,8 +118,7 @@ def articulated_body(
             force = force + extra[0] + ca.mtimes(u_force, given)
             moment = moment + extra[1] + ca.mtimes(u_moment, given)
             inertias[joint.parent] += rest.carried(step)
-            force = ca.mtimes(step.rotation, force)
-            moment = ca.mtimes(step.rotation, moment) + ca.cross(step.translation, force)
+            force, moment = carried(step, (force, moment))
             biases[joint.parent] = (biases[joint.parent][0] + force, biases[joint.parent][1] + moment)
     solved.reverse()
 
@@ -129,13 +128,8 @@ def articulated_body(
         linear, angular = moving[joint.parent]
         linear = ca.mtimes(step.rotation.T, linear + ca.cross(angular, step.translation)) + terms[0]
         angular = ca.mtimes(step.rotation.T, angular) + terms[1]
-        carried = ca.mtimes(kept.force.T, linear) + ca.mtimes(kept.moment.T, angular)
-        own = kept.pivot.solve(kept.torque - carried)
+        load = ca.mtimes(kept.force.T, linear) + ca.mtimes(kept.moment.T, angular)
+        own = kept.pivot.solve(kept.torque - load)
         accelerations.append(own)
         moving.append((linear + ca.mtimes(joint.linear, own), angular + ca.mtimes(joint.angular, own)))
     return ca.vertcat(*accelerations)
-
-
-def _symmetrized(matrix: Any) -> Any:
-    """Return a symmetric matrix with the upper triangle of ``matrix``, so that both halves are the same expressions."""
-    return ca.triu2symm(ca.triu(matrix))

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.robot.symbolic.dynamics import Wrench
+from lgmpc.robot.symbolic.dynamics import Wrench, carried
 from lgmpc.robot.symbolic.passes import Composite, Placement, Rotation
 from lgmpc.robot.symbolic.tree import Tree
 
@@ -35,8 +35,7 @@ def root_momenta(tree: Tree, steps: list[Placement], turning: list[Rotation], mo
     for index in range(len(tree.joints), 0, -1):
         parent = tree.joints[index - 1].parent
         if parent:
-            linear = ca.mtimes(steps[index].rotation, momenta[index][0])
-            angular = ca.mtimes(steps[index].rotation, momenta[index][1]) + ca.cross(steps[index].translation, linear)
+            linear, angular = carried(steps[index], momenta[index])
             momenta[parent] = (momenta[parent][0] + linear, momenta[parent][1] + angular)
     return {root: momenta[root] for root in tree.roots}
 

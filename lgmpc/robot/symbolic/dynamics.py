@@ -10,7 +10,16 @@ import casadi as ca
 from lgmpc.robot.symbolic.passes import Acceleration, Composite, Placement
 from lgmpc.robot.symbolic.tree import Joint, Tree
 
-__all__ = ["Wrench", "composite_forces", "joint_torques", "mass_matrix", "moment_of_field", "net_wrenches"]
+__all__ = [
+    "Wrench",
+    "carried",
+    "composite_forces",
+    "joint_torques",
+    "mass_matrix",
+    "mirrored",
+    "moment_of_field",
+    "net_wrenches",
+]
 
 Wrench = tuple[Any, Any]
 """(force, moment about the joint's origin) in a joint's frame."""
@@ -40,7 +49,7 @@ def net_wrenches(
     for index in range(len(tree.joints), 0, -1):
         parent = tree.joints[index - 1].parent
         if parent:
-            force, moment = _carry(steps[index], wrenches[index])
+            force, moment = carried(steps[index], wrenches[index])
             wrenches[parent] = (wrenches[parent][0] + force, wrenches[parent][1] + moment)
     return wrenches
 
@@ -87,10 +96,10 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
     for index, joint in enumerate(tree.joints, start=1):
         columns = forces[index]
         block = ca.horzcat(*(_project(joint, column) for column in columns)) + ca.diag(ca.DM(joint.armature))
-        matrix[joint.v, joint.v] = _mirrored(block)
+        matrix[joint.v, joint.v] = mirrored(block)
         here = index
         while tree.joints[here - 1].parent:
-            columns = [_carry(steps[here], column) for column in columns]
+            columns = [carried(steps[here], column) for column in columns]
             here = tree.joints[here - 1].parent
             ancestor = tree.joints[here - 1]
             block = ca.horzcat(*(_project(ancestor, column) for column in columns))
@@ -100,7 +109,7 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
     return matrix, at_root
 
 
-def _mirrored(block: Any) -> Any:
+def mirrored(block: Any) -> Any:
     """Return a symmetric matrix with the upper triangle of ``block``, so that both halves are the same expressions."""
     return ca.triu2symm(ca.triu(block))
 
@@ -114,7 +123,7 @@ def moment_of_field(field: Any, second: Any) -> Any:
     return ca.vertcat(pair(2, 1) - pair(1, 2), pair(0, 2) - pair(2, 0), pair(1, 0) - pair(0, 1))
 
 
-def _carry(step: Placement, wrench: Wrench) -> Wrench:
+def carried(step: Placement, wrench: Wrench) -> Wrench:
     """Return ``wrench`` about the parent's origin, in the parent's frame."""
     force = ca.mtimes(step.rotation, wrench[0])
     return force, ca.mtimes(step.rotation, wrench[1]) + ca.cross(step.translation, force)

@@ -156,8 +156,8 @@ class SymbolicModel:
 
     def rnea(self, q: Any, v: Any, a: Any, external: Mapping[int | str, Any] | None = None) -> Any:
         """Return (nv,) the generalised forces of an acceleration ``a``: M a + nle - sum of J^T external."""
-        felt = self._accelerating(q, v, a, gravity=True)
-        wrenches = dynamics.net_wrenches(self._tree, self._steps(q), felt, self._external(q, external))
+        accelerating = self._accelerating(q, v, a, gravity=True)
+        wrenches = dynamics.net_wrenches(self._tree, self._steps(q), accelerating, self._external(q, external))
         return dynamics.joint_torques(self._tree, wrenches, a)
 
     def nle(self, q: Any, v: Any) -> Any:

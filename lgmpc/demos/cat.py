@@ -8,11 +8,11 @@ import numpy as np
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
+from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array
 
 __all__ = ["run"]
 
-GRAVITY = 9.81
 FALL = 0.7
 """Duration of the fall, s."""
 STEPS = 6000

@@ -18,11 +18,13 @@ __all__ = ["run"]
 CENTER = (1.0, -1.0)
 """Centre of the loops, rad: both ends bent to one side. Around the straight shape the curvature averages to zero."""
 RADII = (0.1, 0.5, 1.0, 1.5)
+"""rad."""
 WRIGGLES = 6
-PERIOD = 1.0
-STEPS = 4000
-FRAMES = 40
 """Number of loops."""
+PERIOD = 1.0
+"""Duration of a loop, s."""
+STEPS, FRAMES = 4000, 40
+"""Steps of a loop, and pictures of it in the scene."""
 
 
 def run() -> Outcome:

@@ -23,6 +23,7 @@ from lgmpc.mechanics import (
     free_body,
     heavy_top,
 )
+from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array
 
 __all__ = ["run"]
@@ -30,7 +31,6 @@ __all__ = ["run"]
 _EDGES = np.array([0.3, 0.2, 0.1])  # of a box, m
 _MASS = 1.5  # kg
 _BOX = SpatialInertia(_MASS, np.array([0.06, 0.03, 0.02]), np.diag(_MASS / 12.0 * (np.sum(_EDGES**2) - _EDGES**2)))
-_GRAVITY = 9.81  # m/s^2
 _STEP, _STEPS, _EVERY = 2.5e-4, 8000, 80
 
 
@@ -45,27 +45,27 @@ class _Case:
 
 _CASES = (
     _Case("free", free_body(_BOX), 6),
-    _Case("in gravity", free_body(_BOX, _GRAVITY), 3),
+    _Case("in gravity", free_body(_BOX, GRAVITY), 3),
     _Case(
         "on an elastic, level plane",
-        free_body(_BOX, _GRAVITY, potential=lambda s: 60.0 * s.pose[2, 3] ** 2),
+        free_body(_BOX, GRAVITY, potential=lambda s: 60.0 * s.pose[2, 3] ** 2),
         3,
     ),
     _Case(
         "in a round bowl",
-        free_body(_BOX, _GRAVITY, potential=lambda s: 20.0 * ca.sumsqr(s.pose[:2, 3]) + 60.0 * s.pose[2, 3] ** 2),
+        free_body(_BOX, GRAVITY, potential=lambda s: 20.0 * ca.sumsqr(s.pose[:2, 3]) + 60.0 * s.pose[2, 3] ** 2),
         1,
     ),
     _Case(
         "in an elliptic bowl",
         free_body(
             _BOX,
-            _GRAVITY,
+            GRAVITY,
             potential=lambda s: 20.0 * s.pose[0, 3] ** 2 + 30.0 * s.pose[1, 3] ** 2 + 60.0 * s.pose[2, 3] ** 2,
         ),
         0,
     ),
-    _Case("held at a point", heavy_top(_BOX.about_origin, _MASS * _BOX.center, _GRAVITY), 1),
+    _Case("held at a point", heavy_top(_BOX.about_origin, _MASS * _BOX.center, GRAVITY), 1),
 )
 
 
@@ -120,9 +120,9 @@ def _falling(motion: Motion, momenta: Array) -> list[Row]:
     start, turn = motion.poses[0], motion.velocities[0]
     center = start[:3, 3] + start[:3, :3] @ _BOX.center
     speed = start[:3, :3] @ (turn[:3] + np.cross(turn[3:], _BOX.center))
-    moment = np.cross(center + speed * time / 2.0, -_MASS * _GRAVITY * UP)  # its mean over the fall
+    moment = np.cross(center + speed * time / 2.0, -_MASS * GRAVITY * UP)  # its mean over the fall
     return [
-        Row("in gravity: rate of p_z", -_MASS * _GRAVITY, float(rates[2]), 1e-9, "N"),
+        Row("in gravity: rate of p_z", -_MASS * GRAVITY, float(rates[2]), 1e-9, "N"),
         Row("in gravity: mean rate of L_x", float(moment[0]), float(rates[3]), 1e-9, "N.m"),
         Row("in gravity: mean rate of L_y", float(moment[1]), float(rates[4]), 1e-9, "N.m"),
     ]

@@ -1,14 +1,15 @@
-"""Validation of arguments: positive numbers, vectors, physically possible inertias."""
+"""Validation of arguments: positive numbers, vectors, physically possible inertias; read-only copies."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = ["check_inertia", "check_number", "check_positive", "check_positive_definite", "check_vector"]
+__all__ = ["check_inertia", "check_number", "check_positive", "check_positive_definite", "check_vector", "frozen"]
 
 _TOLERANCE = 1e-9
 
@@ -80,6 +81,13 @@ def check_inertia(name: str, value: object) -> Array:
     if high > (low + middle) * (1.0 + _TOLERANCE):
         got = f"principal moments {_listed(np.array([low, middle, high]))}"
         raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
+    return array
+
+
+def frozen(value: ArrayLike) -> Array:
+    """Return a read-only copy, which does not follow later changes of the caller's array."""
+    array: Array = np.array(value, dtype=np.float64)
+    array.setflags(write=False)
     return array
 
 

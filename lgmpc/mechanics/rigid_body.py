@@ -14,7 +14,7 @@ import numpy as np
 from lgmpc.lie import so3
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector
+from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3, SO3
 from lgmpc.mechanics.reduction.terms import Advected, Expression
@@ -32,16 +32,16 @@ __all__ = [
 GRAVITY = 9.81
 """m/s^2."""
 
-UP = np.array([0.0, 0.0, 1.0])
+UP = frozen([0.0, 0.0, 1.0])
 """The upward direction, world axes."""
 
-HEIGHT = np.array([0.0, 0.0, 1.0, 0.0])
+HEIGHT = frozen([0.0, 0.0, 1.0, 0.0])
 """The height of a point above the ground as a covector on [point; 1] in the world, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialInertia:
-    """Mass distribution of a body, relative to the origin of its frame.
+    """Mass distribution of a body, relative to the origin of its frame. The arrays are read-only copies.
 
     Attributes:
         mass: kg.
@@ -58,8 +58,8 @@ class SpatialInertia:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", check_positive("mass", self.mass, "kg"))
-        object.__setattr__(self, "center", check_vector("center", self.center, 3))
-        object.__setattr__(self, "rotational", check_inertia("rotational", self.rotational))
+        object.__setattr__(self, "center", frozen(check_vector("center", self.center, 3)))
+        object.__setattr__(self, "rotational", frozen(check_inertia("rotational", self.rotational)))
 
     @property
     def matrix(self) -> Array:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
-from lgmpc.mechanics.checks import check_positive, check_vector
+from lgmpc.mechanics.checks import check_positive, check_vector, frozen
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3
 from lgmpc.mechanics.reduction.terms import Expression, Symbols
@@ -39,7 +39,7 @@ def _zeros(*shape: int) -> Callable[[], Array]:
 
 @dataclass(frozen=True, eq=False)
 class UnderwaterVehicle:
-    """Mass, added mass, damping and buoyancy of a vehicle.
+    """Mass, added mass, damping and buoyancy of a vehicle. The arrays are read-only copies.
 
     Attributes:
         body: its own mass distribution.
@@ -86,7 +86,7 @@ class UnderwaterVehicle:
             ("quadratic_damping", quadratic),
             ("center_of_buoyancy", center),
         ):
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, frozen(value))
 
     @property
     def mass_matrix(self) -> Array:

@@ -81,7 +81,7 @@ def centroidal_terms(equations: EquationsOfMotion, q: ArrayLike, v: ArrayLike) -
     Raises:
         InputError: a fixed base, or a state of another shape.
     """
-    if len(equations.mass) - len(equations.selection) != 6:
+    if not equations.free:
         raise InputError("equations", "a robot with a fixed base", "a robot whose first joint is a free-flyer")
     configuration = check_vector("q", q, len(equations.mass) + 1)
     velocity = check_vector("v", v, len(equations.mass))
@@ -122,5 +122,8 @@ def wrench_about(com: ArrayLike, points: ArrayLike, forces: ArrayLike, moments: 
         raise InputError("points", f"shape {places.shape}", "shape (k, 3)")
     if pulls.shape != places.shape:
         raise InputError("forces", f"shape {pulls.shape}", f"shape {places.shape}, as the points")
-    turns = np.cross(places - check_vector("com", com, 3), pulls) + checks.finite("moments", moments)
+    couples = checks.finite("moments", moments)
+    if couples.ndim and couples.shape != places.shape:
+        raise InputError("moments", f"shape {couples.shape}", f"shape {places.shape}, as the points")
+    turns = np.cross(places - check_vector("com", com, 3), pulls) + couples
     return np.concatenate([pulls.sum(axis=0), turns.sum(axis=0)])

@@ -47,19 +47,24 @@ class EquationsOfMotion:
     selection: Array
 
     @property
+    def free(self) -> int:
+        """Degrees of freedom of the base: 6, or 0 if it is fixed."""
+        return len(self.mass) - len(self.selection)
+
+    @property
     def locked_inertia(self) -> Array:
-        """(6, 6) M_bb: the whole robot as one rigid body, about the base's origin, base axes."""
-        return self.mass[:6, :6]
+        """(6, 6) M_bb: the whole robot as one rigid body, about the base's origin, base axes; (0, 0) if it is fixed."""
+        return self.mass[: self.free, : self.free]
 
     @property
     def coupling(self) -> Array:
-        """(6, n) M_bj: wrench on the base per joint acceleration."""
-        return self.mass[:6, 6:]
+        """(6, n) M_bj: wrench on the base per joint acceleration; (0, n) for a fixed base."""
+        return self.mass[: self.free, self.free :]
 
     @property
     def joint_inertia(self) -> Array:
         """(n, n) M_jj."""
-        return self.mass[6:, 6:]
+        return self.mass[self.free :, self.free :]
 
     def recoil(self, joint_acceleration: ArrayLike) -> Array:
         """Return (6,) the acceleration of a free base that joint accelerations (n,) alone cause.

@@ -1,8 +1,9 @@
 """Geometric phases: rotation by changes of shape, and the phase of a free rigid body (chapter 4.16).
 
-cat = Cat()
-connection = cat.connection()
-connection.holonomy(flip(cat.flipping_bend()))      # half a turn about the spine, without angular momentum
+Half a turn of a cat about its spine, without angular momentum::
+
+    cat = Cat()
+    cat.connection().holonomy(flip(cat.flipping_bend()))
 """
 
 from lgmpc.mechanics.phases.cat import Cat, flip

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
+from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.phases.connection import Connection
 from lgmpc.typing import Array
 
@@ -43,8 +44,7 @@ class ThreeLink:
         mass, length = _three("masses", masses), _three("lengths", lengths)
         inertia = mass * length**2 / 12.0 if inertias is None else _three("inertias", inertias)
         for name, value in (("masses", mass), ("lengths", length), ("inertias", inertia)):
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, frozen(value))
 
     def energy(self, r: Any, xi: Any, speed: Any) -> Any:
         """Return the kinetic energy about the centre of mass, J.
@@ -94,7 +94,7 @@ class ThreeLink:
 
 
 def _three(name: str, value: ArrayLike) -> Array:
-    array = checks.finite(name, value).copy()
+    array = checks.finite(name, value)
     if array.shape != (3,) or array.min() <= 0.0:
         raise InputError(name, value, "three positive numbers")
     return array

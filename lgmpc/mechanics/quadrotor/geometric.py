@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
+from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
 from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory
 from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
@@ -48,10 +49,9 @@ class GeometricGains:
 
     def __post_init__(self) -> None:
         for name in ("position", "velocity", "rotation", "rate"):
-            gain = np.array(checks.finite(name, getattr(self, name)))
+            gain = frozen(checks.finite(name, getattr(self, name)))
             if gain.shape not in ((), (3,)) or not (gain > 0.0).all():
                 raise InputError(name, getattr(self, name), "a positive number, or three of them: a gain")
-            gain.setflags(write=False)
             object.__setattr__(self, name, gain if gain.ndim else float(gain))
 
     @classmethod

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
-from lgmpc.mechanics.checks import check_inertia, check_positive
+from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.quadrotor.vectors import cross, rotate
 from lgmpc.mechanics.rigid_body import GRAVITY
 from lgmpc.typing import Array, BoolArray
@@ -49,12 +49,11 @@ class Quadrotor:
 
     def __post_init__(self) -> None:
         check_positive("mass", self.mass, "kg")
-        inertia = check_inertia("inertia", self.inertia).copy()
+        inertia = frozen(check_inertia("inertia", self.inertia))
         if not self.thrust[0] < self.thrust[1]:
             raise InputError("thrust", self.thrust, "(lowest, highest), rising, N")
         if not self.moment > 0:
             raise InputError("moment", self.moment, "a positive number, N.m")
-        inertia.setflags(write=False)
         object.__setattr__(self, "inertia", inertia)
 
     @classmethod
@@ -154,7 +153,7 @@ def fly(
         quadrotor: the vehicle.
         controller: evaluated at every stage of the method.
         start: first state, of any batch shape.
-        duration: s.
+        duration: s; the flight lasts the nearest whole number of steps.
         step: s.
         disturb: from time to a moment (3,) on the body, N.m; none if omitted.
 

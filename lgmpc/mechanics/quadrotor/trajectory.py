@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.checks import check_vector
+from lgmpc.mechanics.checks import check_number, check_vector
 from lgmpc.typing import Array
 
 __all__ = ["FlatOutput", "Hover", "Lissajous", "FlatTrajectory"]
@@ -75,7 +75,7 @@ class Lissajous:
         yaw_rate: of the heading, rad/s.
 
     Raises:
-        InputError: a number that is not finite.
+        InputError: vectors of another shape, or a number that is not finite.
     """
 
     amplitude: tuple[float, float, float] = (1.0, 0.8, 0.4)
@@ -84,9 +84,9 @@ class Lissajous:
     yaw_rate: float = 0.7
 
     def __post_init__(self) -> None:
-        for name in ("amplitude", "frequency", "phase", "yaw_rate"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise InputError(name, getattr(self, name), "finite numbers")
+        for name in ("amplitude", "frequency", "phase"):
+            check_vector(name, getattr(self, name), 3)
+        check_number("yaw_rate", self.yaw_rate, "rad/s")
 
     def at(self, time: float) -> FlatOutput:
         """Return position and heading; the k-th derivative of a sine leads it by k quarter turns."""

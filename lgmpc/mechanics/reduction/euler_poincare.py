@@ -30,6 +30,7 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
+from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.reduction import momentum_maps
 from lgmpc.mechanics.reduction.groups import LieGroup
 from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols, state_of
@@ -92,8 +93,7 @@ class EulerPoincare(ABC):
     parameters: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", np.array(checks.finite("parameters", self.parameters)).ravel())
-        self.parameters.setflags(write=False)
+        object.__setattr__(self, "parameters", frozen(checks.finite("parameters", self.parameters).ravel()))
         symbols = self.symbols()
         if ca.depends_on(self.reduced(symbols), ca.vertcat(symbols.time, ca.vec(symbols.pose))):
             expected = "a function of velocity, advected and parameters: it is reduced (put the rest in a potential)"

@@ -76,6 +76,8 @@ class LeftSymmetry:
         """
         if not motions:
             raise InputError("motions", "none", "at least one")
-        _, sizes, basis = np.linalg.svd(np.vstack([self.rates(motion) for motion in motions]))
+        # The triangular factor has the same row space and singular values, whatever the number of states.
+        triangle = np.linalg.qr(np.vstack([self.rates(motion) for motion in motions]), mode="r")
+        _, sizes, basis = np.linalg.svd(triangle)
         broken = np.count_nonzero(sizes > tolerance * max(float(sizes[0]), np.finfo(float).tiny))
         return np.asarray(basis[broken:], dtype=np.float64)

@@ -53,14 +53,14 @@ class Nutation:
 
     @property
     def modulus(self) -> Modulus:
-        """Parameter of the elliptic function."""
+        """Parameter of the elliptic function; 1 for a triple root, which is the upright top at its critical spin."""
         s1, s2, s3 = self.offsets
-        return Modulus((s2 - s1) / (s3 - s1), (s3 - s2) / (s3 - s1))
+        return Modulus((s2 - s1) / (s3 - s1), (s3 - s2) / (s3 - s1)) if s3 > s1 else Modulus(1.0, 0.0)
 
     @property
     def period(self) -> float:
         """Period of the tilt, s; infinite for an axis that approaches the vertical asymptotically."""
-        return 2.0 * self.modulus.quarter_period / self.rate
+        return 2.0 * self.modulus.quarter_period / self.rate if self.rate else math.inf
 
     def cosines(self, times: Array) -> Array:
         """Return (n,) cosines of the tilt at some times."""

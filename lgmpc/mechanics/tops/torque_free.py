@@ -28,7 +28,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.mechanics.checks import check_inertia, check_positive
+from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.reduction.groups import SO3
 from lgmpc.mechanics.tops.elliptic import Modulus
 from lgmpc.typing import Array
@@ -41,7 +41,7 @@ _STEADY = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class EulerTop:
-    """The motion of a torque-free body through one state, for all times.
+    """The motion of a torque-free body through one state, for all times. The arrays are read-only copies.
 
     Attributes:
         inertia: (3, 3) in any body axes, kg.m^2.
@@ -57,9 +57,9 @@ class EulerTop:
     rotation: Array = field(default_factory=so3.identity)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertia", check_inertia("inertia", self.inertia))
-        object.__setattr__(self, "velocity", SO3.check_tangent("velocity", self.velocity))
-        object.__setattr__(self, "rotation", SO3.check_element("rotation", self.rotation))
+        object.__setattr__(self, "inertia", frozen(check_inertia("inertia", self.inertia)))
+        object.__setattr__(self, "velocity", frozen(SO3.check_tangent("velocity", self.velocity)))
+        object.__setattr__(self, "rotation", frozen(SO3.check_element("rotation", self.rotation)))
         if not self.velocity.any():
             raise InputError("velocity", "zero", "a body that turns")
 

@@ -270,9 +270,14 @@ def test_bad_input_is_refused() -> None:
         centroidal_terms(equations, q, v).momentum_rate(v, np.full(model.nv, np.nan))
     with pytest.raises(InputError, match="forces"):
         wrench_about(np.zeros(3), np.zeros((2, 3)), np.zeros((1, 3)))
-    arm = FloatingBaseDynamics(load("talos_arm").model)
+    for moments in (np.ones(3), np.ones((1, 3))):  # would be added once for each point
+        with pytest.raises(InputError, match="moments: got shape"):
+            wrench_about(np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3)), moments)
+    terms = FloatingBaseDynamics(load("talos_arm").model).equations(np.zeros(7), np.zeros(7))
     with pytest.raises(InputError, match="fixed base"):
-        centroidal_terms(arm.equations(np.zeros(7), np.zeros(7)), np.zeros(7), np.zeros(7))
+        centroidal_terms(terms, np.zeros(7), np.zeros(7))
+    assert terms.locked_inertia.size == terms.coupling.size == 0
+    np.testing.assert_array_equal(terms.joint_inertia, terms.mass)
     ball = pin.Model()
     ball.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     with pytest.raises(ModelError, match="'ball' is a JointModelSpherical"):

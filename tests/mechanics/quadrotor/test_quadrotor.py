@@ -319,6 +319,10 @@ def test_bad_input_is_refused() -> None:
         QuadrotorState.at_rest(np.eye(3), (np.nan, 0.0, 0.0))
     with pytest.raises(InputError, match="frequency"):
         Lissajous(frequency=(1.0, np.inf, 0.0))
+    with pytest.raises(InputError, match=r"amplitude: got shape \(2,\)"):
+        Lissajous(amplitude=(1.0, 2.0))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="yaw_rate: .* finite"):
+        Lissajous(yaw_rate=np.nan)
     state = QuadrotorState.at_rest(np.eye(3))
     with pytest.raises(InputError, match="heading: got parallel"):
         GeometricController(QUADROTOR, Parallel()).control(0.0, state)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -81,6 +83,20 @@ def test_noether_conserves_the_spatial_momentum_and_not_the_body_momentum() -> N
     motion = system.simulate(so3.exp([0.3, 0.2, 0.1]), [1.0, 0.5, -0.7], step=1e-3, steps=3000, every=10)
     np.testing.assert_allclose(np.ptp(system.noether_momenta(motion), axis=0), 0.0, atol=1e-10)
     assert np.ptp(system.momenta(motion), axis=0).min() > 0.1
+
+
+def test_directions_of_long_motions_take_memory_in_proportion_to_their_length() -> None:
+    system = torque_free_body(np.diag([1.0, 2.0, 2.5]))
+    motion = system.simulate(np.eye(3), [1.0, 0.5, -0.7], step=1e-3, steps=4000)
+    symmetry = LeftSymmetry(system)
+    assert len(symmetry.directions([motion])) == 3
+    tracemalloc.start()
+    try:
+        symmetry.directions([motion])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 100 * motion.poses.nbytes  # 29 MB; a square matrix of one row a state would be 128 MB
 
 
 SYSTEMS = {

@@ -112,6 +112,14 @@ def test_a_vertical_axis_stays_vertical(rotation: np.ndarray, tilt: float) -> No
     assert TOP.nutation(rotation, np.array([0.0, 0.0, 20.0])).tilts == (tilt, tilt)
 
 
+def test_an_upright_top_stays_upright_at_exactly_its_critical_spin() -> None:
+    """All three roots of the cubic coincide."""
+    top = LagrangeTop(1.0, 1.0, 1.0)
+    nutation = top.nutation(np.eye(3), np.array([0.0, 0.0, top.critical_spin]))
+    np.testing.assert_array_equal(nutation.cosines(np.array([0.0, 1.0, 100.0])), 1.0)
+    assert nutation.period == math.inf
+
+
 @pytest.mark.parametrize("ratio", [0.6, 0.9, 0.99, 1.01, 1.2])
 def test_sleeping_top_on_both_sides_of_the_critical_spin(ratio: float) -> None:
     spin = ratio * TOP.critical_spin

@@ -186,6 +186,17 @@ def test_nearly_steady_rotations(axis: int, tilt: float) -> None:
     np.testing.assert_allclose(exact.rotations(motion.times), motion.poses, atol=1e-9)
 
 
+def test_a_motion_does_not_follow_later_changes_of_the_callers_arrays() -> None:
+    velocity = np.array([1.0, 0.2, 0.3])
+    exact = EulerTop(np.diag([1.0, 2.0, 3.0]), velocity)
+    period = exact.period
+    velocity *= 2.0
+    np.testing.assert_allclose(exact.velocities(np.array([0.0, period])), 2 * [[1.0, 0.2, 0.3]], atol=1e-12)
+    assert exact.momentum == pytest.approx(np.linalg.norm([1.0, 0.4, 0.9]), rel=1e-15)
+    with pytest.raises(ValueError, match="read-only"):
+        exact.velocity[0] = 2.0
+
+
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="inertia: .*triangle"):
         EulerTop(np.diag([1.0, 1.0, 3.0]), [1.0, 0.0, 0.0])

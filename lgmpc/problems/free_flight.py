@@ -1,9 +1,8 @@
-"""The motion of a robot in free flight: independent simulation of a plan, and clearances between links."""
+"""The motion of a robot in free flight: independent simulation of a plan, and distance of its shanks from its trunk."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +12,7 @@ from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["MOST_STEPS", "Flown", "clearances", "refly", "spins", "trunk_spins"]
+__all__ = ["MOST_STEPS", "Flown", "refly", "spins", "trunk_clearance", "trunk_spins"]
 
 MOST_STEPS = 40_000
 """Steps of the longest simulated flight: 10 s in steps of 0.25 ms."""
@@ -92,11 +91,11 @@ def trunk_spins(robot: Robot, xs: Array) -> Array:
     return np.array([inertia @ x[robot.nq + 3 : robot.nq + 6] for x in xs])
 
 
-def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, float]:
-    """Return the smallest distance of a shank from the trunk, and of two shanks from each other, m.
+def trunk_clearance(robot: Robot, xs: Array, trunk_half_size: Array) -> float:
+    """Return the smallest distance of a shank from the trunk, m.
 
     A shank is a row of spheres of the feet's radius, from the last joint before a contact frame to that frame; the
-    trunk is a box about the base's origin. Shanks at negative distances overlap.
+    trunk is a box about the base's origin.
 
     Args:
         robot: robot with contact frames.
@@ -105,7 +104,7 @@ def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, 
     """
     model, data, radius = robot.model, robot.create_data(), robot.contact_radius
     share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
-    trunk = legs = np.inf
+    least = np.inf
     for x in xs:
         pin.framesForwardKinematics(model, data, x[: robot.nq])
         shanks = []
@@ -115,11 +114,8 @@ def clearances(robot: Robot, xs: Array, trunk_half_size: Array) -> tuple[float, 
         base = data.oMi[1]
         local = (np.concatenate(shanks) - base.translation) @ base.rotation
         beside = np.linalg.norm(np.maximum(np.abs(local) - trunk_half_size, 0.0), axis=1)
-        trunk = min(trunk, float(beside.min()) - radius)
-        for one, other in combinations(shanks, 2):
-            apart = np.linalg.norm(one[:, None] - other[None], axis=2)
-            legs = min(legs, float(apart.min()) - 2.0 * radius)
-    return trunk, legs
+        least = min(least, float(beside.min()) - radius)
+    return least
 
 
 def _runge_kutta(model: pin.Model, data: pin.Data, x: Array, effort: Array, h: float) -> Array:

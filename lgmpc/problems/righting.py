@@ -23,11 +23,11 @@ from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between, rotation_of, tilt
-from lgmpc.problems.free_flight import clearances, refly, spins, trunk_spins
-from lgmpc.problems.kinematics import com_positions
+from lgmpc.problems.free_flight import refly, spins, trunk_clearance, trunk_spins
+from lgmpc.problems.kinematics import com_positions, joint_limit_violation
 from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_clearances
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
@@ -51,7 +51,7 @@ class RightingWeights(Settings):
 class RightingSettings(ProblemSettings):
     """A falling robot without angular momentum turns upright by moving its legs only.
 
-    Limits of torques, joint positions and rates are hard constraints, which require sqp or ipopt.
+    Limits of torques, joint positions and rates are hard constraints, which fddp and box_fddp do not support.
     """
 
     kind: Literal["righting"] = Field(default="righting", description="A falling robot lands on its feet.")
@@ -96,16 +96,17 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
 
     Figures, of the plan: ``final_tilt_deg`` and ``final_rotation_deg``, of the base from upright and from the goal's
     attitude; ``planned_spin_nms``, largest angular momentum about the centre of mass at the nodes, which is an error of
-    the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` and
-    ``leg_clearance_m`` (see :func:`lgmpc.problems.free_flight.clearances`); ``flight_height_m``, from the lowest to the
-    highest position of the centre of mass. Of the independent simulation (see
-    :func:`lgmpc.problems.free_flight.refly`): ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the
-    change of the angular momentum; for comparison the plan's largest ``trunk_spin_nms``; ``path_error_rad``, of the
-    joints; and ``landing_rate_rad_s``, of the base's rotation at the end.
+    the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` (see
+    :func:`lgmpc.problems.free_flight.trunk_clearance`) and ``leg_clearance_m`` (see
+    :func:`lgmpc.robot.leg_clearances`), the smallest; ``flight_height_m``, from the lowest to the highest position of
+    the centre of mass. Of the independent simulation (see :func:`lgmpc.problems.free_flight.refly`):
+    ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the change of the angular momentum; for
+    comparison the plan's largest ``trunk_spin_nms``; ``path_error_rad``, of the joints; and ``landing_rate_rad_s``, of
+    the base's rotation at the end.
 
     Raises:
         InputError: a robot without free base or contact frames, or with joints of more than an angle; strokes of
-            unknown joints; no duration.
+            unknown joints, or with ramps longer than the motion.
     """
     s, w, nu = settings, settings.weights, robot.nu
     if not (robot.floating_base and robot.nc and robot.nq - 7 == nu):
@@ -140,18 +141,16 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs, end = trajectory.xs, trajectory.xs[-1]
-        motion = np.hstack([xs[:, robot.joint_q], xs[:, robot.nq :][:, robot.joint_v]])
-        outside = np.maximum(lower - motion, motion - upper)[:, :nu]
-        trunk, legs = clearances(robot, xs, np.array(s.trunk_half_size_m))
+        rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         flown = refly(robot, trajectory, times, _STIFFNESS, _DAMPING)
         return {
             "final_tilt_deg": math.degrees(tilt(end)),
             "final_rotation_deg": math.degrees(angle_between(rotation_of(end), goal)),
             "planned_spin_nms": float(np.linalg.norm(spins(robot, xs), axis=1).max()),
-            "joint_range_violation_rad": float(max(outside.max(), 0.0)),
-            "joint_speed_ratio": float((np.abs(motion[:, nu:]) / robot.velocity_limit).max()),
-            "trunk_clearance_m": trunk,
-            "leg_clearance_m": legs,
+            "joint_range_violation_rad": joint_limit_violation(robot, xs),
+            "joint_speed_ratio": float((rates / robot.velocity_limit).max()),
+            "trunk_clearance_m": trunk_clearance(robot, xs, np.array(s.trunk_half_size_m)),
+            "leg_clearance_m": float(leg_clearances(robot, xs[:, : robot.nq]).min()),
             "flight_height_m": float(np.ptp(com_positions(robot, xs)[:, 2])),
             "reflown_tilt_deg": math.degrees(tilt(flown.x)),
             "reflown_rotation_deg": math.degrees(angle_between(rotation_of(flown.x), goal)),

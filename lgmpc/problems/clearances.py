@@ -1,4 +1,4 @@
-"""Pairs of shapes that keep a distance: parts of a robot from each other, or from things in the world."""
+"""Pairs of shapes that keep a distance: parts of a robot from each other, or from objects in the world."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Clearance(Settings):
     distance_m: NonNegative = Field(default=0.02, description="Least distance of their surfaces, m.")
     weight: Positive | None = Field(
         default=None,
-        description="Of the squared lack of distance in the cost, 1/m2. null: a hard constraint, for sqp, al_fddp, "
-        "ipopt or fatrop.",
+        description="Weight of the squared shortfall of the distance in the cost, 1/m2. null: a hard constraint, for "
+        "sqp, al_fddp, ipopt or fatrop.",
     )
 
 
@@ -37,7 +37,7 @@ def clearance_items(robot: Robot, clearances: Sequence[Clearance]) -> tuple[list
     """Return the costs and constraints of clearances.
 
     Raises:
-        InputError: an unknown frame, two shapes on the same joint, or a box and something else than a sphere.
+        InputError: an unknown frame, two shapes on the same joint, or a box and a shape other than a sphere.
     """
     costs, constraints = [], []
     for i, (clearance, pair) in enumerate(zip(clearances, _pairs(robot, clearances), strict=True)):

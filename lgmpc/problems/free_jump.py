@@ -22,7 +22,7 @@ from lgmpc.problems.footsteps import BaseLeap, Footsteps
 from lgmpc.problems.kinematics import com_positions, contact_positions
 from lgmpc.problems.legged import check_legged, reference_states, resting_guess
 from lgmpc.problems.legged_figures import LeggedFigures
-from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
+from lgmpc.problems.legged_problem import SPEED_USED, LeggedScale, carrying_efforts, legged_problem
 from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.scenario import ProblemSettings, Scenario
 from lgmpc.robot import Robot
@@ -32,7 +32,7 @@ from lgmpc.typing import Array
 
 __all__ = ["FreeJumpSettings", "build_free_jump"]
 
-_AT_LIMIT = 0.995  # ratio to a limit from which it counts as reached
+_AT_LIMIT = 0.995  # ratio to a limit, or to the beginning of its barrier, from which it counts as reached
 _PHASES = ("takeoff", "flight", "landing")
 
 
@@ -114,7 +114,7 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     first_landing = int(np.flatnonzero(grid.impacts)[-1]) + 1
     top = float(com_positions(robot, robot.x_reference[None])[0, 2]) + s.com_rise_m
     fixed.set("apex_reference", top)
-    # Per second of one interval; of the length's square.
+    # The running cost is multiplied by the interval's duration; the weight is per square of the leg's length.
     weight = s.rise_weight / scale.length**2 / grid.durations[first_flight]
     fixed.set("apex_weight", weight, [first_flight])
     begins = dict(zip(_PHASES, (0, first_flight, first_landing), strict=True))
@@ -180,7 +180,7 @@ def _remarks(
         f"{label} of {', '.join(np.array(robot.joint_names)[reached])}"
         for label, reached in (
             ("torque", efforts.max(axis=0) >= _AT_LIMIT),
-            ("speed", rates.max(axis=0) >= 0.95 * _AT_LIMIT),
+            ("speed", rates.max(axis=0) >= SPEED_USED * _AT_LIMIT),
         )
         if reached.any()
     ]

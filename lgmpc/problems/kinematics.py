@@ -32,7 +32,12 @@ def joint_limit_violation(robot: Robot, xs: Array) -> float:
 
 def contact_positions(robot: Robot, xs: Array) -> Array:
     """Return (n, nc, 3) the origins of the contact frames at states (n, nx), world axes, m."""
-    return _translations(robot, xs, robot.contact_ids)
+    data, found = robot.create_data(), np.empty((len(xs), robot.nc, 3))
+    for points, x in zip(found, xs, strict=True):
+        pin.forwardKinematics(robot.model, data, x[: robot.nq])
+        for point, index in zip(points, robot.contact_ids, strict=True):
+            point[:] = pin.updateFramePlacement(robot.model, data, index).translation
+    return found
 
 
 def frame_placements(robot: Robot, frame: str, xs: Array) -> list[pin.SE3]:
@@ -46,12 +51,3 @@ def frame_placements(robot: Robot, frame: str, xs: Array) -> list[pin.SE3]:
         pin.forwardKinematics(robot.model, data, x[: robot.nq])
         placements.append(pin.SE3(pin.updateFramePlacement(robot.model, data, index)))
     return placements
-
-
-def _translations(robot: Robot, xs: Array, frames: tuple[int, ...]) -> Array:
-    data, found = robot.create_data(), np.empty((len(xs), len(frames), 3))
-    for row, x in zip(found, xs, strict=True):
-        pin.forwardKinematics(robot.model, data, x[: robot.nq])
-        for point, index in zip(row, frames, strict=True):
-            point[:] = pin.updateFramePlacement(robot.model, data, index).translation
-    return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -67,7 +66,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         name: a C identifier.
         robot: initially at rest in its reference posture.
         gait: of all its contact frames, with every foot on the ground at beginning and end.
-        motion: of its base.
+        motion: motion of its base.
         settings: of weights, friction and grid.
 
     Raises:
@@ -83,16 +82,13 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
     problem = legged_problem(robot, grid, reference, steps.positions(grid.times), settings)
     figures = LeggedFigures(robot, grid, steps, motion, settings.friction)
 
-    def measure(trajectory: Trajectory) -> Mapping[str, float]:
-        return figures.measure(trajectory)
-
     return Scenario(
         name=name,
         robot=robot,
         problem=problem,
         guess=Trajectory(resting_guess(robot, grid, reference), carrying_efforts(robot, grid)),
         durations=grid.durations,
-        figures=measure,
+        figures=figures.measure,
         contact_flags=grid.flags,
         contact_forces=figures.forces,
         waypoints=_waypoints(gait, steps),
@@ -109,7 +105,7 @@ def check_legged(robot: Robot) -> None:
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without feet", "a free base and contact_frames")
     if robot.nq - 7 != robot.nu:
-        raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which has limits")
+        raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which have limits")
 
 
 def reference_states(robot: Robot, motion: BaseMotion, times: Array) -> Array:

@@ -10,7 +10,9 @@ import pinocchio as pin
 
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
+from lgmpc.problems.attitude import rotation_of
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
+from lgmpc.problems.free_flight import spins
 from lgmpc.problems.kinematics import com_positions, com_speed, contact_positions, joint_limit_violation
 from lgmpc.problems.reactions import friction_use, reactions
 from lgmpc.robot import Robot
@@ -59,7 +61,7 @@ class LeggedFigures:
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         weight = robot.mass * float(np.linalg.norm(robot.gravity))
         raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
-        rotations = np.array([pin.Quaternion(x[3:7]).matrix() for x in xs])
+        rotations = np.array([rotation_of(x) for x in xs])
         goal, travelled = self.motion.placements(self.motion.stop), xs[-1, :3] - robot.q_reference[:3]
         turned = goal[:3, :3].T @ rotations[-1] @ pin.Quaternion(robot.q_reference[3:7]).matrix().T
         com = com_positions(robot, xs)[:, 2]
@@ -97,16 +99,13 @@ class LeggedFigures:
     def flight(self, xs: Array) -> tuple[float, float]:
         """Return the errors of the momenta in a flight without contacts; zeros if there is none.
 
-        The centre of mass's distance from the parabola through take-off and landing, m, and the change of the angular
-        momentum about it, over that of a turn in the flight's time. Both are errors of the integrator, of first order
-        in the intervals' length.
+        The distance of the centre of mass from the parabola through take-off and landing, m, and the change of the
+        angular momentum about it, over that of a turn in the flight's time. Both are errors of the integrator, of first
+        order in the intervals' length.
         """
         robot, times = self.robot, self.grid.times
-        model, data = robot.model, robot.create_data()
-        com, spin = com_positions(robot, xs), np.empty((len(xs), 3))
-        for row, x in zip(spin, xs, strict=True):
-            row[:] = pin.computeCentroidalMomentum(model, data, x[: robot.nq], x[robot.nq :]).angular
-        pin.ccrba(model, data, robot.q_reference, np.zeros(robot.nv))
+        data, com, spin = robot.create_data(), com_positions(robot, xs), spins(robot, xs)
+        pin.ccrba(robot.model, data, robot.q_reference, np.zeros(robot.nv))
         inertia = float(np.linalg.eigvalsh(data.Ig.inertia).max())
         worst = [0.0, 0.0]
         for first, last in _runs(self.grid.flight):

@@ -5,10 +5,9 @@ impact after which no foot on the ground moves. The impact's costs penalise the 
 and their speed, so that impulses are small.
 
 On the ground, contacts have the damping 1 / h and the stiffness 1 / (4 h^2), h being the interval's length, unless the
-settings give others. With the
-damping alone a foot would be at rest at the end of each interval up to the order h^2 of the integrator, and creep by
-the sum of these errors; the stiffness halves the error with each interval. (With 1 / h^2 the position at the end,
-``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
+settings give others. With the damping alone a foot would be at rest at the end of each interval up to the order h^2 of
+the integrator, and creep by the sum of these errors; the stiffness halves the error with each interval. (With 1 / h^2
+the position at the end, ``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ from lgmpc.problems.reactions import carry
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["LeggedScale", "carrying_efforts", "legged_problem"]
+__all__ = ["SPEED_USED", "LeggedScale", "carrying_efforts", "legged_problem"]
 
 _FACETS = 8
-_SPEED_USED = 0.95
+SPEED_USED = 0.95
 """Fraction of the joints' speed limits at which their barriers begin."""
 
 
@@ -105,7 +104,7 @@ def legged_problem(
         reference: (N+1, nx) reference states.
         places: (N+1, nc, 3) reference positions of the feet, world, m.
         settings: weights, friction and grid.
-        more: costs of the motion besides.
+        more: further costs of the motion.
     """
     scale, w = LeggedScale.of(robot), settings.weights
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
@@ -205,7 +204,7 @@ def _beyond(robot: Robot, scale: LeggedScale) -> Array:
 
 def _range(robot: Robot) -> tuple[Array, Array]:
     """Return (ndx,) the smallest and the largest deviation from the reference posture at rest."""
-    free, speed = np.full(6, np.inf), _SPEED_USED * robot.velocity_limit
+    free, speed = np.full(6, np.inf), SPEED_USED * robot.velocity_limit
     middle = robot.q_reference[robot.joint_q]
     lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])
     upper = np.concatenate([free, robot.joint_upper - middle, free, speed])

@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 
 
 class MultirotorSettings(Settings):
-    """Properties of rotors that a URDF does not contain; thrusts act along the frames' z axes, not backwards."""
+    """Properties of rotors that a URDF does not contain; thrusts act along the positive z axes of the frames."""
 
     frames: tuple[str, ...] = Field(min_length=1, description="Names of the rotors' frames.")
     turning: tuple[Literal["ccw", "cw"], ...] = Field(
@@ -66,8 +66,7 @@ class Multirotor:
         """Return the multirotor of a robot and its rotors.
 
         Raises:
-            InputError: a robot with joints or a fixed base, an unknown frame, a number of senses that
-                is not that of the rotors, or rotors that cannot hover level.
+            InputError: a robot with joints or a fixed base, an unknown frame, or rotors that cannot hover level.
         """
         if not robot.floating_base or robot.nu:
             raise InputError("robot", f"{robot.name}, {robot.nv} degrees of freedom", "a single free body")
@@ -90,7 +89,7 @@ class Multirotor:
 
     @property
     def controls(self) -> Controls:
-        """The controls: thrusts, by the names of the rotors' frames, N."""
+        """The thrusts, by the names of the rotors' frames, N."""
         most = np.full(len(self.rotors), self.max_thrust)
         return Controls(self.rotors, "N", np.zeros_like(most), most)
 
@@ -100,8 +99,8 @@ def turning_guess(
 ) -> Trajectory:
     """Return a guess that interpolates positions and rotation vectors linearly, with hovering thrusts.
 
-    Its velocities are those of this motion, its thrusts are not: it has gaps. Attitudes are rotation vectors, which
-    may be longer than half a turn: from [0, 0, 0] by [0, -180, 0] to [0, -360, 0] is a loop, nose up.
+    Its velocities are those of this motion, its thrusts are not: the guess has gaps. Attitudes are rotation vectors,
+    which may be longer than half a turn: from [0, 0, 0] by [0, -180, 0] to [0, -360, 0] is a loop, nose up.
 
     Args:
         vehicle: the multirotor.

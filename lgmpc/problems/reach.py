@@ -124,7 +124,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         robot=robot,
         problem=problem,
         # A guess at rest without efforts has gaps: FDDP starts from multiple shooting. With the efforts that balance
-        # gravity it would be single shooting, which takes three times as many iterations or does not converge.
+        # gravity it would start from single shooting, which converges more slowly or not at all.
         guess=problem.hold(),
         durations=np.full(s.nodes, s.node_s),
         figures=figures,

@@ -2,8 +2,8 @@
 
 The problem has no singularity at any attitude: gaps are differences on SE(3), logarithms of the small rotation from one
 node to the next only, and the cost is a function of rotation matrices (:class:`FrameRotationMatrix`), which is smooth
-at rotation pi. In roll, pitch and yaw the same motion jumps at pitch 90 degrees, and in the rotation
-vector from the goal at rotation pi.
+at rotation pi. In roll, pitch and yaw the same motion jumps at pitch 90 degrees, and in the rotation vector from the
+goal at rotation pi.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class RecoverySettings(ProblemSettings):
     goal_rotation_deg: Vector3 = Field(
         default=(0.0, 0.0, 0.0),
         description="Attitude at the end, degrees. More than half a turn gives the guess its direction: from "
-        "[0, 150, 0] to [0, 360, 0], which is level, it turns further over its back.",
+        "[0, 150, 0] to [0, 360, 0], which is level, it continues to turn over its back.",
     )
     nodes: Count = Field(default=100, description="Number of intervals.")
     node_s: Interval = Field(default=0.025, description="Length of each interval, s.")
@@ -74,7 +74,7 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
     (360 where the rotation passes pi); and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
-        InputError: a robot without these rotors, or no duration.
+        InputError: a robot without these rotors.
     """
     s, w = settings, settings.weights
     vehicle = Multirotor.of(robot, s.rotors)

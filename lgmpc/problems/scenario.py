@@ -25,7 +25,7 @@ class ProblemSettings(Settings):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A target at a time; shown in the replay.
+    """A target at a time, drawn in the replay.
 
     Attributes:
         name: name in the replay.

@@ -1,7 +1,6 @@
 """A humanoid on both feet moves its hand to a target and keeps its balance; no foot slips or tips.
 
-Friction, centres of pressure and limits are hard constraints, for SQP and ipopt; with barriers instead FDDP takes ten
-times as many iterations.
+Friction, centres of pressure and limits are hard constraints, which fddp and box_fddp do not support.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ class StandingReachSettings(ProblemSettings):
     """A robot stands on soles at its contact frames and moves a hand from its reference posture to a target.
 
     Limits of joints and efforts, friction cones, and soles around the centres of pressure are hard constraints, which
-    require sqp or ipopt.
+    fddp and box_fddp do not support.
     """
 
     kind: Literal["standing_reach"] = Field(
@@ -128,8 +127,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     to the edge of the soles' convex hull; ``cop_margin_m``, least distance of a centre of pressure to its sole's edge;
     ``friction_ratio``, tangential force over its limit; ``slip_m`` and ``sole_turn_deg``, displacements of the soles;
     ``joint_limit_violation_rad``, largest violation of position limits; ``clearance_m``, the least distance of pairs of
-    shapes (if there are clearances). Forces are recomputed from the motion by
-    Pinocchio's inverse dynamics.
+    shapes (if there are clearances). Forces are recomputed from the motion by Pinocchio's inverse dynamics.
 
     Raises:
         InputError: a robot without free base or contact frames, an unknown frame, a margin as large as the soles, gains
@@ -198,7 +196,7 @@ def _check(robot: Robot, s: StandingReachSettings) -> None:
     if not (robot.floating_base and robot.nc):
         raise InputError("robot", f"{robot.name} without soles", "a free base and contact_frames")
     if robot.nq - robot.nv != 1:
-        raise InputError("robot", f"{robot.name} with joints of more than one number", "joints of one angle each")
+        raise InputError("robot", f"{robot.name} with joints of more than one coordinate", "joints of one angle each")
     robot.frame(s.frame)
 
 

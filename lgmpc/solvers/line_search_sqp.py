@@ -333,6 +333,7 @@ class LineSearchSqp(IterativeSolver):
             status = self.qp_solver.solve(np.zeros(qp.structure.ndx))
             if status is not QpStatus.INFEASIBLE:
                 break
+        gaps[...], lower[...], upper[...] = whole  # a failed subproblem is not followed by another expansion
         self._clock[1] += time.perf_counter() - start
         return status, kept
 

@@ -73,6 +73,17 @@ def problem_of(action: Action, others: int = 0) -> ShootingProblem:
     return problem
 
 
+def test_gaps_are_those_of_the_trajectory_where_no_relaxation_of_a_subproblem_is_feasible() -> None:
+    problem = problem_of(NumericContactAction(forward(True)))
+    problem.set("force_lower", 10.0, [1])  # of a foot in the air
+    guess = problem.hold()
+    guess.xs[1:, 7:19] += 0.1
+    solution = LineSearchSqp(problem).solve(guess)
+    assert solution.status is Status.INFEASIBLE
+    np.testing.assert_allclose(solution.gaps, solution.defects(), atol=1e-9)
+    assert np.abs(solution.gaps).max() > 0.1
+
+
 def place(frame: str) -> pin.SE3:
     data = solo().create_data()
     pin.framesForwardKinematics(solo().model, data, solo().q_reference)

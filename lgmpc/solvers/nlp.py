@@ -110,14 +110,14 @@ class NlpSolver:
         Args:
             guess: initial states and controls (the first state is replaced by the problem's); the first state at all
                 nodes and zero controls unless given.
-            max_iterations: most iterations (of ipopt), at least 0, if that is less than the settings'.
+            max_iterations: most iterations (of ipopt), at least 0; not more than the settings'.
             time_limit: s; checked after each iteration (of ipopt); the settings' unless given.
             callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
             throw: raise if the solve ends without a solution.
 
         Raises:
-            InputError: a guess of the wrong shape; a negative number of iterations; iterations, time limit or callback
-                for fatrop, which does not support them.
+            InputError: a guess of the wrong shape; negative limits; iterations, time limit or callback for fatrop,
+                which does not support them.
             SolverError: no solution, with ``throw``.
         """
         for name, value in (("max_iterations", max_iterations), ("time_limit", time_limit), ("callback", callback)):
@@ -125,6 +125,8 @@ class NlpSolver:
                 raise InputError(name, "one for fatrop", "none: fatrop cannot be interrupted")
         if max_iterations is not None and max_iterations < 0:
             raise InputError("max_iterations", max_iterations, "at least 0")
+        if time_limit is not None and not time_limit >= 0.0:
+            raise InputError("time_limit", time_limit, "at least 0 s")
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
@@ -134,9 +136,8 @@ class NlpSolver:
         lower, upper = shooting.bounds(p)
         if not self._finite_at(p):  # ipopt would report it; fatrop would not terminate
             return self._unsolved(base, Status.NOT_FINITE, start, throw)
-        if (
-            lower.full() > upper.full()
-        ).any() or problem.first_violation() is not None:  # CasADi raises; ipopt searches
+        crossed = bool((lower.full() > upper.full()).any())  # CasADi would raise
+        if crossed or problem.first_violation() is not None:
             return self._unsolved(base, Status.INFEASIBLE, start, throw)
         self._watch.begin(start, max_iterations, time_limit, callback)
         try:

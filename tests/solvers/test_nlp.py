@@ -46,6 +46,9 @@ def test_statuses_name_what_happened(cart: ShootingProblem, centroidal: Callable
     assert NlpSolver(cart).solve(guess, max_iterations=200).status is Status.CONVERGED
     with pytest.raises(InputError, match="max_iterations: got -1; expected at least 0"):
         NlpSolver(cart).solve(guess, max_iterations=-1)
+    for limit in (-1.0, float("nan")):
+        with pytest.raises(InputError, match=f"time_limit: got {limit}; expected at least 0 s"):
+            NlpSolver(cart).solve(guess, time_limit=limit)
     cart.set("limit", [2.0, 0.6, -5.0])
     assert NlpSolver(cart).solve(guess).status is Status.INFEASIBLE
     cart.x0[0] = np.nan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -34,14 +34,14 @@ def write_arrays(path: str | Path, schema: str, arrays: Mapping[str, Any]) -> Pa
         InputError: it cannot be written.
     """
     path = Path(path)
+    partial = path.parent / f".{path.name}-{secrets.token_hex(4)}"
     try:
-        handle, name = tempfile.mkstemp(suffix=".npz", prefix=f".{path.name}-", dir=path.parent)
         try:
-            with os.fdopen(handle, "wb") as file:
+            with open(partial, "xb") as file:
                 np.savez(file, **{_SCHEMA: np.array(schema), **arrays})
-            os.replace(name, path)
+            os.replace(partial, path)
         except BaseException:
-            os.unlink(name)
+            partial.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise InputError("path", f"'{path}', which cannot be written ({error})", "a file that can be") from error

@@ -103,6 +103,9 @@ def test_solutions_are_saved_and_loaded_with_their_problems_data(swing: Shooting
 def test_trajectories_are_saved_and_loaded(swing: ShootingProblem, tmp_path: Path) -> None:
     guess = swing.rollout(np.ones((10, 1)))
     loaded = Trajectory.load(guess.save(tmp_path / "guess.npz"))
+    (tmp_path / "own").touch()
+    assert (tmp_path / "guess.npz").stat().st_mode == (tmp_path / "own").stat().st_mode  # readable as other files
+    assert {path.name for path in tmp_path.iterdir()} == {"guess.npz", "own"}
     np.testing.assert_array_equal(loaded.xs, guess.xs)
     np.testing.assert_array_equal(loaded.us, guess.us)
 

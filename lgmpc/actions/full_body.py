@@ -85,7 +85,7 @@ class FreeForwardDynamics(Dynamics):
     For an arm (B = identity), a quadrotor (B from the thrusters, see :func:`lgmpc.actions.thrusters`) and a submerged
     body (B = identity: u is its wrench; with drag, buoyancy and added mass).
 
-    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,); if submerged also ``added_mass`` (nv,) and ``buoyancy`` (3,),
+    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,); if submerged also ``added_mass`` (6,) and ``buoyancy`` (3,),
     a force on the first joint's body, world axes, at ``buoyancy_center`` (3,) in that body's frame. The added mass
     brings the momentum term of Kirchhoff's equations, ``v x* (m_a v)`` (Lamb, Hydrodynamics, 1932; Fossen 2011).
 

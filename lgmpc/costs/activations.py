@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -38,9 +38,11 @@ class Activation(ABC):
     Attributes:
         joint: whether it is a function of all entries together (:class:`OfNorm`), and has one weight and one value of
             each field for all of them.
+        sign: which values the fields can have; see :class:`~lgmpc.costs.Parameter`.
     """
 
     joint: ClassVar[bool] = False
+    sign: ClassVar[Literal["any", "not negative", "positive"]] = "any"
 
     @abstractmethod
     def value(self, r: Any) -> Any:
@@ -68,7 +70,8 @@ class Activation(ABC):
             if values.shape not in ((), (size,)):
                 expected = "a number" if self.joint else f"a number or shape {(size,)}"
                 raise InputError(name, f"shape {values.shape}", expected)
-            found.append(Parameter(name, size, f"{field.name} of the {type(self).__name__} activation", values))
+            meaning = f"{field.name} of the {type(self).__name__} activation"
+            found.append(Parameter(name, size, meaning, values, self.sign))
         return tuple(found)
 
     def bind(self, prefix: str, values: Any) -> Activation:
@@ -102,6 +105,7 @@ class WeightedQuadratic(Activation):
     """
 
     weights: Any
+    sign = "not negative"
 
     def value(self, r: Any) -> Any:
         """Return half the weighted square."""
@@ -128,6 +132,18 @@ class QuadraticBarrier(Activation):
     lower: Any
     upper: Any
 
+    def parameters(self, prefix: str, size: int) -> tuple[Parameter, ...]:
+        """Return the ends as parameters; see :meth:`Activation.parameters`.
+
+        Raises:
+            InputError: a field has the wrong number of values, or a lower end is above the upper one.
+        """
+        found = super().parameters(prefix, size)
+        if (np.asarray(found[0].default) > np.asarray(found[1].default)).any():
+            got = f"{found[0].default} with {prefix}_upper {found[1].default}"
+            raise InputError(f"{prefix}_lower", got, "a lower end that is not above the upper")
+        return found
+
     def value(self, r: Any) -> Any:
         """Return half the squared distance."""
         return self.gradient(r) ** 2 / 2
@@ -150,6 +166,7 @@ class SmoothOneNorm(Activation):
     """
 
     epsilon: Any = 1.0
+    sign = "positive"
 
     def value(self, r: Any) -> Any:
         """Return the smoothed absolute value."""
@@ -173,6 +190,7 @@ class Huber(Activation):
     """
 
     threshold: Any = 1.0
+    sign = "positive"
 
     def value(self, r: Any) -> Any:
         """Return half the square up to the threshold, the line beyond."""
@@ -230,6 +248,7 @@ class SmoothTwoNorm(OfNorm):
     """
 
     epsilon: Any = 1.0
+    sign = "positive"
 
     def rho(self, s: Any) -> Any:
         """Return the smoothed norm."""
@@ -247,10 +266,11 @@ class FlatExponential(OfNorm):
     Crocoddyl's ActivationModelQuadFlatExp, whose alpha is ``width^2``.
 
     Attributes:
-        width: not zero.
+        width: positive.
     """
 
     width: Any = 1.0
+    sign = "positive"
 
     def rho(self, s: Any) -> Any:
         """Return the value."""
@@ -266,10 +286,11 @@ class FlatLogarithm(OfNorm):
     """``log(1 + r^T r / width^2)``: grows ever more slowly. Crocoddyl's ActivationModelQuadFlatLog.
 
     Attributes:
-        width: not zero.
+        width: positive.
     """
 
     width: Any = 1.0
+    sign = "positive"
 
     def rho(self, s: Any) -> Any:
         """Return the logarithm."""

@@ -128,7 +128,7 @@ class CostItem(_Item):
         activation: a; its fields are defaults of parameters too.
 
     Raises:
-        InputError: a name that is no identifier, or a weight of the wrong size or below zero.
+        InputError: a name that is no identifier, or a weight or field of the activation of the wrong size or sign.
     """
 
     weight: ArrayLike = 1.0

@@ -115,8 +115,12 @@ def check_derivatives(
         tolerance: see :class:`DerivativeReport`.
 
     Raises:
-        InputError: parameters or a trajectory of the wrong shape.
+        InputError: parameters or a trajectory of the wrong shape; no point, or a step that is not positive.
     """
+    if points < 1:
+        raise InputError("points", points, "at least 1")
+    if not step > 0.0:
+        raise InputError("step", step, "a positive number")
     random = np.random.default_rng(0) if rng is None else rng
     checks: list[DerivativeCheck] = []
     if isinstance(subject, Action):

@@ -185,6 +185,17 @@ def test_bad_input_is_named() -> None:
         CostItem("hand", Height(), weight=[1.0, 2.0])
     with pytest.raises(InputError, match=r"c_weights: got shape \(3,\)"):
         CostItem("c", Speeds(), activation=WeightedQuadratic([1.0, 2.0, 3.0])).parameters()
+    for activation, name in (
+        (WeightedQuadratic([1.0, -2.0]), "weights"),
+        (SmoothOneNorm(0.0), "epsilon"),
+        (Huber([-0.1, 1.0]), "threshold"),
+        (SmoothTwoNorm(0.0), "epsilon"),
+        (FlatExponential(0.0), "width"),
+        (FlatLogarithm(-1.0), "width"),
+        (QuadraticBarrier(1.0, [2.0, -1.0]), "lower"),
+    ):
+        with pytest.raises(InputError, match=f"c_{name}: got"):
+            CostItem("c", Speeds(), activation=activation)
     with pytest.raises(InputError, match="parameters: got two called 'a_weight'"):
         ParameterLayout(*CostItem("a", Speeds()).parameters(), *CostItem("a", Speeds()).parameters())
     item = CostItem("wrong", Wrong())

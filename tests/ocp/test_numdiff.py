@@ -66,3 +66,7 @@ def test_problem_is_checked_at_every_node_of_a_trajectory() -> None:
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="parameters: got shape"):
         check_derivatives(Pendulum(1.0), parameters=np.zeros(3))
+    with pytest.raises(InputError, match="points: got 0; expected at least 1"):
+        check_derivatives(Pendulum(1.0), points=0)
+    with pytest.raises(InputError, match=r"step: got 0\.0; expected a positive number"):
+        check_derivatives(Pendulum(1.0), step=0.0)

@@ -546,7 +546,7 @@ def test_a_cache_that_cannot_be_kept_is_one_error(cache: Path, tmp_path: Path, m
     compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] || rm -rf {cache}\nexec cc "$@"\n')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", str(compiler))
-    with pytest.raises(InputError, match="something removes it again and again"):
+    with pytest.raises(InputError, match="another process removes it repeatedly"):
         compile_function(shift_function())
 
 

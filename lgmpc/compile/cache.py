@@ -38,7 +38,7 @@ _log = logging.getLogger("lgmpc.compile")
 _DIGEST = 16
 _STALE_S = 24 * 3600.0
 _ATTEMPTS = 3
-"""How often a library is built whose folder somebody removes meanwhile."""
+"""Number of attempts to build a library whose folder is removed meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def make_entry(
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with contextlib.suppress(_RemovedError):
                 return _build_entry(folder, name, key, sources, build, waiting)
-        raise OSError("something removes it again and again")
+        raise OSError("another process removes it repeatedly")
     except OSError as error:
         raise _refuse(folder, f"which cannot be written ({error})", "a folder that you can write to") from error
 

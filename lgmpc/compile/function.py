@@ -172,7 +172,7 @@ class CompiledFunction:
         return self._signature.output_names
 
     def bind(self, **memory: Array) -> Callable[[], int]:
-        """Make a call on memory of the caller's; it returns 0, as plain arithmetic always does, and allocates nothing.
+        """Return a call on the caller's memory; it returns 0, as plain arithmetic always does, and allocates nothing.
 
         Args:
             memory: an array for some of the inputs and outputs, by name; the others stay this function's own. Arrays
@@ -180,7 +180,7 @@ class CompiledFunction:
                 after column.
 
         Raises:
-            InputError: an unknown name, or an array that does not fit.
+            InputError: an unknown name, an array that does not fit, or a read-only one for an output.
         """
         names = (*self.input_names, *self.output_names)
         arrays = list(self._memory)

@@ -6,9 +6,9 @@ holds an index from what a function was written from (the robot's model, structu
 
 An entry cannot be another function's. It is named by a hash of the pickled arguments, of the function that makes it, of
 lgmpc's own sources, of the versions of the libraries that take part and of the compiler; and it is made from the
-*unpickled* arguments: what is not in the hash is not there to depend on. Whatever cannot be identified in this way (a
+*unpickled* arguments, which contain nothing that is not in the hash. What cannot be identified in this way (a
 class or function from outside the package, an expression, sources that changed since they were imported) is made anew.
-What no hash can see is a function of lgmpc that a program replaces at run time: ``LGMPC_JIT=0`` always writes anew.
+The hash does not cover functions of lgmpc that a program replaces at run time: ``LGMPC_JIT=0`` always writes anew.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ def recall(make: Callable[..., T], *arguments: Any, progress: Progress | None = 
 
     Args:
         make: a function of a module of lgmpc whose result depends on its arguments and the environment variables of
-            :mod:`lgmpc.compile` alone, and holds kernels, compiled functions and plain values. The result must belong
-            to the caller alone.
-        arguments: what the result depends on. What a class excludes when it is pickled is not known to ``make``.
+            :mod:`lgmpc.compile` alone, and holds kernels, compiled functions and plain values. It returns
+            another object at every call.
+        arguments: what the result depends on. ``make`` does not receive what a class excludes when it is pickled.
         progress: called with a description of what is being compiled.
 
     Raises:
@@ -112,7 +112,7 @@ class _ContentPickler(pickle.Pickler):
 
 @functools.lru_cache(maxsize=1024)
 def _derived(kind: Hashable) -> frozenset[str]:
-    """Return the names of what objects of a class compute when it is first asked for."""
+    """Return the names of a class's cached properties."""
     members = (member for base in cast(type, kind).__mro__ for member in vars(base).items())
     return frozenset(name for name, member in members if isinstance(member, functools.cached_property))
 

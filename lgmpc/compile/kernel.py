@@ -143,10 +143,10 @@ class BatchKernel(StageKernel):
         self.compiled = True
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
-        """Make the call, as :meth:`StageKernel.bind` does.
+        """Return the call, as :meth:`StageKernel.bind` does.
 
         Raises:
-            InputError: a name is missing or unknown, or an array does not fit, or one that is written is also read.
+            InputError: a name is missing or unknown, an array does not fit, or one that is written is also read.
         """
         for result in self._signature.output_names:
             for given in self._signature.input_names:

@@ -175,7 +175,7 @@ def has_lanes(function: casadi.Function) -> bool:
 
 
 def generate_lanes(function: casadi.Function) -> tuple[str, ...]:
-    """C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
+    """Return the C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
 
     The entry is ``<name>_lanes(arguments, results, work)``, of pointers to vectors; ``<name>_lanes_work`` returns how
     many vectors of work memory it takes.
@@ -199,7 +199,7 @@ def generate_lanes(function: casadi.Function) -> tuple[str, ...]:
 
 
 def _read(function: casadi.Function) -> list[_Statement]:
-    """The function's operations, none twice.
+    """Return the function's operations, none twice.
 
     Inputs and constants are written where they are read. Results that are always zero are left out.
     """
@@ -235,7 +235,7 @@ _ZERO = _constant(0.0)
 
 
 def _write_parts(name: str, statements: list[_Statement]) -> tuple[list[str], int]:
-    """C functions of the statements, and the most values that have to pass from one to another."""
+    """Return C functions of the statements, and how many places the values that pass between them take."""
     parts = [statements[i : i + STATEMENTS] for i in range(0, len(statements), STATEMENTS)]
     made = {statement.target: i for i, part in enumerate(parts) for statement in part}
     last = {read: i for i, part in enumerate(parts) for statement in part for read in statement.reads}

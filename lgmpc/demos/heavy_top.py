@@ -1,6 +1,6 @@
 """Lagrange's top: precession, nutation, sleeping and falling, predicted by Lagrange's formulas.
 
-Chapter 4.17. Simulated are the Euler-Poincare equations with the direction of gravity as advected quantity.
+Chapter 4.17. The simulation integrates the Euler-Poincare equations with the direction of gravity as advected quantity.
 """
 
 from __future__ import annotations

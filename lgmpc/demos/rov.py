@@ -22,7 +22,7 @@ STEP, DURATION = 5e-3, 20.0
 FRAME, SCENE = 0.02, (1.5, 5.0)
 """Time between two pictures, s, and the interval shown: around the torpedo's first turn."""
 
-# A robot of the size of a BlueROV2, with added mass and damping as identified in the literature.
+# A BlueROV2 Heavy, rounded: Wu, "6-DoF modelling and control of a remotely operated vehicle", thesis, Flinders 2018.
 ADDED = np.array([5.5, 12.7, 14.6, 0.12, 0.12, 0.12])
 LINEAR = np.array([4.0, 6.2, 5.2, 0.07, 0.07, 0.07])
 QUADRATIC = np.array([18.2, 21.7, 37.0, 1.55, 1.55, 1.55])

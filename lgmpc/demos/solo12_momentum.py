@@ -33,7 +33,7 @@ _COLORS = (0x34414F, 0xE69F00, 0x4C78A8)
 
 @dataclass(frozen=True)
 class _Flight:
-    """Configurations (n, nq), velocities (n, nv), and the pulled foot (n, 3) over times (n,)."""
+    """Configurations (n, nq), velocities (n, nv), the pulled foot (n, 3) and centroidal terms (n) over times (n,)."""
 
     times: Array
     qs: Array

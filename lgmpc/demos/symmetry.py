@@ -1,7 +1,7 @@
 """Noether's theorem: symmetries and conserved momenta of a body in several potentials.
 
-Chapter 4.13.4. Predicted is the number of directions in which the Lagrangian is invariant; measured is the number of
-conserved components of the spatial momentum, over several motions of each system.
+Chapter 4.13.4. The prediction is the number of directions in which the Lagrangian is invariant, the measurement the
+number of conserved components of the spatial momentum over several motions of each system.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _STEP, _STEPS, _EVERY = 2.5e-4, 8000, 80
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A system, and the number of its symmetries in a textbook."""
+    """A system, and the dimension of its symmetry group, counted by hand."""
 
     name: str
     system: LeftEulerPoincare

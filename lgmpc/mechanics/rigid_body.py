@@ -101,8 +101,8 @@ def torque_free_body(
 def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEulerPoincare:
     """A body with a fixed point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
 
-    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; advected is ``Gamma = R^T e_3``, the upward
-    direction in body axes: start at ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
+    On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; the advected quantity is ``Gamma = R^T e_3``, the
+    upward direction in body axes, initially ``R.T @ UP``. Chapter 4.17; Holm, Marsden, Ratiu (1998), section 7.
 
     Args:
         inertia: (3, 3) about the fixed point, body axes, kg.m^2.
@@ -132,8 +132,8 @@ def free_body(
 ) -> LeftEulerPoincare:
     """Newton's and Euler's equations on SE(3), about any origin: ``G xi' = ad(xi)^T G xi + F``.
 
-    From ``l = xi^T G xi / 2 - m g h``. Advected is the height of points above the ground as a covector on
-    [point; 1] in body coordinates: ``HEIGHT`` in the world, ``g^T @ HEIGHT`` at the start.
+    From ``l = xi^T G xi / 2 - m g h``. The advected quantity is the height of points above the ground as a covector on
+    [point; 1] in body coordinates: ``HEIGHT`` in the world, initially ``g^T @ HEIGHT``.
     Chapter 4.6; Marsden, Ratiu, Weinstein (1984) for the semidirect product SE(3) with (R^4)*.
 
     Args:

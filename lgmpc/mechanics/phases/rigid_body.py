@@ -56,7 +56,7 @@ def rigid_body_phase(top: EulerTop, nodes: int = 2000) -> RigidBodyPhase:
     """
     period = top.period
     if not np.isfinite(period):
-        raise InputError("velocity", top.velocity, "one that is not on the separatrix: that motion never comes back")
+        raise InputError("velocity", top.velocity, "one that is not on the separatrix, where the motion has no period")
     times: Array = np.arange(nodes, dtype=np.float64) * np.float64(period / nodes)
     velocities = top.velocities(times)
     momenta = velocities @ top.inertia

@@ -96,7 +96,7 @@ class EulerPoincare(ABC):
         object.__setattr__(self, "parameters", frozen(checks.finite("parameters", self.parameters).ravel()))
         symbols = self.symbols()
         if ca.depends_on(self.reduced(symbols), ca.vertcat(symbols.time, ca.vec(symbols.pose))):
-            expected = "a function of velocity, advected and parameters: it is reduced (put the rest in a potential)"
+            expected = "a function of velocity, advected quantity and parameters (other terms belong to the potential)"
             raise InputError("lagrangian", "one that depends on the pose or on time", expected)
 
     @abstractmethod

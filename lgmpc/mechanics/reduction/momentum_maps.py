@@ -4,7 +4,7 @@ A covector at g is represented by its body momentum ``mu`` (pulled back along le
 ``nu`` (along right translation), ``nu = Ad*_{g^-1} mu``, that is ``adjoint(g)^T nu = mu``. They are the momentum maps
 of (chapter 4.13.2 exchanges the two):
 
-    left translation  h g:  J = T_e* R_g p = nu, the spatial momentum, which Noether conserves for left-invariant H
+    left translation  h g:  J = T_e* R_g p = nu, the spatial momentum, conserved for left-invariant H
     right translation g h:  J = T_e* L_g p = mu, the body momentum, conserved for right-invariant H
 
 Marsden and Ratiu, "Introduction to mechanics and symmetry" (1999), 11.4 and 12.2; chapter 4.13.

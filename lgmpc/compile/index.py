@@ -53,7 +53,7 @@ _PACKAGE = os.path.dirname(os.path.dirname(__file__))
 _CODE = (".py", ".c")
 _JUST_NOW = 2_000_000_000
 """Files that changed less than this before the import, ns, may have changed after it: clocks of files are coarse."""
-# Code that is identified by lgmpc's sources and by the versions in the hash. Anything else may be another tomorrow.
+# Code that is identified by lgmpc's sources and by the versions in the hash. Anything else may change without them.
 _IDENTIFIED = frozenset(
     {"lgmpc", "builtins", "casadi", "collections", "copyreg", "functools", "numpy", "pathlib", "pinocchio"}
 )

@@ -1,9 +1,8 @@
 """ProxQP in its baseline build, whose results are reproducible bit by bit.
 
-proxsuite selects its AVX-512 or AVX2 build if the processor supports it. The results of those builds differ by about
-1e-10 with the alignment of their memory, so that runs would not be repeatable. The baseline build costs about a
-microsecond more on the whole-body QP. Only one build can be loaded in a process: a program that imports proxsuite
-itself should do so after lgmpc, otherwise its runs are not repeatable.
+proxsuite selects its AVX-512 or AVX2 build if the processor supports it. The results of those builds vary in their last
+digits with the alignment of their memory, so that runs would not be repeatable. Only one build can be loaded in a
+process: a program that imports proxsuite itself should do so after lgmpc, otherwise its runs are not repeatable.
 """
 
 from __future__ import annotations

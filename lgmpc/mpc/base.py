@@ -17,7 +17,10 @@ from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["BaseMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
+__all__ = ["GRAVITY", "BaseMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Acceleration of gravity unless given, world axes, m/s2."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -96,14 +99,14 @@ def checked_mass(mass: float) -> float:
 
 
 def weight_shares(flags: Array, weight: Array) -> Array:
-    """(N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
+    """Return (N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
     share = weight / np.maximum(np.add.reduce(flags, axis=1), 1.0)[:, None]
     shares: Array = flags[:, :, None] * share[:, None, :]
     return shares
 
 
 def write_intervals(target: Array, values: Array | BoolArray) -> None:
-    """Write the values of the N intervals into the rows of N + 1 nodes; the last node, which has none, repeats them.
+    """Write the values of N intervals into the rows of N + 1 nodes; the last node has those of the last interval.
 
     Raises:
         ValueError: the shapes differ.

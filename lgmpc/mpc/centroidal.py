@@ -11,7 +11,7 @@ from pydantic import Field
 
 from lgmpc.actions import CentroidalAction
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc.base import checked_mass, input_error, write_intervals
+from lgmpc.mpc.base import GRAVITY, checked_mass, input_error, write_intervals
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.reference import CentroidalReference
@@ -25,15 +25,13 @@ from lgmpc.typing import Array
 
 __all__ = ["CentroidalMpc", "CentroidalMpcSettings", "CentroidalSqpSettings"]
 
-GRAVITY = (0.0, 0.0, -9.81)
-
 
 class CentroidalSteppingWeights(Settings):
     """Weights that replace those of the cost while a foot is in the air within the horizon."""
 
     com: Vector3 = Field(
         default=(1e2, 1e2, 3e3),
-        description="Position of the centre of mass [x, y, z], 1/m2: steps take a pushed robot back, forces need not.",
+        description="Position of the centre of mass [x, y, z], 1/m2; low in x and y: steps return a pushed robot.",
     )
 
 
@@ -42,8 +40,8 @@ class CentroidalCatchingWeights(Settings):
 
     com: Vector3 = Field(
         default=(1e2, 1e2, 3e4),
-        description="Position of the centre of mass [x, y, z], 1/m2: what rises while it brakes cannot reach the"
-        " ground.",
+        description="Position of the centre of mass [x, y, z], 1/m2; high in z: the feet of a robot that rises while it"
+        " brakes lose the ground.",
     )
 
 
@@ -69,11 +67,11 @@ class CentroidalMpcSettings(CentroidalSqpSettings):
 
 
 class CentroidalMpc(SqpMpc):
-    """Plans contact forces over a horizon, from wherever the robot is, many times a second.
+    """Plans contact forces over a horizon from the measured state.
 
-    See :class:`~lgmpc.mpc.sqp.SqpMpc` for what each :meth:`update` does, and what happens when one fails. The forces
-    alone are constrained, so every update has a feasible solution. Of base and joints the model has nothing; a tilted
-    base is turned upright by the angular momentum of :class:`~lgmpc.mpc.reference.CentroidalReference`.
+    See :class:`~lgmpc.mpc.sqp.SqpMpc` for the steps of each :meth:`update`, and for failures. Only the forces are
+    constrained, so every update has a feasible solution. The model has neither base nor joints; a tilted base is turned
+    upright by the angular momentum of :class:`~lgmpc.mpc.reference.CentroidalReference`.
 
     Args:
         mass: of the robot, kg.
@@ -164,7 +162,7 @@ class CentroidalMpc(SqpMpc):
         return self._make_plan(t, trajectory.xs, self._forces(trajectory), result.kkt)
 
     def _forces(self, trajectory: Trajectory) -> Array:
-        """(N, nc, 3) forces of the contacts."""
+        """Return (N, nc, 3) forces of the contacts."""
         n, nc = self.settings.nodes, self._contacts
         forces: Array = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
         return forces

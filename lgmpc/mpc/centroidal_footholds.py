@@ -11,7 +11,8 @@ from pydantic import Field
 from lgmpc.actions import CentroidalAction, CentroidalFootholdAction
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc.centroidal import GRAVITY, CentroidalMpc, CentroidalSqpSettings
+from lgmpc.mpc.base import GRAVITY
+from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalSqpSettings
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan
 from lgmpc.ocp import Trajectory
@@ -23,7 +24,7 @@ from lgmpc.typing import Array, BoolArray
 __all__ = ["CentroidalFootholdMpc", "CentroidalFootholdMpcSettings", "FootholdDecisionSettings", "Landing", "landings"]
 
 _LEAST_MARGIN = 1e-4
-"""m: constraints without an interior are difficult for interior point methods."""
+"""Least margin of a foothold, m: interior-point methods require constraints with an interior."""
 
 _UNBOUNDED = 1e3
 """Margin of footholds that are not decided, in units of the control: no bound."""

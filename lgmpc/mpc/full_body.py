@@ -1,8 +1,7 @@
 """Receding-horizon control of the whole robot by the torques of its motors.
 
-The limits are hard constraints of an SQP, not barriers of an FDDP: for Solo12 and 20 intervals one FDDP iteration takes
-2.3 ms with soft friction cones; the SQP's takes 3 ms while its active rows stay and some 10 ms while a push changes
-them, with every limit kept.
+The limits are hard constraints of an SQP, which satisfies all of them, not barriers of an FDDP. An iteration takes
+longer while a push changes the active rows.
 """
 
 from __future__ import annotations

@@ -24,8 +24,9 @@ from pydantic import Field
 from scipy.linalg import LinAlgError, expm, solve_discrete_are
 
 from lgmpc.errors import InputError
+from lgmpc.lie import so3
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc.base import BaseMpc, input_error, weight_shares, write_intervals
+from lgmpc.mpc.base import GRAVITY, BaseMpc, input_error, weight_shares, write_intervals
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.reference import CentroidalReference
@@ -69,10 +70,10 @@ def linearize_centroidal(mass: float, weight: Array, arms: Array, flags: Array, 
     nc = len(arms)
     a, b, w = np.zeros((9, 9)), np.zeros((9, 3 * nc)), np.zeros((9, 6))
     a[0:3, 3:6] = np.eye(3) / mass
-    a[6:9, 0:3] = _skew(weight)
+    a[6:9, 0:3] = so3.hat(weight)
     for i in range(nc):
         b[3:6, 3 * i : 3 * i + 3] = flags[i] * np.eye(3)
-        b[6:9, 3 * i : 3 * i + 3] = flags[i] * _skew(arms[i])
+        b[6:9, 3 * i : 3 * i + 3] = flags[i] * so3.hat(arms[i])
     w[3:9] = np.eye(6)
     whole = np.zeros((15 + 3 * nc, 15 + 3 * nc))
     whole[:9] = duration * np.hstack([a, b, w])
@@ -121,7 +122,7 @@ class CentroidalLqr(BaseMpc):
         contacts: int,
         settings: LqrSettings | None = None,
         *,
-        gravity: tuple[float, float, float] | Array = (0.0, 0.0, -9.81),
+        gravity: tuple[float, float, float] | Array = GRAVITY,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         if contacts < 1:
@@ -193,7 +194,8 @@ class CentroidalLqr(BaseMpc):
         cost_to_go = solve_discrete_are(model.A, model.B, q, r)
         right = model.B.T @ cost_to_go
         self.gain = np.linalg.solve(r + right @ model.B, right @ model.A)
-        grasp = np.vstack([np.hstack([f * np.eye(3) for f in flags]), np.hstack(list(map(_scaled_skew, flags, arms)))])
+        moments = [flag * so3.hat(arm) for flag, arm in zip(flags, arms, strict=True)]
+        grasp = np.vstack([np.hstack([flag * np.eye(3) for flag in flags]), np.hstack(moments)])
         self._meet = -np.linalg.pinv(grasp)
         self._model, self._place = model, (arms.copy(), flags.copy())
 
@@ -232,12 +234,3 @@ class CentroidalLqr(BaseMpc):
         x = np.concatenate([np.nan_to_num(self._reference[0, :3]), np.zeros(6)])
         shares = weight_shares(np.nan_to_num(self._flags[:n]), self._weight)
         return self._make_plan(t, np.tile(x, (n + 1, 1)), shares, KktResidual.unknown())
-
-
-def _skew(v: Array) -> Array:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def _scaled_skew(factor: float, v: Array) -> Array:
-    return factor * _skew(v)

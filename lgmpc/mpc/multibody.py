@@ -37,8 +37,8 @@ __all__ = ["MultibodyMpc", "MultibodyMpcSettings", "common_constraints", "common
 def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
     """Return a copy of the robot's model with a frame at each contact point, and these frames' names.
 
-    A spherical foot touches the ground a radius below its frame. Forces act there, and what does not slip is that
-    material point; it is taken at the reference posture, from which a foot that rolls by an angle a departs by
+    A spherical foot touches the ground a radius below its frame. Forces act on that material point, which does not
+    slip; it is that of the reference posture, from which a foot that rolls by an angle a departs by
     ``radius (1 - cos a)``.
     """
     model = robot.model.copy()
@@ -54,7 +54,7 @@ def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
 
 
 def common_costs(state: State) -> list[CostItem]:
-    """Costs ``com``, ``momentum`` and ``state``; their weights are written by :class:`MultibodyMpc`."""
+    """Return the costs ``com``, ``momentum`` and ``state``; their weights are written by :class:`MultibodyMpc`."""
     return [
         CostItem("com", CoMPosition()),
         CostItem("momentum", CentroidalMomentum()),
@@ -63,7 +63,7 @@ def common_costs(state: State) -> list[CostItem]:
 
 
 def common_constraints(contacts: tuple[str, ...], facets: int) -> list[ConstraintItem]:
-    """Constraints ``cone0``, ``cone1``, ...: friction pyramid and normal force of each contact."""
+    """Return the constraints ``cone0``, ``cone1``, ...: friction pyramid and normal force of each contact."""
     return [ConstraintItem(f"cone{i}", FrictionCone(frame, facets), 0.0, np.inf) for i, frame in enumerate(contacts)]
 
 
@@ -134,7 +134,7 @@ class MultibodyMpc(SqpMpc):
 
     @abstractmethod
     def _refer_forces(self, shares: Array) -> None:
-        """Write the forces (N+1, nc, 3) to stay near."""
+        """Write the reference (N+1, nc, 3) of the forces."""
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured configuration and velocity; see :meth:`lgmpc.mpc.interface.Mpc.update`.
@@ -225,7 +225,7 @@ def _compile_read_out(
     points: int,
     progress: Callable[[str], None] | None,
 ) -> CompiledFunction:
-    """Compile what plans contain besides states and controls, for all points of a horizon."""
+    """Compile the quantities of plans other than states and controls, for all points of a horizon."""
     sizes = {"x": action.state.nx, "u": action.nu, "p": action.parameters.size}
     x, u, p = (ca.SX.sym(name, size) for name, size in sizes.items())
     outputs = read_out(action, x, u, action.parameters.split(p))

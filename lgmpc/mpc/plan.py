@@ -122,10 +122,10 @@ class Plan:
         mass: of the model, kg.
         xs: (N+1, 9) [centre of mass; linear momentum; angular momentum] at the nodes.
         forces: (N, nc, 3) contact forces, each constant from its node to the next; exactly zero for feet in the air.
-        status: where the plan comes from.
+        status: origin of the plan.
         qp_iterations: of the QP solver in the update that returned this plan.
         kkt: residual of the last subproblem's optimality conditions, when the plan was made.
-        update_time: what the update took, everything included, s.
+        update_time: computing time of the whole update, s.
         posture: of base and joints, None if the model has none.
         footholds: (N, nc, 3) contact points in each interval, world, m; of a foot in the air, where it will touch down
             next. None of a model that takes them as given.
@@ -225,7 +225,7 @@ def _motion_kernel(contacts: int) -> StageKernel:
 
 
 def _motion(contacts: int) -> ca.Function:
-    """The motion at one time since the beginning of an interval of which both ends and the forces are given."""
+    """Return the motion at a time since the beginning of an interval, from both of its ends and the forces."""
     start, end, forces = ca.SX.sym("start", 9), ca.SX.sym("end", 9), ca.SX.sym("forces", 3 * contacts)
     since, plan = ca.SX.sym("since"), ca.SX.sym("plan", 2)
     h, m = plan[0], plan[1]

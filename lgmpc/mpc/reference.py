@@ -70,7 +70,7 @@ class CentroidalReference:
 
 
 def _centroidal_reference() -> ca.Function:
-    """The reference at one node; matrices are stored row by row."""
+    """Return the reference at one node; matrices are stored row by row."""
     sizes = {"com": 3, "com_velocity": 3, "angular_velocity": 3, "fading": 1, "mass": 1, "attitude": 4}
     s = {name: ca.SX.sym(name, size) for name, size in {**sizes, "rotation": 9, "inertia": 9}.items()}
     rotation, inertia = (ca.reshape(s[name], 3, 3).T for name in ("rotation", "inertia"))

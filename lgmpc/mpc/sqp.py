@@ -139,7 +139,7 @@ class SqpMpc(BaseMpc):
         return plan
 
     def _shares(self) -> Array:
-        """(N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
+        """Return (N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
         return weight_shares(self._flags, self._weight)
 
 
@@ -151,7 +151,7 @@ _FAILURES = {
 
 
 def _columns_without_bounds(problem: ShootingProblem) -> slice | IntArray:
-    """Columns of the parameters that have to be finite: all but those of bounds."""
+    """Return the columns of the parameters that have to be finite: all but those of bounds."""
     layout = problem.action.parameters
     bounds = [where for name, where in layout.items() if name.endswith(("_lower", "_upper"))]
     if not bounds:

@@ -38,12 +38,12 @@ __all__ = ["Contacts", "WholeBodyQp"]
 
 @dataclass(frozen=True)
 class Contacts:
-    """The feet as the QP takes them at a tick: buffers to write to.
+    """Contact data of the QP, in buffers that are written at each tick.
 
     Attributes:
         stance: (nc,) whether each foot is in contact.
-        friction: (nc,) Coulomb coefficient to rely on.
-        target_forces: (nc, 3) forces to stay near, world axes, on the robot, N.
+        friction: (nc,) assumed Coulomb coefficient.
+        target_forces: (nc, 3) reference of the forces, world axes, on the robot, N.
         lowest_normal: (nc,) normal force that a foot in contact keeps, N.
         highest_normal: (nc,) normal force that a foot in contact may reach, N.
     """
@@ -72,13 +72,13 @@ class Contacts:
 
 
 class WholeBodyQp:
-    """The QP's data as functions of what may change between two ticks; none of it compiles anything again.
+    """The QP's data, functions of all that may change between two ticks without compilation.
 
     Args:
         robot: the robot.
         settings: weights and limits, scaled by the robot's mass.
         tasks: the tasks, whose buffers the function reads; those without any weight are left out.
-        solver: whose memory the data is written to.
+        solver: the data is written to its memory.
         terms: the sensed state.
 
     Attributes:
@@ -179,7 +179,7 @@ class WholeBodyQp:
 
 
 def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
-    """The data as a function; matrices are stored row by row, as the solver has them."""
+    """Return the data as a function; matrices are stored row by row, as in the solver."""
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu
     sizes = {"q": robot.nq, "v": nv, "stance": nc, "target_forces": 3 * nc}
@@ -233,12 +233,12 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
 
 
 def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horizon: Any) -> tuple[Any, Any]:
-    """Bounds on the joint accelerations (nu,) that keep each joint within its limits.
+    """Return bounds on the joint accelerations (nu,) that keep each joint within its limits.
 
     With ``T`` the joint horizon: ``a <= (v_max - v) / T`` and ``a <= 4 (q_max - q - v T) / T^2``, and the same from
-    below. The second is the approach ``(d/dt + 2 / T)^2 (q_max - q) >= 0``, critically damped: what begins no faster
-    than ``2 (q_max - q) / T`` never passes the limit. A joint already past a limit is bound to at most the largest
-    acceleration that the limits may require, and the two sides never cross.
+    below. The second is the approach ``(d/dt + 2 / T)^2 (q_max - q) >= 0``, critically damped: a joint that begins no
+    faster than ``2 (q_max - q) / T`` never passes the limit. A joint already past a limit is bound to at most the
+    largest acceleration that the limits may require, and the two sides never cross.
     """
     time, cap = horizon[0], horizon[1]
     ahead, gain = q + time * v, 4.0 / time**2
@@ -248,7 +248,7 @@ def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horiz
 
 
 def _force_bounds(stance: Any, lowest: Any, highest: Any) -> tuple[Any, Any]:
-    """Bounds on the forces (3 nc,): of feet that can carry, the pyramid alone bounds the tangential parts."""
+    """Return bounds on the forces (3 nc,): of feet that can carry, the pyramid alone bounds the tangential parts."""
     carries = ca.logic_and(stance, highest > 0.0)
     free = ca.repmat(ca.if_else(carries, WholeBodySolver.UNBOUNDED, 0.0).T, 2, 1)
     normal_lower, normal_upper = (ca.if_else(carries, bound, 0.0).T for bound in (lowest, highest))

@@ -38,7 +38,7 @@ class WholeBodyController:
         settings: as given.
         terms: robot quantities of the last tick.
         qp: the data of the QP.
-        solver: whose memory the data is written to.
+        solver: the data is written to its memory.
         tasks: the tasks by name; each holds its target.
         contacts: stance flags, friction, target forces and normal-force bounds of the feet.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
@@ -89,7 +89,7 @@ class WholeBodyController:
         self.stand()
 
     def reset(self) -> None:
-        """Forget warm start, last command and failure count; targets and contacts stay."""
+        """Discard warm start, last command and failure count; targets and contacts stay."""
         self.solver.reset()
         self.tau[:] = 0.0
         self.forces[:] = 0.0
@@ -103,7 +103,7 @@ class WholeBodyController:
             task.stand(self.robot, self.terms)
 
     def weigh(self, stepping: bool) -> None:
-        """Give the tasks the weights of a robot that steps, or their own; no cost while it stays the same.
+        """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.
 
         A task that the QP leaves out, because its own weights are zero, stays out.
         """

@@ -72,7 +72,7 @@ class BaseOrientationTask(SymbolicTask):
         return [(rotation, (3, 3)), (Parameter("angular_velocity", 3, "in the axes of the target, rad/s"), (3,))]
 
     def velocity(self, s: StageSymbols) -> Any:
-        """Return the body angular velocity, which v holds itself."""
+        """Return the body angular velocity, an entry of v."""
         return s.v[3:6]
 
     def error(self, s: StageSymbols) -> Any:
@@ -227,7 +227,7 @@ class StanceTask(_FeetTask):
         return ca.SX.zeros(self.dim)
 
     def jacobian(self, s: StageSymbols) -> Any:
-        """Return the contact Jacobian, which the dynamics have too."""
+        """Return the contact Jacobian, an expression of the dynamics too."""
         return points.contact_jacobian(s, self._robot)
 
     def drift(self, s: StageSymbols) -> Any:

@@ -15,7 +15,7 @@ __all__ = ["Gain", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "Wh
 
 _NORMAL_FORCE = (0.04, 24.0)
 """Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
-robot and stop its fall; what the motors can exert is bounded by their torques."""
+robot and stop its fall; the motors' forces are bounded by their torques."""
 
 
 class Gain(Settings):

@@ -27,8 +27,7 @@ from lgmpc.typing import Array
 
 __all__ = ["ActiveSetSolver", "TickStatus", "WholeBodySolver"]
 
-_MOST_STEPS = 200  # limits added or removed; states and targets drawn from anywhere take up to 110
-
+_MOST_STEPS = 200  # limits added or removed in a solve
 _INFEASIBILITY_TOLERANCE = 1e-10
 _NEWTON_STEPS = 10
 _MU_EQUALITIES, _MU_INEQUALITIES = 1e-5, 1e-3
@@ -46,11 +45,11 @@ class TickStatus(Enum):
 class WholeBodySolver:
     """The QP's memory, and two solvers of it with a status instead of an exception.
 
-    :class:`ActiveSetSolver` solves the QP exactly, from the limits that were active at the last
-    tick on. What it does not solve is left to ProxQP, which is several times slower: a Hessian that is only
-    positive semidefinite, limits that contradict each other, and everything where there is no C compiler.
+    :class:`ActiveSetSolver` solves the QP exactly, starting with the limits that were active at the last tick. ProxQP,
+    which is slower, takes the remaining cases: a Hessian that is only positive semidefinite, limits that contradict
+    each other, and a machine without a C compiler.
 
-    The data is written straight into ProxQP's own memory. Rows and bounds that are never written have no effect.
+    The data is written directly into ProxQP's own memory. Rows and bounds that are never written have no effect.
 
     Args:
         variables: n.
@@ -77,7 +76,7 @@ class WholeBodySolver:
     """
 
     UNBOUNDED: ClassVar[float] = 1e20
-    """What ProxQP takes for infinity."""
+    """ProxQP's infinity."""
 
     def __init__(
         self,
@@ -94,14 +93,14 @@ class WholeBodySolver:
         settings.eps_abs = tolerance
         settings.eps_rel = 0.0
         settings.max_iter = max_iterations
-        # Rarely more than 3 are of use; at the default 1500, a far-off target could stall a tick for seconds.
+        # With the default, 1500, a distant target could delay a tick by seconds.
         settings.max_iter_in = _NEWTON_STEPS
         # In SI units this problem is scaled well enough: equilibrated, it takes more iterations.
         settings.compute_preconditioner = False
-        # Penalties 100 times the default ones halve the time of the slowest ticks of a push; with more, cold starts
-        # with many active limits take twice as many steps.
+        # Penalties 100 times the default ones shorten the slowest ticks of a push; larger ones lengthen cold starts
+        # with many active limits.
         settings.default_mu_eq, settings.default_mu_in = _MU_EQUALITIES, _MU_INEQUALITIES
-        # At the default 1e-4, ProxQP takes feasible ticks for infeasible ones when the active set changes abruptly.
+        # With the default, 1e-4, ProxQP reports feasible QPs as infeasible when the active set changes abruptly.
         settings.eps_primal_inf = settings.eps_dual_inf = _INFEASIBILITY_TOLERANCE
         model = qp.model
         self.hessian: Array = model.H
@@ -126,7 +125,7 @@ class WholeBodySolver:
         self._fresh = True
 
     def reset(self) -> None:
-        """Forget the warm start: the next solve begins as the first one did."""
+        """Discard the warm start: the next solve begins as the first one did."""
         self._active_set.reset()
         self._fresh = True
 
@@ -151,7 +150,7 @@ class WholeBodySolver:
         return TickStatus.SOLVED
 
     def _solve_by_proxqp(self) -> TickStatus:
-        """Solve; a warm start that leads nowhere is followed by one cold start on the same problem."""
+        """Solve; a warm start that fails is followed by one cold start on the same problem."""
         status = self._cold_start() if self._fresh else self._warm_start()
         if status is not TickStatus.SOLVED and not self._fresh:
             status = self._cold_start()
@@ -263,11 +262,11 @@ class ActiveSetSolver:
         return int(self._plan[4])
 
     def reset(self) -> None:
-        """Forget the active limits: the next solve begins as the first one did."""
+        """Discard the active limits: the next solve begins as the first one did."""
         self._plan[4] = 0
 
     def solve(self) -> bool:
-        """Solve; False, and nothing of use written, where the conditions cannot be satisfied to the tolerance."""
+        """Solve; return False, with an undefined solution, if the conditions do not hold to the tolerance."""
         return self._call(self._frame) == 0
 
 

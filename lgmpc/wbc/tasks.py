@@ -71,7 +71,7 @@ class Task(ABC):
         name: unique among the tasks of a controller; the class's unless given.
 
     Attributes:
-        name: what it is called in messages and in :attr:`lgmpc.wbc.WholeBodyController.tasks`.
+        name: name in messages and in :attr:`lgmpc.wbc.WholeBodyController.tasks`.
         dim: number of rows.
         target: named buffers; position, velocity and acceleration (dim,) unless the class has others.
         targets_together: all of them as one vector, one after the other.
@@ -158,11 +158,11 @@ class SymbolicTask(Task):
         return along_motion(s, self.position(s))
 
     def error(self, s: StageSymbols) -> Any:
-        """Return (dim,) what the stiffness multiplies."""
+        """Return the (dim,) error that the stiffness multiplies."""
         return s["position"] - self.position(s)
 
     def rate(self, s: StageSymbols) -> Any:
-        """Return (dim,) what the damping multiplies."""
+        """Return the (dim,) error of the rate that the damping multiplies."""
         return s["velocity"] - self.velocity(s)
 
     def acceleration(self, s: StageSymbols) -> Any:
@@ -178,7 +178,7 @@ class SymbolicTask(Task):
         return along_motion(s, self.velocity(s))
 
     def active(self, s: StageSymbols) -> Any:
-        """Return (dim,) which rows count at this tick, 1 or 0; what the targets of others hold is never read."""
+        """Return (dim,) 1 for rows that are active at this tick, 0 for the others, whose targets are not read."""
         return ca.SX.ones(self.dim)
 
     def rows(self, symbols: StageSymbols) -> TaskRows:

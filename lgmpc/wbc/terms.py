@@ -1,4 +1,4 @@
-"""What planning and feedback need of the robot at the sensed state, in one compiled call."""
+"""Quantities of the robot for planning and feedback at the sensed state, in one compiled call."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _terms(robot: Robot) -> ca.Function:
 
 
 def _check(robot: Robot) -> None:
-    """Refuse robots that the whole-body QP is not made for."""
+    """Raise for robots that the whole-body QP does not support."""
     if not robot.floating_base:
         raise InputError("robot", f"{robot.name} with a fixed base", "a robot with a floating base")
     if robot.nq - 7 != robot.nu:

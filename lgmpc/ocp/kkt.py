@@ -13,7 +13,7 @@ from lgmpc.compile import BatchKernel, recall
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
-__all__ = ["KktConditions", "KktResidual"]
+__all__ = ["KktConditions", "KktResidual", "complementarity"]
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,21 @@ class KktResidual:
     def largest(self) -> float:
         """The largest of the four; NaN if any is."""
         return float(np.max([self.stationarity, self.dynamics, self.constraint, self.complementarity]))
+
+
+def complementarity(multipliers: Array, rows: Array | float, lower: Array, upper: Array) -> Array:
+    """Return the smaller of each row's multiplier and its distance from the multiplier's bound.
+
+    Args:
+        multipliers: of the rows; positive at the upper bound, negative at the lower one.
+        rows: their values.
+        lower: their lower bounds.
+        upper: their upper bounds.
+    """
+    above = np.minimum(np.maximum(multipliers, 0.0), np.abs(upper - rows))
+    below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(rows - lower))
+    residual: Array = above + below  # one of them is zero
+    return residual
 
 
 class KktConditions:

@@ -6,8 +6,8 @@ this does not reduce the violation to a quarter (Birgin and Martinez, "Practical
 constrained optimization", SIAM 2014; on trajectories: Howell, Jackson, Manchester, "ALTRO", IROS 2019; Jallet et al.,
 "ProxDDP", IEEE T-RO 2025). No subproblem can be infeasible, and the states follow the dynamics under feedback.
 
-The first penalty weighs violation and cost of the guess equally. For a guess without violation it is that
-of a minimum almost without constraints. With a penalty much larger than the cost's curvature the line search would
+The first penalty weighs violation and cost of the guess equally. For a guess without violation it weighs those of the
+minimum with the lowest first penalty. With a penalty much larger than the cost's curvature the line search would
 shorten every step that reaches another bound.
 
 Where no point satisfies the constraints the minima approach a stationary point of the violation c: ``|J^T c|`` is the
@@ -27,6 +27,7 @@ from pydantic import Field
 from lgmpc.actions import Action, NumericContactAction, PenalizedAction, PenalizedPythonAction, PythonAction
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
+from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Positive
 from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
@@ -36,9 +37,9 @@ from lgmpc.solvers.solution import Solution, Status
 __all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
 
 _ENOUGH = 0.25  # fraction of the last violation that counts as progress
-_FIRST = (1e-3, 1e3)  # range of the first penalty, and of the one that a minimum with the least of them decides
+_FIRST = (1e-3, 1e3)  # range of the first penalty
 _DOMINANT = 1e2  # ratio of penalties to costs from which minima are those of the violation
-_STAYS = 1e-2  # relative decrease of the violation, by a penalty that is larger by the factor, that counts as none
+_STAYS = 1e-2  # relative decrease of the violation up to which a larger penalty has not lowered it
 _STIFF = 1e6  # penalty of the rows in the gains of a solution
 _ENDED = (Status.CONVERGED, Status.STALLED, Status.PRECISION_LIMIT)  # FDDP cannot minimise further
 
@@ -75,7 +76,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         progress: called with a description of what is being compiled.
 
     Raises:
-        InputError: an action that is not made of expressions.
+        InputError: a numeric action with path constraints.
     """
 
     name = "augmented-Lagrangian FDDP"
@@ -224,9 +225,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         found = self._fddp._finish(status, iterations, start)
         self._measure()
         mu, path = self._estimate, self._path
-        above = np.minimum(np.maximum(mu, 0.0), np.abs(path.upper - path.values))
-        below = np.minimum(np.maximum(-mu, 0.0), np.abs(path.values - path.lower))
-        loose = float(np.maximum(above, below).max(initial=0.0))
+        loose = float(complementarity(mu, path.values, path.lower, path.upper).max(initial=0.0))
         kkt = KktResidual(found.kkt.stationarity, found.kkt.dynamics, self._violated, loose)
         return replace(
             found, problem=self.problem.copy(), multipliers=mu.copy(), cost=self._cost(), kkt=kkt,

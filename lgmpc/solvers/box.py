@@ -24,10 +24,10 @@ EXCHANGES = 10  # most iterations of the active set; beyond them the regularisat
 
 
 class _Limits:
-    """Bounds of the rows of consecutive intervals of one action, evaluated in memory of numpy's.
+    """Bounds of the rows of consecutive intervals of one action, evaluated in arrays of its own.
 
     Args:
-        intervals: which.
+        intervals: the intervals.
         rows: (ng,) the controls that the rows bound.
         limits: ``p -> (lower, upper)`` of the rows.
 
@@ -48,7 +48,7 @@ class _Limits:
             buffer.set_arg(0, self._given.data)
         for i, found in enumerate(self._found):
             buffer.set_res(i, found.data)
-        self._buffer = buffer  # which the call refers to
+        self._buffer = buffer  # the call refers to it
 
     def __call__(self, parameters: Array) -> tuple[Array, Array]:
         """Return lower and upper bounds (intervals, ng) for the parameters (N+1, np) of all intervals."""
@@ -62,11 +62,9 @@ class ControlBounds:
     """The control that each row of each action's path constraint bounds.
 
     Attributes:
-        problem: the problem.
-        runs: of consecutive intervals of one action.
+        runs: bounds of consecutive intervals of one action.
     """
 
-    problem: ShootingProblem
     runs: tuple[_Limits, ...]
 
     def write(self, parameters: Array, lower: Array, upper: Array) -> None:
@@ -98,12 +96,11 @@ def control_bounds(problem: ShootingProblem) -> ControlBounds:
         if id(action) not in known:
             known[id(action)] = _python_rows(action, k) if isinstance(action, PythonAction) else _rows(action, k)
     runs = runs_of(problem.actions)
-    return ControlBounds(
-        problem, tuple(_Limits(slice(start, stop), *known[id(action)]) for action, start, stop in runs)
-    )
+    return ControlBounds(tuple(_Limits(slice(start, stop), *known[id(action)]) for action, start, stop in runs))
 
 
 def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
+    """Return the control of each row of an action's path constraint, and ``p -> (lower, upper)`` of the rows."""
     x, u, p = (
         ca.SX.sym(name, n) for name, n in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
     )
@@ -124,7 +121,7 @@ def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
 
 
 def _python_rows(action: PythonAction, node: int) -> tuple[IntArray, ca.Function]:
-    """Return the same of an action of Python, whose derivatives at two points determine the rows."""
+    """Return rows and limits of an action of Python, whose derivatives at two points determine the rows."""
     state, rng, p = action.state, np.random.default_rng(0), action.parameters.default.copy()
     rows = np.zeros(0, dtype=np.int64)
     for scale in (0.0, 0.1):
@@ -185,7 +182,8 @@ class BoxSweep:
     def run(self, regularization: float, *, closed: bool) -> bool:
         """Minimise, and write the gains; return False if more regularisation is required.
 
-        It is where a Hessian in the free controls is not positive definite, or the active set does not converge.
+        This is the case if a Hessian in the free controls is not positive definite, or if the active set does not
+        converge.
 
         Args:
             regularization: added to the diagonals of the Hessians in controls and states.

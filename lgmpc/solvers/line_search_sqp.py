@@ -30,6 +30,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
+from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Count
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.curvature import Hessians, solve_curved
@@ -372,7 +373,5 @@ class LineSearchSqp(IterativeSolver):
         states, controls = gradient("q", "A", "C")[1:] - costates[:-1], gradient("r", "B", "D")
         last = qp.terminal_values[qp.structure.terminal_blocks["q"].where] - costates[-1]
         stationarity = max(float(np.abs(part).max(initial=0.0)) for part in (states, controls, last))
-        above = np.minimum(np.maximum(multipliers, 0.0), np.abs(qp.vector("upper")))
-        below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(qp.vector("lower")))
-        loose = float(np.maximum(above, below).max(initial=0.0))
+        loose = float(complementarity(multipliers, 0.0, qp.vector("lower"), qp.vector("upper")).max(initial=0.0))
         return KktResidual(stationarity, self._gap, float(self._outside.max(initial=0.0)), loose)

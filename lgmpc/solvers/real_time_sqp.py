@@ -41,7 +41,7 @@ class RealTimeStatus(Enum):
 
     @property
     def usable(self) -> bool:
-        """Whether the trajectory was improved on."""
+        """Whether a step was taken."""
         return self not in (RealTimeStatus.QP_FAILED, RealTimeStatus.NOT_FINITE)
 
 
@@ -217,7 +217,7 @@ class RealTimeSqp:
         return status
 
     def _residual(self, *, at_step: bool) -> KktResidual:
-        """Residual of the subproblem at its solution, or of the nonlinear problem at the point of expansion."""
+        """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""
         kkt, point = self._kkt, self.qp_solver.solution
         kkt.dxs[...] = point.dxs if at_step else 0.0
         kkt.dus[...] = point.dus if at_step else 0.0

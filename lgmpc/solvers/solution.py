@@ -15,6 +15,7 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.files import read_arrays, write_arrays
+from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
 from lgmpc.typing import Array
 
@@ -43,7 +44,7 @@ class Status(Enum):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """The remedy."""
         return self.value
 
     @property
@@ -231,9 +232,7 @@ class Solution:
         for k, (x, u) in enumerate(self._nodes()):
             point = self.problem.evaluate(k, x, u)
             mu = self.multipliers[k, : point.constraint.size]
-            above = np.minimum(np.maximum(mu, 0.0), np.abs(point.upper - point.constraint))
-            below = np.minimum(np.maximum(-mu, 0.0), np.abs(point.constraint - point.lower))
-            worst[k] = np.max(above + below, initial=0.0)
+            worst[k] = complementarity(mu, point.constraint, point.lower, point.upper).max(initial=0.0)
         return worst
 
     def residual(self) -> KktResidual:

@@ -27,7 +27,7 @@ __all__ = ["BackwardSweep", "Expansion", "all_finite", "bilinear", "products"]
 
 @dataclass
 class Expansion:
-    """What a sweep reads, and the gains that it writes, as in :class:`~lgmpc.ocp.ShootingFunctions`.
+    """Arrays that a sweep reads, and the gains that it writes, as in :class:`~lgmpc.ocp.ShootingFunctions`.
 
     Attributes:
         jacobian: (N, ndx + nu, ndx) ``[A B]^T``.

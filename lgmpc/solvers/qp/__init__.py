@@ -39,7 +39,6 @@ __all__ = [
 
 _Progress = Callable[[str], None]
 
-
 _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
     "active_set": lambda qp, progress: ActiveSetSolver(qp, progress=progress),
     "active_set_dense": lambda qp, progress: ActiveSetSolver(

@@ -96,10 +96,10 @@ class ActiveSetSolver:
         progress: called with a description of what is being compiled.
 
     Attributes:
-        iterations: factorisations of the last solve, and the other solver's iterations if it took over.
-        took_over: whether the other solver did the last solve.
-        may_take_over: whether it does such solves at all; else their status is NUMERICAL.
-        available: whether there is machine code for the first.
+        iterations: factorisations of the last solve, and the fallback's iterations if it took over.
+        took_over: whether the fallback did the last solve.
+        may_take_over: whether the fallback is used at all; without it the status of such solves is NUMERICAL.
+        available: whether the machine code is available.
 
     Raises:
         MissingDependencyError: PIQP, the standard fallback, is not installed.
@@ -132,14 +132,14 @@ class ActiveSetSolver:
         self._control_weights = np.add.outer(s.size * np.arange(s.nodes), diagonal).ravel()
 
     def reset(self) -> None:
-        """Set the multipliers to zero, and reset the other solver."""
+        """Set the multipliers to zero, and reset the fallback."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)
         self._fallback.reset()
         self.took_over = False
 
     def prepare(self) -> None:
         """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
-        # Of intervals without control the weights are ones, which mean nothing.
+        # The weights of controls that an interval does not have are 1, and have no meaning.
         weights = self.qp.values.take(self._control_weights)
         middle = weights.size // 2
         if weights.size:
@@ -168,13 +168,13 @@ class ActiveSetSolver:
                     return QpStatus.SOLVED
                 if is_infeasible(self._regulator, self._scale, self._factor):
                     return QpStatus.INFEASIBLE
-        # A scale of zero: controls without a cost of their own, which the other solver may solve for.
+        # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
             return QpStatus.NUMERICAL
         return self._solve_otherwise(dx0, finite)
 
     def _solve_otherwise(self, dx0: Array, finite: bool) -> QpStatus:
-        """Call the other solver, and end exactly with the active rows that it finds."""
+        """Call the fallback, and solve exactly with the active rows that it finds."""
         self.took_over = True
         self._fallback.prepare()
         status = self._fallback.solve(dx0)
@@ -201,7 +201,7 @@ class ActiveSetSolver:
         return penalised_feedback(self.qp, weights) if gains is None else gains
 
     def _polish(self) -> bool:
-        """Solve exactly with the active rows of the other solver: those with more multiplier than distance."""
+        """Solve exactly with the active rows of the fallback: those with more multiplier than distance."""
         s, qp = self.solution, self.qp
         lower, upper = qp.vector("lower"), qp.vector("upper")
         rows = np.einsum("kij,kj->ki", qp.dense("C"), s.dxs[:-1]) + np.einsum("kij,kj->ki", qp.dense("D"), s.dus)

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from lgmpc.ocp import Block, OcpQp
 from lgmpc.solvers.qp.protocol import QpSolution
+from lgmpc.solvers.sweep import all_finite
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["GatheredMatrix", "SparseAssembly"]
@@ -136,20 +137,20 @@ class SparseAssembly:
         self.solution = QpSolution(qp, self._dxs, steps[:, :nu], costates, multipliers)
 
     def load_matrices(self) -> bool:
-        """Take P, E and G from the problem; False if they hold NaN or infinity."""
+        """Take P, E and G from the problem; return False if they contain NaN or infinity."""
         split = self.qp.values.size
         self._flat[:split] = self.qp.values.ravel()
         self._flat[split:] = self.qp.terminal_values
         self.hessian.fill(self._flat)
-        finite = _is_finite(self.hessian.matrix.data)
+        finite = all_finite(self.hessian.matrix.data)
         for constraint in self.constraints:
             constraint.fill(self._flat)
-            finite = finite and _is_finite(constraint.matrix.data)
+            finite = finite and all_finite(constraint.matrix.data)
         return finite
 
     def load_vectors(self, dx0: Array) -> bool:
-        """Take c, e and the bounds from the problem for the first state dx0 (ndx,); False if they hold NaN."""
-        if not _is_finite(dx0):
+        """Take c, e and the bounds from the problem for the first state dx0 (ndx,); False if they contain NaN."""
+        if not all_finite(dx0):
             return False
         qp, blocks = self.qp, self.qp.structure.blocks
         self._gradient_u[:] = qp.vector("r")
@@ -173,10 +174,10 @@ class SparseAssembly:
         self._dxs[0] = dx0
         # Bounds may be infinite, on their own side.
         bounds = self.lower.max() + self.upper.min()
-        return _is_finite(self.gradient) and bool(bounds < math.inf) and bool(bounds > -math.inf)
+        return all_finite(self.gradient) and bool(bounds < math.inf) and bool(bounds > -math.inf)
 
     def finish(self) -> None:
-        """Complete :attr:`solution` once z and y hold a new point."""
+        """Complete :attr:`solution` after a new point was written into z and y."""
         self._dxs[1:] = self._dxs_later
 
 
@@ -185,7 +186,3 @@ def _place(block: Block, sources: IntArray, rows: IntArray, columns: IntArray) -
     positions = np.arange(block.where.start, block.where.stop)
     triplet = (rows[:, None] + block.rows, columns[:, None] + block.columns, sources[:, None] + positions)
     return np.vstack([index.ravel() for index in triplet])
-
-
-def _is_finite(array: Array) -> bool:
-    return math.isfinite(float(array @ array))

@@ -7,8 +7,8 @@ Newton step on ``s z = target`` minimises the cost with the penalties
 
     sum_bounds  1/2 (z / s) (row - bound)^2 +- (2 z + (target - s z) / s) row,
 
-which is, row by row, one weight and one target of :class:`~lgmpc.solvers.qp.regulator.BlockRegulator`. Mehrotra, "On
-the implementation of a primal-dual interior point method", SIAM J. Optim. 2, 1992.
+which is, row by row, one weight and one target of :class:`~lgmpc.solvers.qp.regulator.Regulator`. Mehrotra, "On the
+implementation of a primal-dual interior point method", SIAM J. Optim. 2, 1992.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SETTLED = 0.02  # share of the active bounds that may still change when they co
 
 
 def nearest_in(values: Array, lower: Array, upper: Array) -> Array:
-    """The nearest points to values within bounds (numpy's clip takes three times as long on small arrays)."""
+    """Return the nearest points to values within bounds (numpy's clip takes three times as long on small arrays)."""
     out: Array = np.maximum(values, lower)
     np.minimum(out, upper, out=out)
     return out
@@ -58,7 +58,7 @@ class CentralPath:
         self._held = np.zeros(self._equal.size)
         between = lower != upper
         low, high = np.flatnonzero(np.isfinite(lower) & between), np.flatnonzero(np.isfinite(upper) & between)
-        self._row = np.concatenate([low, high])  # which row each bound is of
+        self._row = np.concatenate([low, high])  # the row of each bound
         self._sign = np.concatenate([np.full(low.size, -1.0), np.ones(high.size)])
         self._bound = np.concatenate([lower.ravel()[low], upper.ravel()[high]])
         self._active = np.zeros(self._row.size, dtype=bool)
@@ -114,7 +114,7 @@ class CentralPath:
         return True
 
     def active_rows(self) -> tuple[Array, Array]:
-        """Rows (N, ng), those that count as active at their bounds, and their multipliers (N, ng)."""
+        """Return rows (N, ng), active ones at their bounds, and their multipliers (N, ng)."""
         rows = nearest_in(self._rows, self._lower, self._upper)
         rows.ravel()[self._row[self._active]] = self._bound[self._active]
         multipliers = self._sum(self._sign * self._force * self._active)
@@ -122,7 +122,7 @@ class CentralPath:
         return rows, multipliers.reshape(rows.shape)
 
     def _sum(self, of_bounds: Array) -> Array:
-        """Sum what belongs to each row's bounds."""
+        """Return the sum over the bounds of each row."""
         total: Array = np.bincount(self._row, of_bounds, self._lower.size).astype(np.float64, copy=False)
         return total
 
@@ -132,11 +132,11 @@ class CentralPath:
         targets.ravel()[self._equal] = self._fixed - self._held / self._penalty
 
     def _steps(self, rows: Array) -> tuple[Array, Array]:
-        """Steps of slacks and multipliers that go with new rows."""
+        """Return the steps of slacks and multipliers that new rows imply."""
         slack = self._sign * (self._bound - rows.ravel()[self._row]) - self._slack
         return slack, (self._change - self._force * slack) / self._slack
 
     def _longest(self, slack_step: Array, force_step: Array) -> float:
-        """The longest step, at most 1, that makes no slack and no multiplier negative."""
+        """Return the longest step, at most 1, that makes no slack and no multiplier negative."""
         shortest = min((slack_step / self._slack).min(initial=-1.0), (force_step / self._force).min(initial=-1.0))
         return -1.0 / float(shortest)

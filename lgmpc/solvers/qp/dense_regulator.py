@@ -33,7 +33,7 @@ class DenseRegulator:
         progress: called with a description of what is being compiled.
     """
 
-    penalty = 1e7  # one round of multipliers is enough; rounding is corrected
+    penalty = 1e7  # one update of the multipliers is enough; rounding is corrected
     keeps_factors = True
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
@@ -79,7 +79,7 @@ class DenseRegulator:
         self._correcting = _frame(
             *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
         )
-        self._memory = (own, zeros, unused)  # the frames hold addresses only
+        self._memory = (own, zeros, unused)  # the frames contain addresses only
 
     @property
     def cost(self) -> float:
@@ -125,7 +125,7 @@ class DenseRegulator:
         return None
 
     def _stationarity(self) -> float:
-        """Largest entry of the Lagrangian's gradient at the minimiser: zero but for rounding, which weights magnify."""
+        """Return the largest entry of the Lagrangian's gradient at the minimiser: rounding, which weights magnify."""
         self._run(_MEASURE)
         return float(np.abs(self._residual).max(initial=0.0))
 
@@ -146,15 +146,15 @@ class DenseRegulator:
 
 
 def _frame(*arrays: Array | IntArray) -> Any:
-    """Addresses of arrays, as the C code reads them."""
+    """Return the addresses of arrays, as the C code reads them."""
     addresses = [array.ctypes.data for array in arrays]
     return (ctypes.c_void_p * len(addresses))(*addresses)
 
 
 def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:
-    """(entries, 2) where each stored entry of a stage is, and where it belongs in the stage's dense matrices.
+    """Return (entries, 2) the place of each stored entry of a stage, and its place in the stage's dense matrices.
 
-    Those have columns of ``tall`` (states and controls) or ``high`` numbers (states).
+    The latter have columns of ``tall`` (states and controls) or ``high`` numbers (states).
     """
     nx = s.ndx
     dynamics = tall * (nx + s.nu)

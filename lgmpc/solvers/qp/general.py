@@ -1,4 +1,4 @@
-"""The base of solvers of general sparse QPs: their matrices, their result, and what they keep between solves."""
+"""The base of solvers of general sparse QPs: their matrices, their result, and their state between solves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class GeneralQpSolver(ABC):
 
     name: str
     warm_started: ClassVar[bool]
-    """Whether a solve begins at the package's last iterates, which are of no use after a failure."""
+    """Whether a solve begins at the package's last iterates, which are discarded after a failure."""
 
     def __init__(self, assembly: SparseAssembly) -> None:
         self.qp: OcpQp = assembly.qp

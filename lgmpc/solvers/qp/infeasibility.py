@@ -21,14 +21,14 @@ _FAR = 1e2  # times the controls of a step with a small penalty: larger ones cou
 
 
 def is_infeasible(regulator: Regulator, scale: float, factor: Callable[[], bool]) -> bool:
-    """Return whether the multipliers of the least violation prove that no step is without one.
+    """Return whether the multipliers of the least violation prove that every step violates a bound.
 
     The penalised violation is minimised by Newton's method, with penalties that grow.
 
     Args:
         regulator: of the problem, loaded, with its first state.
         scale: the median control weight.
-        factor: calls it; returns whether there is a finite minimiser.
+        factor: calls the regulator; returns whether there is a finite minimiser.
     """
     r, qp = regulator, regulator.qp
     lower, upper = qp.vector("lower").copy(), qp.vector("upper").copy()

@@ -32,12 +32,12 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class OsqpSettings:
-    """The settings of OSQP that matter here.
+    """Tolerance and limits of :class:`OsqpSolver`.
 
     Attributes:
         tolerance: absolute and relative residual at which it stops.
         max_iterations: of the splitting.
-        rho: first step size; adapted when residuals drift apart.
+        rho: first step size; adapted to the ratio of the residuals.
         check_interval: iterations between two checks of the residuals.
         polish: solve once more with the active constraints as equalities, for full accuracy.
     """

@@ -37,8 +37,8 @@ class Penalties:
         point: (N, ng) rows that define the active set.
         difference: largest difference of the multipliers from the augmented Lagrangian's.
         residual: largest residual of bounds and complementarity.
-        squares: sum of squares of what the rows are outside their shifted bounds.
-        changed: how many rows were active and are not, or the reverse.
+        squares: sum of squares of the rows' distances from their shifted bounds.
+        changed: number of rows that became active or inactive.
     """
 
     def __init__(

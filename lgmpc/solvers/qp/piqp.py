@@ -28,7 +28,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class PiqpSettings:
-    """The settings of PIQP that matter here.
+    """Linear solver, tolerance and limits of :class:`PiqpSolver`.
 
     Attributes:
         kkt_solver: ``sparse_ldlt``, or ``sparse_multistage``, which works in dense blocks (pays for large stages).
@@ -95,9 +95,8 @@ class PiqpSolver(GeneralQpSolver):
         result = self._solver.result
         self.iterations = int(result.info.iter)
         status = _STATUS.get(code.name, QpStatus.NUMERICAL)
-        if status is QpStatus.MAX_ITERATIONS and not result.info.primal_res <= max(
-            _FAR * self.settings.tolerance, _NEAR
-        ):
+        far = not result.info.primal_res <= max(_FAR * self.settings.tolerance, _NEAR)
+        if status is QpStatus.MAX_ITERATIONS and far:
             status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove infeasibility
         if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
             a.z[:] = result.x

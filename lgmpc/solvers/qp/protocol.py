@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from lgmpc.ocp import KktResidual, OcpQp
+from lgmpc.ocp.kkt import complementarity
 from lgmpc.typing import Array
 
 __all__ = ["QpSolution", "QpSolver", "QpStatus"]
@@ -47,7 +48,7 @@ class QpSolution:
 
     @classmethod
     def zeros(cls, qp: OcpQp) -> QpSolution:
-        """The step zero with multipliers zero."""
+        """Return the step zero with multipliers zero."""
         s = qp.structure
         shapes = ((s.nodes + 1, s.ndx), (s.nodes, s.nu), (s.nodes, s.ndx), (s.nodes, s.ng))
         return cls(qp, *(np.zeros(shape) for shape in shapes))
@@ -93,10 +94,9 @@ class QpSolution:
 
     def complementarity(self) -> Array:
         """Compute, for each node (N,), the largest of its rows' smaller of multiplier and distance to its bound."""
-        rows, mu = self._rows("C", "D"), self.multipliers
-        above = np.minimum(np.maximum(mu, 0.0), np.abs(self.qp.vector("upper") - rows))
-        below = np.minimum(np.maximum(-mu, 0.0), np.abs(rows - self.qp.vector("lower")))
-        worst: Array = np.max(above + below, axis=1, initial=0.0)
+        bounds = self.qp.vector("lower"), self.qp.vector("upper")
+        loose = complementarity(self.multipliers, self._rows("C", "D"), *bounds)
+        worst: Array = np.max(loose, axis=1, initial=0.0)
         return worst
 
     def residual(self) -> KktResidual:
@@ -111,10 +111,10 @@ class QpSolution:
 
 
 class QpSolver(Protocol):
-    """Solves :class:`~lgmpc.ocp.OcpQp` of one structure again and again.
+    """Solves :class:`~lgmpc.ocp.OcpQp` of one structure repeatedly.
 
-    A solve begins at the step zero and at the multipliers in :attr:`solution`, which the caller may overwrite (with
-    shifted ones, say).
+    A solve begins at the step zero and at the multipliers in :attr:`solution`, which the caller may overwrite, for
+    example with shifted ones.
 
     Attributes:
         name: as a config has it.

@@ -25,7 +25,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class ProxqpSettings:
-    """The settings of ProxQP that matter here.
+    """Tolerance and limits of :class:`ProxqpSolver`.
 
     Attributes:
         tolerance: absolute residual at which it stops.

@@ -1,4 +1,4 @@
-"""What :class:`~lgmpc.solvers.qp.ActiveSetSolver` calls again and again: the regulator with penalised rows."""
+"""The interface of the regulators with penalised rows that :class:`~lgmpc.solvers.qp.ActiveSetSolver` calls."""
 
 from __future__ import annotations
 
@@ -65,4 +65,8 @@ class Regulator(Protocol):
         """Minimise for other targets, the weights being those of the last :meth:`factor`."""
 
     def polish(self, tolerance: float) -> int | None:
-        """Correct minimiser and :attr:`multipliers` by their rounding; return how often, None if in vain."""
+        """Correct minimiser and :attr:`multipliers` by their rounding.
+
+        Returns:
+            The number of corrections; None if the result is not stationary.
+        """

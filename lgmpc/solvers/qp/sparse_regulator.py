@@ -1,7 +1,6 @@
 """The regulator of small stages: sparse scalar code of a stage, compiled for any horizon.
 
-With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost with its
-penalties, the sweep is
+With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost with its penalties, the sweep is
 
     M = R~ + B^T P B = L L^T,   Y = L^-1 (S~ + B^T P A),   y = L^-1 (r~ + B^T (P b + p)),
     P <- Q~ + A^T P A - Y^T Y,   p <- q~ + A^T (P b + p) - Y^T y,
@@ -109,7 +108,7 @@ def _compile(
 
 
 def _backward(s: OcpQpStructure, name: str) -> ca.Function:
-    """``(cost-to-go behind, values, weights, targets) -> (cost-to-go, factor)``, both packed in columns."""
+    """Return ``(next cost-to-go, values, weights, targets) -> (cost-to-go, factor)``, both packed in columns."""
     togo, v = ca.SX.sym("togo", _togo_size(s.ndx)), ca.SX.sym("v", s.size)
     weights, targets = ca.SX.sym("weights", s.ng), ca.SX.sym("targets", s.ng)
     m = _unpack(s, v)
@@ -133,7 +132,7 @@ def _backward(s: OcpQpStructure, name: str) -> ca.Function:
 
 
 def _forward(s: OcpQpStructure, name: str) -> ca.Function:
-    """``(dx, values, factor, cost-to-go behind, cost before) -> (dx+, du, costate, rows, cost with this interval)``."""
+    """Return ``(dx, values, factor, next cost-to-go, cost before) -> (dx+, du, costate, rows, cost after)``."""
     nu, ndx = s.nu, s.ndx
     dx, v, togo = ca.SX.sym("dx", ndx), ca.SX.sym("v", s.size), ca.SX.sym("togo", _togo_size(ndx))
     before = ca.SX.sym("cost")

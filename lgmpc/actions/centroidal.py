@@ -74,8 +74,8 @@ class CentroidalAction(Action):
             Parameter(
                 "external_wrench", 6, "[force; moment about the centre of mass] on the robot, world axes, N, N.m"
             ),
-            Parameter("x_reference", 9, "[c; l; k] to stay near"),
-            Parameter("u_reference", 3 * contacts, "forces to stay near, N"),
+            Parameter("x_reference", 9, "reference of [c; l; k]"),
+            Parameter("u_reference", 3 * contacts, "reference of the forces, N"),
             Parameter("x_weight", 9, "weights of the squared state errors", sign="not negative"),
             Parameter("u_weight", 3 * contacts, "weights of the squared force errors, 1/N^2", sign="positive"),
         )

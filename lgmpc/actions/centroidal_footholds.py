@@ -1,4 +1,4 @@
-r"""Centroidal dynamics whose footholds are decided together with the forces.
+r"""Centroidal dynamics with contact forces and footholds as controls.
 
 The state has, besides the centroidal one, the horizontal shift ``d_i`` of each contact point from a nominal one:
 ``p_i = pn_i + (d_i, 0)``. A foot on the ground keeps it; one in the air has no force, and its two horizontal controls
@@ -6,12 +6,12 @@ are its shift instead, in units of a length s_i:
 
     d_i+ = d_i (on the ground),      d_i+ = s_i u_i (in the air)
 
-Where s_i = 0 the next foothold is the nominal one. So the last control of a swing decides where the foot stands next,
+Where s_i = 0 the next foothold is the nominal one. The last control of a swing thus determines the next foothold,
 and the control has no more entries than without footholds. The moment ``(p_i - c) x f_i`` has a product of shift and
 force: a Gauss-Newton step linearises it, which holds within a trust region.
 
 The rows that keep the force of a foot on the ground within its friction pyramid keep the shift of one in the air within
-a polygon with as many sides: ``n_j . u_i <= room_ij`` for the facets' normals n_j.
+a polygon with as many sides: ``n_j . u_i <= margin_ij`` for the facets' normals n_j.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["CentroidalFootholdAction"]
 
 
 class CentroidalFootholdAction(CentroidalAction):
-    """Centre of mass and momenta driven by contact forces, at points that are decided too (see the module).
+    """Centre of mass and momenta driven by contact forces at points that are controls too (see the module).
 
     ``x = [c; l; k; d]`` (9 + 2 nc,), ``u`` (3 nc,), contact after contact: a force, N, or a shift [x, y, unused] in
     units of the parameter ``foothold_unit``.
@@ -67,7 +67,7 @@ class CentroidalFootholdAction(CentroidalAction):
         return ca.vertcat(super().step(x, u, p), *shifts)
 
     def cost(self, x: Any, u: Any, p: Any) -> Cost:
-        """Return the weighted squared distance from the reference state, the reference forces, and no shifts."""
+        """Return the weighted squared distance from the reference state and forces, and of shifts from zero."""
         return super().cost(x[0:9], u, p)
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
@@ -75,7 +75,7 @@ class CentroidalFootholdAction(CentroidalAction):
         return super().terminal_cost(x[0:9], p)
 
     def _pyramid(self, contact: int, normal: Any, opened: Any, s: dict[str, Any]) -> tuple[Any, list[Any]]:
-        """Return the same; the rows of a foot in the air are the sides of the polygon of its next foothold."""
+        """Return the normal force and the rows' least values; in the air the rows bound the next foothold."""
         flag = s["contact_flags"][contact]
         margins = s["foothold_margin"][self.facets * contact : self.facets * (contact + 1)]
         return flag * normal, ca.vertsplit(-(1 - flag) * margins)

@@ -29,7 +29,7 @@ class Contact:
 
     A contact of size 1 or 2 holds its origin along some axes, and slides without friction along the others: z, or x and
     z, of the world unless others are given. Axes of the frame turn with it: the axle of a wheel or of a skate
-    (a nonholonomic constraint), of which only the velocity is held, not the place.
+    (a nonholonomic constraint); along these only the velocity is held, not the position.
 
     Attributes:
         frame: its name.
@@ -124,7 +124,7 @@ class ContactSet:
             ),
         )
         self.anchors: tuple[Parameter, ...] = (
-            Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
+            Parameter("contact_points", 3 * n, "points at which the contact frames' origins are held, world, m"),
             Parameter(
                 "contact_gains",
                 2 * n,
@@ -134,7 +134,7 @@ class ContactSet:
             ),
         )
         if turned:
-            meaning = "how surface contacts are held, quaternions x y z w"
+            meaning = "orientations at which surface contacts are held, quaternions x y z w"
             self.anchors += (Parameter("contact_orientations", 4 * turned, meaning, [0.0, 0.0, 0.0, 1.0] * turned),)
 
     def jacobian(self, robot: SymbolicModel, q: Any) -> Any:
@@ -148,10 +148,10 @@ class ContactSet:
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def acceleration(self, robot: SymbolicModel, q: Any, v: Any, a: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nf,) accelerations of the contacts plus Baumgarte's terms, zero for contacts at rest in their place.
+        """Return (nf,) accelerations of the contacts plus Baumgarte's terms, zero for contacts at rest at their points.
 
         ``J a + dJ/dt v + stiffness (p - p_held) + damping J v`` (Baumgarte 1972); of orientations ``log(R R_held^T)``.
-        Along axes that turn with the frame no place is held.
+        Along axes that turn with the frame no position is held.
         """
         rows, surface = [ca.SX(0, 1)], 0
         for i, contact in enumerate(self.contacts):

@@ -2,7 +2,7 @@
 
 The stretch sigma multiplies the length of every interval of a phase. It is chosen, once a phase, by the control of an
 interval of no length (:class:`ChooseStretch`) and constant from there on (:class:`Stretched`), so that the problem
-keeps the structure of optimal control: any solver takes it. :func:`lgmpc.ocp.free_durations` makes such a problem.
+keeps the structure of optimal control, for any solver. :class:`lgmpc.ocp.FreeDurations` makes such a problem.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _BAUMGARTE = "contact_gains"  # stiffness and damping, whose units are those of 
 class Stretched(ItemAction):
     """An action on (x, sigma) whose interval has the length sigma times the parameter ``duration``.
 
-    Contacts keep Baumgarte's gains relative to the length. An action without duration (an impact) only carries sigma.
-    Parameters are those of the action.
+    Contacts keep Baumgarte's gains relative to the length. An action without duration (an impact) leaves sigma
+    unchanged. Parameters are those of the action.
 
     Args:
         action: made of items.
@@ -91,7 +91,7 @@ class Stretched(ItemAction):
 
 
 def _of_length(term: CostTerm, sigma: Any) -> CostTerm:
-    """Return a term whose weight has the factor sigma with that factor in its residual: its derivative counts."""
+    """Return a term whose weight has the factor sigma, as a factor of the residual, with its derivative."""
     root, weight = ca.sqrt(sigma), term.weight / sigma
     if isinstance(term.activation, QuadraticBarrier):
         return CostTerm(root * term.activation.gradient(term.residual), Quadratic(), weight)
@@ -114,7 +114,7 @@ class ChooseStretch(Action):
         self.parameters = ParameterLayout(
             Parameter("stretch_lower", 1, "least stretch of the phase", 0.5, "positive"),
             Parameter("stretch_upper", 1, "largest stretch of the phase", 2.0, "positive"),
-            Parameter("stretch_reference", 1, "stretch to stay near", 1.0, "positive"),
+            Parameter("stretch_reference", 1, "reference of the stretch", 1.0, "positive"),
             Parameter("stretch_weight", 1, "weight of the stretch's deviation", 1e-3, "not negative"),
         )
 

@@ -27,7 +27,7 @@ class ContactForwardDynamics(Dynamics):
         M a + nle = B u + J^T f + loads,        J a + dJ/dt v + Baumgarte = -damping f
 
     for the contacts whose flag is 1; the others have no force. Udwadia and Kalaba (1992); with point contacts it is
-    what Crocoddyl calls contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
+    Crocoddyl's contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
 
     Parameters: contact_flags, contact_damping, contact_points, contact_gains (and contact_orientations if there are
     surfaces), and those of the loads.
@@ -163,8 +163,8 @@ class FreeInverseDynamics(Dynamics):
     """u = accelerations; no contacts. Efforts follow from ``M a + nle``.
 
     Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by
-    :class:`~lgmpc.costs.library.JointEffort`. The generalised forces that no actuator gives, of passive joints or of a
-    free base with fewer than six thrusters, are zero by a path constraint.
+    :class:`~lgmpc.costs.library.JointEffort`. The generalised forces without actuator, of passive joints or of a free
+    base with fewer than six thrusters, are zero by a path constraint.
 
     Args:
         model: the robot.

@@ -144,7 +144,7 @@ class KinodynamicAction(ItemAction):
         parameters = (
             Parameter("duration", 1, "length of the interval, s", 0.01, "positive"),
             Parameter("contact_flags", n, "1 in contact, 0 in the air", 1.0),
-            Parameter("contact_points", 3 * n, "where the contact frames' origins are held, world, m"),
+            Parameter("contact_points", 3 * n, "points at which the contact frames' origins are held, world, m"),
             Parameter("contact_stiffness", 1, "rate at which contacts return to contact_points, 1/s"),
             Parameter("external_wrench", 6, "[force; moment about the centre of mass], world axes, N, N.m"),
         )

@@ -200,7 +200,7 @@ class ImpulseAction(ItemAction):
         q, v, nv = x[: robot.nq], x[robot.nq :], robot.nv
         solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
         before = values["restitution"] * contacts.velocity(robot, q, v)
-        # An impulse acts in no time: no gravity, no Coriolis forces.
+        # The impact takes no time: gravity and Coriolis forces have no impulse.
         mass, rows = robot.crba(q), contacts.jacobian(robot, q)
 
         def residual(z: Any) -> Any:

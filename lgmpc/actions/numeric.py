@@ -74,7 +74,7 @@ class NumericContactAction(Action):
         nz: number of accelerations and forces.
 
     Raises:
-        InputError: another dynamics or integrator, loads, or an actuation matrix of one's own.
+        InputError: another dynamics or integrator, loads, or another actuation matrix.
     """
 
     def __init__(self, action: MultibodyAction) -> None:
@@ -82,7 +82,9 @@ class NumericContactAction(Action):
             raise InputError("action", type(action.dynamics).__name__, "ContactForwardDynamics")
         joints = actuated(action.dynamics.model)
         if not np.array_equal(action.dynamics.actuation.full(), np.eye(int(action.dynamics.model.nv))[:, joints]):
-            raise InputError("action.dynamics.actuation", "a matrix of one's own", "the standard one, of all joints")
+            raise InputError(
+                "action.dynamics.actuation", "another matrix", "the identity on all joints but the free base"
+            )
         if action.dynamics.loads:
             raise InputError("action", f"dynamics with {len(action.dynamics.loads)} loads", "dynamics without loads")
         if type(action.integrator) is not SemiImplicitEuler:

@@ -131,9 +131,9 @@ class NumericItems:
 
 
 class _Columns:
-    """Matrices of a CasADi function at several points, evaluated by one call in memory of numpy's.
+    """Matrices of a CasADi function at several points, evaluated by one call in numpy arrays.
 
-    Only entries that are not structurally zero pass between the two.
+    Only entries that are not structurally zero are copied.
     """
 
     def __init__(self, name: str, inputs: list[Any], outputs: Mapping[str, Any]) -> None:

@@ -4,8 +4,8 @@ With multipliers mu and a penalty rho, both parameters, the constraint ``lower <
 
     rho / 2 dist(g + mu / rho, [lower, upper])^2,
 
-whose gradient is that of ``mu^T g`` where mu is right (Hestenes, J. Optim. Theory Appl. 4, 1969; for inequalities
-Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without constraints minimises it.
+whose gradient is that of ``mu^T g`` at the solution's multipliers (Hestenes, J. Optim. Theory Appl. 4, 1969; for
+inequalities Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without constraints minimises it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
 
-__all__ = ["PenalizedAction"]
+__all__ = ["PenalizedAction", "penalty_parameters"]
 
 
 class PenalizedAction(ItemAction):
@@ -43,11 +43,7 @@ class PenalizedAction(ItemAction):
         self.ng = action.path_rows
         self.name = f"{action.name}_penalized"
         self.state, self.nu = action.state, action.nu
-        self.parameters = ParameterLayout(
-            *action.parameters.parameters,
-            Parameter("constraint_multipliers", self.ng, "estimates of the constraint's multipliers"),
-            Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
-        )
+        self.parameters = penalty_parameters(action)
         if isinstance(action, ItemAction):
             self.robot, self.own_parameters = action.robot, action.own_parameters
 
@@ -70,9 +66,18 @@ class PenalizedAction(ItemAction):
         return self.base.terminal_cost(x, p[: self.base.parameters.size])
 
 
+def penalty_parameters(action: Action) -> ParameterLayout:
+    """Return an action's parameters, followed by the multipliers and the penalty of its path constraint."""
+    return ParameterLayout(
+        *action.parameters.parameters,
+        Parameter("constraint_multipliers", action.path_rows, "estimates of the constraint's multipliers"),
+        Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _SquaredDistance(QuadraticBarrier):
-    """The barrier with curvature on the ends of the interval, too: of equalities all points are such."""
+    """The barrier with curvature at the ends of the interval too: the only points of an equality."""
 
     def curvature(self, r: Any) -> Any:
         return 1 - ca.logic_and(r > self.lower, r < self.upper)

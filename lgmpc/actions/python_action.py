@@ -1,8 +1,8 @@
 """Actions written in Python: any code that maps arrays to arrays, with derivatives or with differences instead.
 
-An expression that CasADi supports is better given as an :class:`~lgmpc.actions.Action`: it is compiled, and a thousand
-times as fast. Here a simulator, a table or a learned model can be an interval. All solvers take it, alone or mixed with
-other actions; nothing of it is compiled.
+An expression that CasADi supports is better given as an :class:`~lgmpc.actions.Action`, which is compiled and much
+faster. Here a simulator, a table or a learned model can be an interval. All solvers take it, alone or mixed with other
+actions; nothing of it is compiled.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions.base import Action, StageValue
-from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout
+from lgmpc.actions.penalized import penalty_parameters
+from lgmpc.costs import Bounded, Cost, CostTerm
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
 __all__ = ["Limits", "PenalizedPythonAction", "PythonAction", "StageDerivatives"]
 
 _STEP = 6e-6
-"""Of central differences: about the cube root of the rounding unit."""
+"""Step of central differences: about the cube root of the rounding unit."""
 
 _VALUES = ("x_next", "cost", "constraint", "lower", "upper")
 _QUADRATIC = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
@@ -69,7 +70,7 @@ class StageDerivatives:
 class PythonAction(Action):
     """One interval in Python: a subclass sets the attributes of an :class:`Action` and writes at least ``step``.
 
-    The running cost is half the square of :meth:`residual`, which has the weights in it; the Hessian is that of
+    The running cost is half the square of :meth:`residual`, which includes the weights; the Hessian is that of
     Gauss and Newton. The sizes of all results are those at the neutral state, zero control and default parameters.
     """
 
@@ -110,7 +111,7 @@ class PythonAction(Action):
         """Return the derivative (nr, ndx) of the terminal residual; central differences unless overridden."""
         return _differences(lambda d: (self._end(self.state.integrate(x, d), p),), self.state.ndx)[0]
 
-    # What follows serves solvers.
+    # The interface of solvers.
 
     def cost(self, x: Any, u: Any, p: Any) -> Cost:
         """Return the running cost at one point."""
@@ -131,7 +132,7 @@ class PythonAction(Action):
 
     @cached_property
     def watch(self) -> Watch:
-        """What calls from solvers raise."""
+        """Exceptions of calls from solvers."""
         return Watch()
 
     @cached_property
@@ -182,7 +183,7 @@ class PythonAction(Action):
         return _Callback(name, self._inputs("x", "p"), shapes, quadratic, self.watch)
 
     def reduce_to_structure(self) -> Any:
-        """Refuse to be recalled (see :mod:`lgmpc.compile.index`): its functions are called, not written.
+        """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile.index`).
 
         Raises:
             TypeError: always.
@@ -289,15 +290,11 @@ class PenalizedPythonAction(PythonAction):
         self._own = action.parameters.size
         self.ng = action.path_rows
         self.name, self.state, self.nu = f"{action.name}_penalized", action.state, action.nu
-        self.parameters = ParameterLayout(
-            *action.parameters.parameters,
-            Parameter("constraint_multipliers", self.ng, "estimates of the constraint's multipliers"),
-            Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
-        )
+        self.parameters = penalty_parameters(action)
 
     @cached_property
     def watch(self) -> Watch:
-        """What calls from solvers raise."""
+        """Exceptions of calls from solvers."""
         return self.base.watch
 
     def step(self, x: Array, u: Array, p: Array) -> Array:
@@ -331,7 +328,7 @@ class PenalizedPythonAction(PythonAction):
         return self.base.terminal_derivatives(x, p[: self._own])
 
     def _outside(self, x: Array, u: Array, p: Array) -> tuple[Array, float]:
-        """Return how far the constraint, moved by the multipliers, is above (positive) or below its bounds."""
+        """Return the distance of the constraint, shifted by the multipliers, above (positive) or below its bounds."""
         value, lower, upper = self.base._limits(x, u, p[: self._own])
         rho = float(p[-1])
         moved = value + p[self._own : -1] / rho
@@ -339,7 +336,7 @@ class PenalizedPythonAction(PythonAction):
 
 
 class Watch:
-    """What calls of an action from inside CasADi raise: no exception passes through it.
+    """Exceptions of an action's calls from CasADi, through which none propagates.
 
     Attributes:
         calls: number of calls since :meth:`begin`.
@@ -351,17 +348,17 @@ class Watch:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was."""
+        """Reset counts and exception."""
         self.calls, self.failed = 0, 0
         self.error: Exception | None = None
 
     def note(self, error: Exception) -> None:
-        """Keep an exception of the current call, if it is the first."""
+        """Store an exception of the current call, if it is the first."""
         if self.error is None:
             self.error, self.failed = error, self.calls
 
     def raise_at(self, action: str, first: int) -> None:
-        """Raise what was kept, with the node where it happened; ``first`` is that of the first call."""
+        """Raise the stored exception, with its node; ``first`` is the node of the first call."""
         if self.error is None:
             return
         error, node = self.error, first + self.failed

@@ -1,4 +1,4 @@
-"""Bounded controls without constraints: a smooth saturation between solver and robot."""
+"""Bounded controls without constraints: a smooth saturation of the control."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Squashed(Dynamics):
             raise InputError("smoothness", smoothness, "above 0")
         self.base, self.smoothness = dynamics, smoothness
         bounds = (
-            Parameter("squash_lower", dynamics.nu, "controls that are approached from above", low),
-            Parameter("squash_upper", dynamics.nu, "controls that are approached from below", high),
+            Parameter("squash_lower", dynamics.nu, "lower bounds of the saturated control", low),
+            Parameter("squash_upper", dynamics.nu, "upper bounds of the saturated control", high),
         )
         super().__init__(dynamics.model, dynamics.nu, (*dynamics.parameters, *bounds))
 

@@ -24,11 +24,11 @@ class Parameter:
     Attributes:
         name: a Python identifier.
         size: number of values.
-        meaning: what it is, with its unit.
+        meaning: description with the unit.
         default: its entries of :attr:`ParameterLayout.default`: (size,) values, or one part or a number for all.
         sign: which values it can have, besides its default: any, none below zero, or only those above zero.
-        part: number of values that belong together, such as the gains of one contact; so many, given alone, are
-            repeated.
+        part: number of values that belong together, such as the gains of one contact; a value of this length is
+            repeated for all parts.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Parameter:
 
         Args:
             values: any number of them.
-            where: what follows the name in the message.
+            where: text behind the name in the message.
 
         Raises:
             InputError: one has a sign that the parameter cannot have.

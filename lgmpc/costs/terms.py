@@ -42,7 +42,7 @@ class Cost:
 
     @property
     def value(self) -> Any:
-        """Return the cost, a CasADi scalar."""
+        """The cost, a CasADi scalar."""
         total = ca.SX(0)
         for term in self.terms:
             total += ca.dot(_column(term.weight, term.residual), term.activation.value(term.residual))

@@ -47,7 +47,7 @@ class FreeDurations:
 
     Attributes:
         problem: the new one: in front of each phase an interval of no length whose control is the phase's stretch.
-        chosen: (N',) which of its intervals are those.
+        chosen: (N',) whether each of its intervals is one of these.
         nominal: (N,) given duration of each interval of the old one, s; 0 where the action has none.
 
     Raises:
@@ -58,7 +58,7 @@ class FreeDurations:
         starts = [phase.start for phase in phases]
         if starts[:1] != [0] or sorted(set(starts)) != starts or starts[-1] >= problem.nodes:
             raise InputError("phases", f"starts {starts}", f"increasing, from 0, below {problem.nodes}")
-        self._base, self._phases = problem, tuple(phases)
+        self._base = problem
         lifted: dict[int, Stretched] = {}
         for action in (*problem.actions, problem.terminal):
             if not isinstance(action, ItemAction):

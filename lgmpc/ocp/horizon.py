@@ -21,7 +21,7 @@ __all__ = ["Stages", "advance", "bind_intervals", "bind_last", "difference", "di
 
 
 class Stages(Protocol):
-    """What evaluates stages of one action: a :class:`~lgmpc.compile.StageKernel`, for instance."""
+    """Evaluates stages of one action, for instance a :class:`~lgmpc.compile.StageKernel`."""
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
         """Return the call that evaluates all stages on this memory; it returns 0."""
@@ -48,7 +48,7 @@ def bind_intervals(
     """Return the calls that evaluate all intervals in order.
 
     Args:
-        problem: its actions decide which node is evaluated by what; its parameters are the argument ``p``.
+        problem: its actions select the stages of each node; its parameters are the argument ``p``.
         stages: of each of the :func:`distinct` actions; None evaluates nothing.
         memory: all other arguments and results, (N, ...) or with more rows; (n,) if all nodes share it.
     """
@@ -95,7 +95,7 @@ def _rows(array: Array, start: int, stop: int) -> Array:
 
 
 def _attributed(call: Callable[[], int], action: Action, first: int) -> Callable[[], int]:
-    """Return a call that raises, with the node, what an action of Python raised; of other actions the call itself.
+    """Return a call that raises an exception of an action of Python with its node; of other actions the call itself.
 
     Args:
         call: evaluates the action at consecutive nodes, once each.

@@ -101,7 +101,7 @@ class KktConditions:
         """Return the residual at the point; all NaN if that is not finite."""
         for call in self._calls:
             call()
-        self._measures[0, 0] = 0.0  # the first state's
+        self._measures[0, 0] = 0.0  # the first state is given
         of_states, of_controls, *others, total = np.maximum.reduce(self._measures, axis=0).tolist()
         return KktResidual(max(of_states, of_controls), *others) if math.isfinite(total) else KktResidual.unknown()
 
@@ -111,7 +111,7 @@ def _compile(s: OcpQpStructure, progress: Callable[[str], None] | None) -> tuple
 
 
 def _of_stage(s: OcpQpStructure) -> ca.Function:
-    """Measures of an interval: gradients in its state and control, gap, violation, complementarity, a sum.
+    """Return the measures of an interval: gradients in its state and control, gap, violation, complementarity, a sum.
 
     Comparisons and maxima ignore NaN; the sum of the point's entries is finite only if they are.
     """
@@ -138,7 +138,7 @@ def _of_stage(s: OcpQpStructure) -> ca.Function:
 
 
 def _of_last(s: OcpQpStructure) -> ca.Function:
-    """The same measures of the last node, which has a state only."""
+    """Return the same measures of the last node, which has a state only."""
     v, dx, co = (ca.SX.sym("v", n) for n in (s.terminal_size, s.ndx, s.ndx))
     m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.terminal_blocks.items()}
     gradient = m["Q"] @ dx + m["q"] - co

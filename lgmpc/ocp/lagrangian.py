@@ -28,7 +28,7 @@ class LagrangianHessians:
 
     Attributes:
         costates: (N, ndx) of the gaps ``f(x_k, u_k) (-) x_{k+1}``.
-        multipliers: (N, ng) of the path constraints; of rows that a node's action does not have without effect.
+        multipliers: (N, ng) of the path constraints; those of rows that a node's action does not have are not used.
         hessian: (N, ndx + nu, ndx + nu), ``[Q S^T; S R]``; the identity for controls that an action does not have.
         last_hessian: (ndx, ndx) of the terminal cost.
     """
@@ -42,7 +42,7 @@ class LagrangianHessians:
         self.multipliers: Array = np.zeros((n, max(action.path_rows for action in actions)))
         self.hessian: Array = np.tile(np.eye(ndx + nu), (n, 1, 1))
         self.last_hessian: Array = np.zeros((ndx, ndx))
-        found = np.zeros((n, (ndx + nu) ** 2))  # of fewer controls as many entries fewer, one after the other
+        found = np.zeros((n, (ndx + nu) ** 2))  # an action with fewer controls has fewer entries, contiguous
         kernels = [BatchKernel.of(lagrangian_hessian, action, progress=progress) for action in actions]
         last = BatchKernel.of(terminal_hessian, problem.terminal, progress=progress)
         self._calls = (

@@ -23,7 +23,7 @@ MEANINGS = {
     "D": "constraint by control",
     "terminal q": "terminal cost by state",
 }
-"""What the derivatives of an action are called in messages."""
+"""Names of the derivatives of an action in messages."""
 
 
 @dataclass(frozen=True)

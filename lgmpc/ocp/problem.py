@@ -245,7 +245,7 @@ class ShootingProblem:
         return Trajectory(np.tile(self.x0, (self.nodes + 1, 1)), np.zeros((self.nodes, self.nu)))
 
     def quasi_static(self, xs: ArrayLike) -> Array:
-        """Return the controls (N, nu) under which the robot stays where it is, as well as it can.
+        """Return the controls (N, nu) under which the robot moves least.
 
         Each minimises the distance of the next state from the state, in tangent coordinates; of several such controls
         it is the smallest. It balances gravity, with the contacts of its node.

@@ -83,7 +83,7 @@ class JointMotion(Residual):
 
     def __init__(self, nu: int) -> None:
         self.nr = 2 * nu
-        self.parameters = (Parameter("reference", 2 * nu, "joint positions and rates to stay near, rad, rad/s"),)
+        self.parameters = (Parameter("reference", 2 * nu, "reference of the joint positions and rates, rad, rad/s"),)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""

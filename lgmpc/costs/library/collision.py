@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from lgmpc.costs.library.frames import root_of
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
@@ -37,7 +38,7 @@ class ShapePairDistance(Residual):
         second: another, or one of the world (joint 0).
 
     Raises:
-        InputError: no shape, a box and something else than a sphere, or two on the same joint, whose distance is
+        InputError: no shape, a box and a shape other than a sphere, or two on the same joint, whose distance is
             constant.
     """
 
@@ -70,7 +71,7 @@ class ShapePairDistance(Residual):
             ends = [_point_segment(a + side * h, b, k, second.length) for side in (-1, 1)]
             ends += [_point_segment(b + side * k, a, h, first.length) for side in (-1, 1)]
             square = _lines(b - a, h, k, first.length * second.length, _least(ends))
-        return _root(square) - first.radius - second.radius
+        return root_of(square) - first.radius - second.radius
 
 
 class _Axis:
@@ -108,13 +109,7 @@ def _from_box(s: StageSymbols, part: CollisionShape, box: Box, point: Any) -> An
     beyond = [ca.fabs(x) - half for x, half in zip(inside, box.half_size_m, strict=True)]
     square = sum(ca.if_else(x > 0, x, 0.0) ** 2 for x in beyond)
     nearest = -_least([-x for x in beyond])
-    return ca.if_else(nearest > 0, _root(square), nearest)
-
-
-def _root(square: Any) -> Any:
-    """Return the square root, with a derivative of zero at zero."""
-    apart = square > 0
-    return ca.if_else(apart, ca.sqrt(ca.if_else(apart, square, 1.0)), 0.0)
+    return ca.if_else(nearest > 0, root_of(square), nearest)
 
 
 def _point_segment(p: Any, center: Any, half: Any, length: float) -> Any:

@@ -38,7 +38,7 @@ class StateError(Residual):
         self.nr = state.ndx
         self._state = state
         default = state.neutral() if reference is None else reference
-        self.parameters = (Parameter("reference", state.nx, "state to stay near", default),)
+        self.parameters = (Parameter("reference", state.nx, "reference of the state", default),)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -62,7 +62,7 @@ class Control(_Difference):
     """
 
     def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "control to stay near", reference)
+        super().__init__(nu, "reference of the control", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -78,7 +78,7 @@ class JointPosition(_Difference):
     """
 
     def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "joint positions to stay near, rad", reference)
+        super().__init__(nu, "reference of the joint positions, rad", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -94,7 +94,7 @@ class JointAcceleration(_Difference):
     """
 
     def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "joint accelerations to stay near, rad/s2", reference)
+        super().__init__(nu, "reference of the joint accelerations, rad/s2", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -110,7 +110,7 @@ class JointEffort(_Difference):
     """
 
     def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "joint efforts to stay near, N.m", reference)
+        super().__init__(nu, "reference of the joint efforts, N.m", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -156,7 +156,7 @@ class CoMPosition(_Difference):
     """
 
     def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, "centre of mass to stay near, world, m", reference)
+        super().__init__(3, "reference of the centre of mass, world, m", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -171,7 +171,7 @@ class CoMVelocity(_Difference):
     """
 
     def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, "velocity of the centre of mass to stay near, world, m/s", reference)
+        super().__init__(3, "reference of the velocity of the centre of mass, world, m/s", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
@@ -186,7 +186,7 @@ class CentroidalMomentum(_Difference):
     """
 
     def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(6, "centroidal momentum to stay near, world axes", reference)
+        super().__init__(6, "reference of the centroidal momentum, world axes", reference)
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""

@@ -22,6 +22,7 @@ __all__ = [
     "FrameRotationPsi",
     "FrameTranslation",
     "FrameVelocity",
+    "root_of",
 ]
 
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -167,6 +168,10 @@ class FramePairDistance(Residual):
     def expression(self, s: StageSymbols) -> Any:
         """Return the distance."""
         arm = s.placement(self.first).translation - s.placement(self.second).translation
-        square = ca.dot(arm, arm)
-        apart = square > 0
-        return ca.if_else(apart, ca.sqrt(ca.if_else(apart, square, 1.0)), 0.0)
+        return root_of(ca.dot(arm, arm))
+
+
+def root_of(square: Any) -> Any:
+    """Return the square root of a scalar, with a derivative of zero at zero."""
+    apart = square > 0
+    return ca.if_else(apart, ca.sqrt(ca.if_else(apart, square, 1.0)), 0.0)

@@ -10,6 +10,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import threading
 import time
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
@@ -459,6 +460,27 @@ def test_whole_entry_that_does_not_load_is_built_again(cache: Path, caplog: pyte
     with caplog.at_level(logging.WARNING, "lgmpc.compile"):
         assert compile_function(shift_function())(1.0)[0][0] == 2.0
     assert "does not load" in caplog.text
+
+
+def test_a_cache_is_inspected_while_others_change_it(tmp_path: Path) -> None:
+    done = threading.Event()
+
+    def compile_and_clean() -> None:
+        while not done.is_set():
+            scratch = tmp_path / ".build-1"
+            scratch.mkdir()
+            for k in range(20):
+                (scratch / f"{k}.c").write_text("x")
+            shutil.rmtree(scratch)
+
+    other = threading.Thread(target=compile_and_clean)
+    other.start()
+    try:
+        for _ in range(3000):
+            assert inspect_cache(tmp_path).size_bytes <= 20
+    finally:
+        done.set()
+        other.join()
 
 
 @needs_compiler

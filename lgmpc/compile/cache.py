@@ -199,9 +199,12 @@ def discard(path: Path) -> None:
 
 
 def inspect_cache(folder: Path) -> CacheReport:
-    """Count and verify the libraries of a cache, and add up their sizes."""
-    libraries = sorted(folder.glob("*.so"))
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    """Count and verify the libraries of a cache, and add up the sizes of all files, while others may change them."""
+    libraries, size = sorted(folder.glob("*.so")), 0
+    for where, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                size += os.stat(os.path.join(where, name)).st_size
     return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not is_whole(path)))
 
 

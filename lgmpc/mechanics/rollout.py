@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any
 
 import casadi as ca
@@ -32,13 +33,14 @@ def check_grid(step: float, steps: int, every: int) -> None:
     """Check the length and the counts of steps.
 
     Raises:
-        InputError: a step that is not positive and finite, no steps, or an ``every`` that does not divide them.
+        InputError: a step that is not positive and finite, a number of steps that is not whole and positive, or an
+            ``every`` that does not divide it.
     """
     if not (math.isfinite(step) and step > 0.0):
         raise InputError("step", step, "a positive length of time, s")
-    if steps < 1:
-        raise InputError("steps", steps, "at least one")
-    if every < 1 or steps % every:
+    if not isinstance(steps, Integral) or steps < 1:
+        raise InputError("steps", steps, "a whole number, at least one")
+    if not isinstance(every, Integral) or every < 1 or steps % every:
         raise InputError("every", every, f"a divisor of the number of steps, {steps}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from lgmpc.errors import ModelError, nearest
+from lgmpc.errors import InputError, ModelError, nearest
 from lgmpc.robot.names import frame_index
 from lgmpc.settings import Positive, Settings, Vector3
 
@@ -125,7 +125,7 @@ def shapes_of(robot: Robot) -> tuple[CollisionShape, ...]:
     else is enclosed in boxes. Bodies with a contact frame have none: their contact points represent them.
 
     Raises:
-        ModelError: a mesh of the collision geometry cannot be read.
+        ModelError: a mesh of the collision geometry cannot be read, or a radius is below 0.1 mm or above 100 m.
     """
     if robot.given_shapes is None:
         return tuple(_shapes_of_urdf(robot))
@@ -182,7 +182,12 @@ def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
         raise ModelError(robot.name, [reason]) from error
     for part in geometry.geometryObjects:
         if part.parentJoint > 0 and part.parentJoint not in feet:
-            yield shape_of(part)
+            try:
+                shape = shape_of(part)
+            except InputError as error:
+                reason = f"its collision geometry '{part.name}': {error}: give collision_shapes"
+                raise ModelError(robot.name, [reason]) from error
+            yield shape
 
 
 def _enclosed(geometry: coal.CollisionGeometry) -> tuple[np.ndarray, Sphere | Box | Capsule]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,11 @@ class StateVector(State):
     """
 
     def __init__(self, n: int, lower: Array | None = None, upper: Array | None = None) -> None:
-        if not isinstance(n, int) or n < 1:
+        if not isinstance(n, Integral) or n < 1:
             raise InputError("n", n, "a whole number of at least 1")
         super().__init__(
-            n,
-            n,
+            int(n),
+            int(n),
             np.full(n, -np.inf) if lower is None else lower,
             np.full(n, np.inf) if upper is None else upper,
         )

@@ -38,7 +38,8 @@ def test_runge_kutta_is_exact_on_cubics_in_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "steps", "every", "name"), [(0.0, 1, 1, "step"), (1.0, 0, 1, "steps"), (1.0, 4, 3, "every")]
+    ("step", "steps", "every", "name"),
+    [(0.0, 1, 1, "step"), (1.0, 0, 1, "steps"), (1.0, 1e3, 1, "steps"), (1.0, 4, 3, "every"), (1.0, 4, 2.0, "every")],
 )
 def test_grids_that_cannot_be_are_refused(step: float, steps: int, every: int, name: str) -> None:
     with pytest.raises(InputError, match=f"{name}: got"):

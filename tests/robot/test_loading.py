@@ -181,6 +181,15 @@ def test_a_urdf_that_cannot_be_read_is_quoted_by_its_parser(tmp_path, capfd) -> 
     assert capfd.readouterr().err == ""
 
 
+def test_collision_geometry_without_size_is_named(tmp_path) -> None:
+    path = tmp_path / "point.urdf"
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    sphere = '<collision><geometry><sphere radius="0"/></geometry></collision>'
+    path.write_text(f'<robot name="point"><link name="a">{inertial}{sphere}</link></robot>')
+    with pytest.raises(ModelError, match="collision geometry 'a_0': radius_m: got 0; .*: give collision_shapes"):
+        _ = load_robot(RobotSpec(urdf=path)).collision_shapes
+
+
 def test_a_process_without_standard_error_loads_robots(tmp_path) -> None:
     script = tmp_path / "load.py"
     script.write_text(

@@ -55,6 +55,7 @@ def test_infinite_rotation_bounds_pass_through_a_product(ball) -> None:
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="states: got none"):
         ProductState()
+    assert StateVector(np.int64(2)).nx == 2  # type: ignore[arg-type]
     with pytest.raises(InputError, match="n: got 0"):
         StateVector(0)
     with pytest.raises(InputError, match="n: got 2.5; expected a whole number"):

@@ -5,6 +5,8 @@ Chapter 4.11; Forster et al., IEEE TRO 2017; Brossard et al., IEEE TRO 2021.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
@@ -45,9 +47,9 @@ def run() -> Outcome:
         for name, rule in (("exact exponential", exponential_increment), ("zero-order hold", zero_order_hold_increment))
     }
     corrections = np.array([_correction_error(motion, size) for size in CHANGES])
-    spread, squares = _monte_carlo(motion)
+    spread, deviations, squares = _monte_carlo()
     tolerance = max(abs(chi2.ppf(p, 9 * RUNS) / (9 * RUNS) - 1.0) for p in (1e-4, 1.0 - 1e-4))
-    predicted = np.sqrt(np.diag(motion.covariance))
+    predicted = deviations[-1]
     table = (
         Row("defect of group affinity", 0.0, _affine_defect(), 1e-12),
         Row(
@@ -87,7 +89,7 @@ def run() -> Outcome:
             log_x=True,
             log_y=True,
         ),
-        _spread_panel(rows, spread),
+        _spread_panel(spread, deviations),
     )
     times, poses = _path()
     shapes = (
@@ -109,18 +111,16 @@ def run() -> Outcome:
     )
 
 
-def _gyro(t: float) -> Array:
-    return np.array([1.0 + np.sin(3.0 * t), 0.5 * np.cos(5.0 * t), -2.0 * np.sin(t)])
-
-
-def _force(t: float) -> Array:
-    return np.array([3.0 * np.sin(4.0 * t), 2.0 * np.cos(3.0 * t), 9.0 + np.sin(6.0 * t)])
+def _body_rates(t: float) -> Array:
+    """Return (6,) angular velocity, rad/s, and specific force, m/s2, at a time, s."""
+    gyro = [1.0 + np.sin(3.0 * t), 0.5 * np.cos(5.0 * t), -2.0 * np.sin(t)]
+    return np.array([*gyro, 3.0 * np.sin(4.0 * t), 2.0 * np.cos(3.0 * t), 9.0 + np.sin(6.0 * t)])
 
 
 def _samples(period: float) -> Array:
     """Return (n, 6) body rates at the midpoint of each interval."""
     times = period * (0.5 + np.arange(round(DURATION / period)))
-    return np.array([np.concatenate([_gyro(t), _force(t)]) for t in times])
+    return np.array([_body_rates(t) for t in times])
 
 
 def _start() -> Array:
@@ -140,14 +140,13 @@ def _integrated(
     return motion
 
 
-def _solved(times: Array) -> Array:
+def _solved(times: Array, body_rates: Callable[[float], Array] = _body_rates) -> Array:
     """Return (n, 5, 5) the motion by DOP853, without increments."""
 
     def rate(t: float, flat: Array) -> Array:
-        pose = flat.reshape(5, 5).copy()
+        pose, rates = flat.reshape(5, 5).copy(), body_rates(t)
         pose[:3, :3] = so3.project(pose[:3, :3])
-        rates: Array = vector_field(pose, _gyro(t), _force(t), GRAVITY).ravel()
-        return rates
+        return vector_field(pose, rates[:3], rates[3:], GRAVITY).ravel()
 
     span = (0.0, float(times[-1]))
     found = solve_ivp(rate, span, _start().ravel(), method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
@@ -156,8 +155,7 @@ def _solved(times: Array) -> Array:
 
 
 def _exact() -> Array:
-    poses = _solved(np.array([0.0, DURATION]))
-    last: Array = poses[-1]
+    last: Array = _solved(np.array([0.0, DURATION]))[-1]
     return last
 
 
@@ -174,16 +172,9 @@ def _position_error(period: float, rule: IncrementRule, exact: Array) -> float:
 
 
 def _constant_rates_error() -> float:
-    gyro, force = np.array([1.0, -2.0, 0.5]), np.array([2.0, -3.0, 9.0])
-
-    def rate(_: float, flat: Array) -> Array:
-        pose = flat.reshape(5, 5).copy()
-        pose[:3, :3] = so3.project(pose[:3, :3])
-        return vector_field(pose, gyro, force, GRAVITY).ravel()
-
-    found = solve_ivp(rate, (0.0, DURATION), _start().ravel(), method="DOP853", rtol=1e-12, atol=1e-13)
-    end = propagate(_start(), exponential_increment(gyro, force, DURATION).pose, GRAVITY, DURATION)
-    return float(np.abs(end - found.y[:, -1].reshape(5, 5)).max())
+    rates = np.array([1.0, -2.0, 0.5, 2.0, -3.0, 9.0])
+    end = propagate(_start(), exponential_increment(rates[:3], rates[3:], DURATION).pose, GRAVITY, DURATION)
+    return float(np.abs(end - _solved(np.array([0.0, DURATION]), lambda _: rates)[-1]).max())
 
 
 def _affine_defect() -> float:
@@ -203,13 +194,13 @@ def _correction_error(motion: Preintegration, size: float) -> float:
     return float(np.linalg.norm(sek3.log(sek3.inverse(again) @ motion.corrected(change[:3], change[3:]))))
 
 
-def _monte_carlo(motion: Preintegration) -> tuple[Array, Array]:
-    """Return (n, 9) standard deviations of the noisy increments after each sample, and (RUNS,) squared errors."""
+def _monte_carlo() -> tuple[Array, Array, Array]:
+    """Return standard deviations after each sample (n, 9), found and predicted, and squared errors (RUNS,)."""
     rng, rows = np.random.default_rng(1), _samples(PERIOD)
     sigma = np.repeat(NOISE.densities[:2], 3) / np.sqrt(PERIOD)
     clean = Preintegration(NOISE, np.zeros(3), np.zeros(3))
     noisy = np.tile(np.eye(5), (RUNS, 1, 1))
-    spreads, errors = [], np.zeros((RUNS, 9))
+    spreads, deviations, errors = [], [], np.zeros((RUNS, 9))
     for row in rows:
         clean.integrate(row[:3], row[3:], PERIOD)
         steps = [
@@ -220,20 +211,16 @@ def _monte_carlo(motion: Preintegration) -> tuple[Array, Array]:
         noisy = noisy @ np.array(steps)
         errors = sek3.log(sek3.inverse(clean.pose) @ noisy)
         spreads.append(errors.std(axis=0))
-    squares = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(motion.covariance), errors)
-    return np.array(spreads), squares
+        deviations.append(np.sqrt(np.diag(clean.covariance)))
+    squares = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(clean.covariance), errors)
+    return np.array(spreads), np.array(deviations), squares
 
 
-def _spread_panel(rows: Array, spread: Array) -> Panel:
-    times: Array = PERIOD * np.arange(1.0, len(rows) + 1.0)
-    predicted = []
-    motion = Preintegration(NOISE, np.zeros(3), np.zeros(3))
-    for row in rows:
-        motion.integrate(row[:3], row[3:], PERIOD)
-        predicted.append(np.sqrt(np.diag(motion.covariance)))
+def _spread_panel(found: Array, predicted: Array) -> Panel:
+    times: Array = PERIOD * np.arange(1.0, len(found) + 1.0)
     curves = (
-        Curve("found", times, 1e3 * spread[:, 8]),
-        Curve("predicted", times, 1e3 * np.array(predicted)[:, 8], dashed=True),
+        Curve("found", times, 1e3 * found[:, 8]),
+        Curve("predicted", times, 1e3 * predicted[:, 8], dashed=True),
     )
     return Panel(f"Noise of the height in {RUNS} runs", "time, s", "standard deviation, mm", curves)
 

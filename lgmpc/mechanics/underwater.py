@@ -20,6 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
@@ -233,7 +234,8 @@ def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float
 def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0) -> Array:
     """Return (6,) the added mass of a prolate spheroid about its centre, its long axis x, kg and kg.m2.
 
-    Lamb (1932), 114 and 115; Fossen (2011), 8.2.
+    Lamb (1932), 114 and 115; Fossen (2011), 8.2; Carlson, "Numerical computation of real or complex elliptic
+    integrals", Numerical Algorithms 10 (1995).
 
     Args:
         length: of the long axis, m.
@@ -246,10 +248,9 @@ def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0)
     a, b = check_positive("length", length, "m") / 2.0, check_positive("diameter", diameter, "m") / 2.0
     if b >= a:
         raise InputError("diameter", diameter, f"less than the length, {length} m")
-    e = math.sqrt(1.0 - (b / a) ** 2)
-    log = math.log((1.0 + e) / (1.0 - e))
-    alpha = 2.0 * (1.0 - e**2) / e**3 * (0.5 * log - e)
-    beta = 1.0 / e**2 - (1.0 - e**2) / (2.0 * e**3) * log
+    # Lamb's integrals, alpha_0 and beta_0, as Carlson's: without cancellation where the spheroid is nearly round.
+    alpha = 2.0 / 3.0 * a * b**2 * float(special.elliprd(b**2, b**2, a**2))
+    beta = 2.0 / 3.0 * a * b**2 * float(special.elliprd(a**2, b**2, b**2))
     displaced = 4.0 / 3.0 * math.pi * check_positive("density", density, "kg/m3") * a * b**2
     across = displaced * beta / (2.0 - beta)
     flat = a**2 - b**2

@@ -223,6 +223,8 @@ def test_a_nearly_round_spheroid_drags_half_the_water_it_displaces() -> None:
     added = spheroid_added_mass(2.002, 2.0, density=1.0) / (4 / 3 * np.pi)
     np.testing.assert_allclose(added[:3], 0.5, atol=2e-3)
     assert abs(added[5]) < 1e-5
+    nearer = spheroid_added_mass(2.0 + 2e-9, 2.0, density=1.0) / (4 / 3 * np.pi)
+    np.testing.assert_allclose(nearer[:3], 0.5, atol=2e-9)
 
 
 @pytest.mark.parametrize(

@@ -164,12 +164,12 @@ class GeometricController:
         jerk = (thrust1 * axis + thrust * axis_rate) / mass
         force2 = gains.position * (a - acceleration) + gains.velocity * (j - jerk) + mass * s
 
-        if np.linalg.norm(force, axis=-1).min() < _VANISHING * self.quadrotor.weight:
+        if np.linalg.norm(force, axis=-1).min(initial=np.inf) < _VANISHING * self.quadrotor.weight:
             raise InputError("state", "a desired force of zero", "errors for which the desired force does not vanish")
         third = _unit(force, force1, force2)
         h, h1, h2 = desired.heading
         side = cross(third[0], h)
-        if np.linalg.norm(side, axis=-1).min() < _VANISHING:
+        if np.linalg.norm(side, axis=-1).min(initial=np.inf) < _VANISHING:
             raise InputError("heading", "parallel to the desired thrust", "a heading across the desired thrust")
         side1 = cross(third[1], h) + cross(third[0], h1)
         side2 = cross(third[2], h) + 2.0 * cross(third[1], h1) + cross(third[0], h2)

@@ -70,8 +70,10 @@ class Modulus:
     def _reduced(self, u: Array) -> tuple[Array, Array]:
         """Return the nearest multiples of 2 K and the remainders; zero multiples if the period is infinite."""
         array = np.asarray(u, dtype=np.float64)
+        if self.m1 == 0.0:
+            return np.zeros_like(array), array
         turns = np.rint(array / (2.0 * self.quarter_period))
-        return turns, array - turns * 2.0 * self.quarter_period if self.m1 > 0.0 else array
+        return turns, array - turns * 2.0 * self.quarter_period
 
     def _central(self, u: Array) -> tuple[Array, Array, Array]:
         """Return sn, cn and dn of arguments between -K and K, from the arithmetic-geometric mean of 1 and m1.
@@ -79,7 +81,9 @@ class Modulus:
         Bulirsch, "Numerical calculation of elliptic integrals and elliptic functions", Numerische Mathematik 7 (1965).
         """
         if self.m1 == 0.0:
-            return np.tanh(u), 1.0 / np.cosh(u), 1.0 / np.cosh(u)
+            decay = np.exp(-np.abs(u))
+            secant = 2.0 * decay / (1.0 + decay**2)
+            return np.tanh(u), secant, secant
         means = [(1.0, math.sqrt(self.m1))]
         while abs(means[-1][0] - means[-1][1]) > 1e-8 * means[-1][0]:
             a, b = means[-1]

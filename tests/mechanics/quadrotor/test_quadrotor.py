@@ -288,6 +288,11 @@ class Parallel:
         return FlatOutput(np.zeros((5, 3)), np.array([[0.0, 0.0, 1.0], [0.0] * 3, [0.0] * 3]))
 
 
+def test_a_batch_of_no_vehicles_flies() -> None:
+    none = QuadrotorState.at_rest(np.zeros((0, 3, 3)))
+    assert fly(QUADROTOR, GeometricController(QUADROTOR, Hover()), none, 0.01).lost.shape == (0,)
+
+
 def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="mass: got 0"):
         Quadrotor(0.0, np.eye(3))

@@ -112,10 +112,11 @@ def test_a_vertical_axis_stays_vertical(rotation: np.ndarray, tilt: float) -> No
     assert TOP.nutation(rotation, np.array([0.0, 0.0, 20.0])).tilts == (tilt, tilt)
 
 
-def test_an_upright_top_stays_upright_at_exactly_its_critical_spin() -> None:
-    """All three roots of the cubic coincide."""
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_an_upright_top_stays_upright_up_to_its_critical_spin(share: float) -> None:
+    """The equilibrium is unstable: it is approached from the separatrix, and all three roots coincide at the end."""
     top = LagrangeTop(1.0, 1.0, 1.0)
-    nutation = top.nutation(np.eye(3), np.array([0.0, 0.0, top.critical_spin]))
+    nutation = top.nutation(np.eye(3), np.array([0.0, 0.0, share * top.critical_spin]))
     np.testing.assert_array_equal(nutation.cosines(np.array([0.0, 1.0, 100.0])), 1.0)
     assert nutation.period == math.inf
 

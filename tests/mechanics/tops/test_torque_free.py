@@ -167,6 +167,13 @@ def test_elliptic_functions_are_periodic(m1: float) -> None:
         np.testing.assert_allclose([sn, cn], [math.sin(amplitude), math.cos(amplitude)], atol=1e-12)
 
 
+def test_the_separatrix_is_valid_for_arguments_of_any_size() -> None:
+    sn, cn, dn = Modulus(1.0, 0.0).jacobi(np.array([-np.inf, -1e3, 0.0, 1e3, np.inf]))
+    np.testing.assert_array_equal(sn, [-1.0, -1.0, 0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(cn, [0.0, 0.0, 1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(dn, cn)
+
+
 def test_elliptic_functions_are_scipys_where_those_are_good() -> None:
     u = np.linspace(-30.0, 30.0, 301)
     for m in (0.0, 0.2, 0.9):

@@ -55,7 +55,7 @@ def run() -> Outcome:
         Row("turn about the momentum in a period", predicted_turn, float(turned), 1e-8, "rad"),
         Row("radius of the momentum sphere", top.momentum, float(np.linalg.norm(momenta[-1])), 1e-9, "N.m.s"),
     )
-    many = _rolled(top, 7)
+    many: Array = np.linspace(0.0, 7.0 * top.period, 2801)
     herpolhode = construction.herpolhode(many)
     shown = slice(None, None, 100)
     panels = (
@@ -117,11 +117,6 @@ def _lengths(top: EulerTop, motion: Motion, contact: Array, world: Array) -> tup
     on_plane = (27.0 * (world[2:-1] - world[1:-2]) - (world[3:] - world[:-3])) / (24.0 * h)
     first = float(h * np.linalg.norm(on_body[1:-1], axis=1).sum())
     return first, float(h * np.linalg.norm(on_plane, axis=1).sum())
-
-
-def _rolled(top: EulerTop, periods: int) -> Array:
-    times: Array = np.linspace(0.0, periods * top.period, 400 * periods + 1)
-    return times
 
 
 def _seen(points: Array) -> tuple[Array, Array]:

@@ -184,7 +184,7 @@ def _bodies(robot: Robot, qs: Array) -> list[Body]:
     ends = {model.parents[j]: model.jointPlacements[j].translation for j in range(2, model.njoints)}
     ends |= {model.frames[i].parentJoint: model.frames[i].placement.translation for i in robot.contact_ids}
     bodies = [
-        Body("trunk", (Shape("box", (0.42, 0.2, 0.06), color=_COLORS[0]),), placed[:, 1, :3, 3], _turns(placed, 1))
+        Body("trunk", (Shape("box", (0.42, 0.2, 0.06), color=_COLORS[0]),), placed[:, 1, :3, 3], placed[:, 1, :3, :3])
     ]
     for j in range(2, model.njoints):
         color = _COLORS[1 + j % 2]
@@ -196,10 +196,5 @@ def _bodies(robot: Robot, qs: Array) -> list[Body]:
             Shape("sphere", (0.018, 0.018, 0.018), color=color),
             Shape("cylinder", (0.011, 0.011, length), middle, color, rotation=along),
         )
-        bodies.append(Body(f"legs/{model.names[j]}", shapes, placed[:, j, :3, 3], _turns(placed, j)))
+        bodies.append(Body(f"legs/{model.names[j]}", shapes, placed[:, j, :3, 3], placed[:, j, :3, :3]))
     return bodies
-
-
-def _turns(placed: Array, joint: int) -> Array:
-    turns: Array = placed[:, joint, :3, :3]
-    return turns

@@ -18,6 +18,7 @@ from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
+from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.attitude import angle_between, rotation_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
@@ -79,7 +80,8 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     ``final_tilt_deg`` and ``final_speed_m_s``; and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
-        InputError: a robot without these rotors, or waypoints whose times do not increase on the grid.
+        InputError: a robot without these rotors, or waypoints whose times do not increase on the grid, or are
+            too late.
     """
     s, w = settings, settings.weights
     vehicle = Multirotor.of(robot, s.rotors)
@@ -144,6 +146,9 @@ def _nodes(s: FlightSettings) -> tuple[int, ...]:
     """Return the node of each waypoint."""
     found, last = [], 0
     for waypoint in s.waypoints:
+        if waypoint.time_s > MOST_INTERVALS * s.node_s:
+            expected = f"at most {MOST_INTERVALS * s.node_s:g} s: {MOST_INTERVALS} intervals of {s.node_s:g} s"
+            raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time_s:g} s", expected)
         node = round(waypoint.time_s / s.node_s)
         if not abs(node * s.node_s - waypoint.time_s) < 1e-6:
             expected = f"a multiple of the intervals' length, {s.node_s:g} s"

@@ -36,6 +36,9 @@ __all__ = ["JointMotion", "RightingSettings", "RightingWeights", "build_righting
 _STIFFNESS, _DAMPING = 3.0, 0.05
 """Gains of the joints' controllers in the independent simulation, N.m/rad and N.m.s/rad."""
 
+_LONGEST_S = 10.0
+"""Duration of the longest flight, s: 40,000 steps of the simulation."""
+
 
 class RightingWeights(Settings):
     """Weights of the cost; the first three are per second of the horizon."""
@@ -106,11 +109,13 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
 
     Raises:
         InputError: a robot without free base or contact frames, or with joints of more than an angle; strokes of
-            unknown joints, or with ramps longer than the motion.
+            unknown joints, or with ramps longer than the motion; a flight too long for the simulation.
     """
     s, w, nu = settings, settings.weights, robot.nu
     if not (robot.floating_base and robot.nc and robot.nq - 7 == nu):
         raise InputError("robot", f"{robot.name}", "a free base, contact_frames, and joints of one angle each")
+    if s.nodes * s.node_s > _LONGEST_S * (1.0 + 1e-9):
+        raise InputError("nodes", f"{s.nodes} of {s.node_s:g} s", f"a flight of at most {_LONGEST_S:g} s")
     still = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(nu)])
     lower = np.concatenate([robot.joint_lower, -robot.velocity_limit])
     upper = np.concatenate([robot.joint_upper, robot.velocity_limit])

@@ -195,6 +195,10 @@ def test_from_upside_down_at_rest_it_turns_in_the_sense_of_the_guess() -> None:
             {"waypoints": (FlightWaypoint(name="a", time_s=0.1, position_m=NONE),)},
             "'a' at 0.1 s; expected a multiple of the intervals' length, 0.03 s",
         ),
+        (
+            {"waypoints": (FlightWaypoint(name="a", time_s=3e7, position_m=NONE),)},
+            r"'a' at 3e\+07 s; expected at most 300 s: 10000 intervals of 0.03 s",
+        ),
         ({"waypoints": LOOP.waypoints[::-1]}, "'exit' at 2.25 s; expected later than 3 s"),
         ({"node_s": 1e-9}, "node_s: got 1e-09; expected a number not below 0.0001"),
         ({"rotors.max_thrust_n": 3.0}, "rotors.max_thrust_n: got 3.0; expected above 3.76 N"),

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.contacts import Contact, ContactSet
-from lgmpc.actions.dynamics import Dynamics
+from lgmpc.actions.dynamics import Dynamics, actuated
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, SemiImplicitEuler
 from lgmpc.actions.linearisation import Expansion, expand_in_steps
@@ -226,8 +226,10 @@ def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, dra
         drag_ratio: (n,) or a number: moment about the direction per thrust, signed by the sense of rotation, m.
 
     Raises:
-        InputError: inconsistent shapes, or directions that are not of unit length.
+        InputError: no free base, inconsistent shapes, or directions that are not of unit length.
     """
+    if actuated(model).start == 0:
+        raise InputError("model", f"{model.name}, whose base is fixed", "a model whose first joint is a free-flyer")
     points, axes = np.asarray(positions, dtype=np.float64), np.asarray(directions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError("positions", f"shape {points.shape}", "shape (n, 3)")

@@ -246,8 +246,12 @@ class PythonAction(Action):
     def _limits(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
         found, shape = self.limits(x, u, p), (self._sizes["limits"],)
         value = self._array("value of the limits", found.value, shape)
-        bounds = (np.broadcast_to(np.asarray(b, dtype=np.float64), shape) for b in (found.lower, found.upper))
-        lower, upper = bounds
+        bounds = [np.asarray(bound, dtype=np.float64) for bound in (found.lower, found.upper)]
+        for name, bound in zip(("lower", "upper"), bounds, strict=True):
+            if bound.shape not in ((), shape):
+                expected = f"a number or shape {shape}"
+                raise InputError(f"{name} of the limits of '{self.name}'", f"shape {bound.shape}", expected)
+        lower, upper = (np.broadcast_to(bound, shape) for bound in bounds)
         return value, lower, upper
 
     def checked_derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:

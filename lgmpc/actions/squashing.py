@@ -35,15 +35,15 @@ class Squashed(Dynamics):
         smoothness: width of the bends relative to the distance of the bounds.
 
     Raises:
-        InputError: bounds that are not finite or not in order, or a smoothness that is not positive.
+        InputError: bounds that are not finite or not in order, or a smoothness that is not positive and finite.
     """
 
     def __init__(self, dynamics: Dynamics, lower: ArrayLike, upper: ArrayLike, smoothness: float = 0.05) -> None:
         low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), dynamics.nu) for b in (lower, upper))
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
             raise InputError("lower, upper", f"{low.tolist()}, {high.tolist()}", "finite bounds, lower below upper")
-        if not smoothness > 0.0:
-            raise InputError("smoothness", smoothness, "above 0")
+        if not 0.0 < smoothness < np.inf:
+            raise InputError("smoothness", smoothness, "a finite number above 0")
         self.base, self.smoothness = dynamics, smoothness
         bounds = (
             Parameter("squash_lower", dynamics.nu, "lower bounds of the saturated control", low),

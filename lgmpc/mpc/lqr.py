@@ -113,7 +113,7 @@ class CentroidalLqr(BaseMpc):
         failures_in_a_row: since the last fresh plan.
 
     Raises:
-        InputError: mass not positive, or no contact.
+        InputError: mass not positive, no contact, or gravity not three finite numbers.
     """
 
     def __init__(
@@ -134,6 +134,8 @@ class CentroidalLqr(BaseMpc):
         self._normal_force = s.normal_force(self.mass)
         self.gain = np.zeros((3 * contacts, 9))
         self._weight: Array = -self.mass * np.asarray(gravity, dtype=np.float64)
+        if self._weight.shape != (3,) or not np.isfinite(self._weight).all():
+            raise InputError("gravity", gravity, "three finite numbers, m/s2")
         n = s.nodes
         self._flags = np.zeros((n + 1, contacts))
         self._wrench = np.zeros((n + 1, 6))

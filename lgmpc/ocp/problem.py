@@ -83,7 +83,8 @@ class ShootingProblem:
         x0: (nx,) first state, initially the neutral one.
 
     Raises:
-        InputError: no interval, a number of actions that is not ``nodes``, or actions on different states.
+        InputError: no interval, a number of actions that is not ``nodes``, actions on different states, or a name that
+            is no C identifier.
     """
 
     def __init__(
@@ -101,6 +102,11 @@ class ShootingProblem:
                 expected = f"an action on states of nx = {self.state.nx}, ndx = {self.state.ndx}, as at node 0"
                 got = f"'{other.name}' on nx = {other.state.nx}, ndx = {other.state.ndx}"
                 raise InputError(f"actions[{k}]" if k < self.nodes else "terminal", got, expected)
+            if not (other.name.isidentifier() and other.name.isascii()):
+                expected = "letters, digits and underscores, no digit first"
+                raise InputError(
+                    f"actions[{k}].name" if k < self.nodes else "terminal.name", repr(other.name), expected
+                )
         self.nu = max(action.nu for action in self.actions)
         self.parameters: Array = np.zeros((self.nodes + 1, max(action.parameters.size for action in every)))
         for k, each in enumerate(every):

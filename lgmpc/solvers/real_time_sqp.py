@@ -184,9 +184,14 @@ class RealTimeSqp:
         """Iterate from the current trajectory until the nonlinear problem's optimality conditions hold.
 
         Args:
-            max_iterations: most subproblems to solve.
+            max_iterations: most subproblems to solve, at least 0.
             tolerance: largest residual of the conditions; the QP solver has to be at least as accurate.
+
+        Raises:
+            InputError: a negative number of iterations.
         """
+        if max_iterations < 0:
+            raise InputError("max_iterations", max_iterations, "at least 0")
         start = time.perf_counter()
         preparation = 0.0
         inner = taken = 0
@@ -197,7 +202,7 @@ class RealTimeSqp:
             kkt = self._residual(at_step=False)
             if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
                 return self._result(RealTimeStatus.CONVERGED, taken, inner, kkt, start, preparation)
-            if taken == max_iterations:
+            if taken >= max_iterations:
                 return self._result(RealTimeStatus.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
             status = _AFTER_STEP[self._step(self.problem.x0)]
             inner += self.qp_solver.iterations

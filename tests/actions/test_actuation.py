@@ -6,7 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import ContactForwardDynamics, FreeForwardDynamics, MultibodyAction, NumericContactAction, Squashed
+from lgmpc.actions import (
+    ContactForwardDynamics,
+    FreeForwardDynamics,
+    MultibodyAction,
+    NumericContactAction,
+    Squashed,
+    thrusters,
+)
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError
@@ -62,6 +69,8 @@ def test_matrices_that_do_not_fit_are_named() -> None:
     for matrix in (np.eye(3), np.full((10, 2), np.nan)):
         with pytest.raises(InputError, match="actuation: got shape"):
             ContactForwardDynamics(model, ["left_foot"], actuation=matrix)
+    with pytest.raises(InputError, match="model: got .*, whose base is fixed"):
+        thrusters(pin.buildSampleModelManipulator(), [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
     action = MultibodyAction("own", ContactForwardDynamics(model, ["left_foot"], actuation=np.eye(10)))
     with pytest.raises(InputError, match=r"action\.dynamics\.actuation"):
         NumericContactAction(action)
@@ -105,3 +114,6 @@ def test_fddp_keeps_the_bounds_of_saturated_controls(
     assert np.abs(efforts).max() < 3.0 and np.abs(solution.us).max() > 3.0
     with pytest.raises(InputError, match="lower below upper"):
         Squashed(pendulum, 1.0, -1.0)
+    for smoothness in (0.0, np.inf):
+        with pytest.raises(InputError, match=f"smoothness: got {smoothness}"):
+            Squashed(pendulum, -1.0, 1.0, smoothness)

@@ -172,6 +172,9 @@ def test_wrong_shapes_and_models_are_named() -> None:
         CentroidalLqr(-1.0, 4)
     with pytest.raises(InputError, match="contacts: got 0"):
         CentroidalLqr(MASS, 0)
+    for gravity in ((0.0, -9.81), (0.0, 0.0, np.nan)):
+        with pytest.raises(InputError, match="gravity: got"):
+            CentroidalLqr(MASS, 4, gravity=gravity)  # type: ignore[arg-type]
 
 
 def test_the_gain_follows_the_contact_points_once_they_have_moved() -> None:

@@ -40,11 +40,11 @@ def own(expression: Callable[[Any], Any], nr: int = 1) -> ShootingProblem:
     return arm([CostItem("mine", residual)])
 
 
-def cart(**methods: Any) -> ShootingProblem:
+def cart(called: str = "cart", **methods: Any) -> ShootingProblem:
     """With an action of the user's, some methods of which are replaced."""
 
     class Cart(Action):
-        name, nu, state, parameters = "cart", 1, StateVector(2), ParameterLayout()
+        name, nu, state, parameters = called, 1, StateVector(2), ParameterLayout()
 
         def step(self, x: Any, u: Any, p: Any) -> Any:
             return methods.get("step", lambda x, u: x + 0.1 * ca.vertcat(x[1], u))(x, u)
@@ -152,6 +152,7 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: Fddp(own(lambda s: s["weigth"])),
         "parameter: got weigth; .* Did you mean weight",
     ),
+    "action's name": (lambda: cart("my cart"), r"actions\[0\].name: got 'my cart'; expected letters, digits"),
     "step's shape": (lambda: Fddp(cart(step=lambda x, u: x[:1])), r"step of 'cart': got shape \(1, 1\); expected"),
     "no step": (lambda: Fddp(cart(step=lambda x, u: None)), "step of 'cart': got NoneType; expected a CasADi column"),
     "cost's type": (lambda: Fddp(cart(cost=lambda x, u: u**2)), r"cost of 'cart': got SX; expected Cost\("),

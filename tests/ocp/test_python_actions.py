@@ -213,6 +213,14 @@ def test_results_of_the_wrong_shape_are_named() -> None:
         def limits(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> Any:
             return u, 1.0
 
+    class Wide(Python):
+        def limits(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> Any:
+            return Limits(u, -np.ones(2), 1.0)
+
+    with pytest.raises(
+        InputError, match=r"lower of the limits of 'body_python': got shape \(2,\); expected a number or"
+    ):
+        problem_of(*[Wide()] * 2).rollout(np.zeros((2, 4)))
     with pytest.raises(InputError, match=r"step of 'body_python': got shape \(5,\); expected shape \(13,\)"):
         Fddp(problem_of(*[Short()] * 2))
     with pytest.raises(InputError, match=r"terminal_residual of 'body_python': got shape \(2, 2\); expected an array"):

@@ -146,6 +146,8 @@ def test_wrong_shapes_are_named(centroidal: Make) -> None:
         solver.set_guess(Trajectory(np.zeros((6, 9)), np.zeros((6, 12))))
     with pytest.raises(InputError, match="us: got shape"):
         solver.set_guess(Trajectory(np.zeros((7, 9)), np.zeros((6, 3))))
+    with pytest.raises(InputError, match="max_iterations: got -1; expected at least 0"):
+        solver.solve(max_iterations=-1)
 
 
 def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch: pytest.MonkeyPatch) -> None:

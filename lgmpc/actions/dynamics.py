@@ -40,14 +40,14 @@ class Dynamics(ABC):
     Args:
         model: the robot.
         nu: dimension of the control.
-        parameters: what may change between two solves.
+        parameters: quantities that may change between two solves.
 
     Attributes:
         model: the robot.
         robot: its symbolic algorithms.
         state: x = (q, v).
         nu: dimension of the control.
-        parameters: what may change between two solves.
+        parameters: quantities that may change between two solves.
 
     Raises:
         ModelError: unsupported joints.

@@ -21,7 +21,7 @@ class Load(ABC):
     """A generalised force that depends on parameters.
 
     Attributes:
-        parameters: what may change between two solves.
+        parameters: quantities that may change between two solves.
     """
 
     parameters: tuple[Parameter, ...]

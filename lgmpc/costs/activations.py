@@ -38,7 +38,7 @@ class Activation(ABC):
     Attributes:
         joint: whether it is a function of all entries together (:class:`OfNorm`), and has one weight and one value of
             each field for all of them.
-        sign: which values the fields can have; see :class:`~lgmpc.costs.Parameter`.
+        sign: values that the fields can have; see :class:`~lgmpc.costs.Parameter`.
     """
 
     joint: ClassVar[bool] = False

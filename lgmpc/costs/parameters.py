@@ -26,7 +26,7 @@ class Parameter:
         size: number of values.
         meaning: description with the unit.
         default: its entries of :attr:`ParameterLayout.default`: (size,) values, or one part or a number for all.
-        sign: which values it can have, besides its default: any, none below zero, or only those above zero.
+        sign: values that it can have, besides its default: any, none below zero, or only those above zero.
         part: number of values that belong together, such as the gains of one contact; a value of this length is
             repeated for all parts.
     """

@@ -45,7 +45,7 @@ class Residual(ABC):
 
     Attributes:
         nr: number of entries.
-        parameters: what may change between two solves; each is ``s[name]`` in the expression.
+        parameters: quantities that may change between two solves; each is ``s[name]`` in the expression.
     """
 
     nr: int

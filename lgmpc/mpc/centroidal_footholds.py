@@ -120,7 +120,7 @@ class CentroidalFootholdMpc(CentroidalMpc):
         n, nc = self.settings.nodes, self._contacts
         shifts, us = self.solver.xs[:, 9:].reshape(n + 1, nc, 2), self.solver.us.reshape(n, nc, 3)
         feet = [swing.foot for swing in self._landings]
-        # From one node after the touchdown: where time was shifted by a part of an interval, the one at it is between.
+        # One node after the touchdown: a shift in time by a part of an interval interpolates the node at the touchdown.
         known = shifts[[min(swing.end + 1, swing.until) for swing in self._landings], feet]
         margins = np.maximum(self._given_margins[[swing.begin for swing in self._landings], feet], _LEAST_MARGIN)
         guess = _within(known, margins, self._normals)

@@ -88,7 +88,7 @@ class MultibodyMpc(SqpMpc):
 
     Args:
         robot: the robot.
-        action: whose items are those of :func:`common_costs` and :func:`common_constraints`, and others.
+        action: with the items of :func:`common_costs` and :func:`common_constraints`, and others.
         settings: horizon, limits.
         weights: of the common costs.
         progress: called with a description of what is being compiled.

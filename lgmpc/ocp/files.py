@@ -24,7 +24,7 @@ def write_arrays(path: str | Path, schema: str, arrays: Mapping[str, Any]) -> Pa
 
     Args:
         path: of the file.
-        schema: what it contains, with its version.
+        schema: kind of content, with its version.
         arrays: by name.
 
     Returns:

@@ -58,7 +58,7 @@ class MultipleShooting:
 
     @property
     def equalities(self) -> list[bool]:
-        """Which rows of g are gaps."""
+        """Whether each row of g is a gap."""
         return [gap for ng in self.ng for gap in [True] * self.state.ndx + [False] * ng]
 
     def pack_parameters(self, problem: ShootingProblem, base: Trajectory) -> Array:

@@ -74,7 +74,7 @@ def compile_stages(
 
     Args:
         name: ``lgmpc_`` and the name of the C source.
-        package: where it is.
+        package: package of the C source.
         ndx: dimension of a state's tangent space.
         nu: of the control.
         progress: called with a description of what is being compiled.

@@ -59,7 +59,7 @@ class NlpSolver:
 
     Args:
         problem: the problem; its data are read at every solve.
-        settings: which solver, its tolerance and limits.
+        settings: solver, tolerance and limits.
         compiled: whether to evaluate machine code, which is compiled once (then cached) and several times faster.
         progress: called with a description of what is being compiled.
 

@@ -71,7 +71,7 @@ class RealTimeResult:
         trajectory: states (N+1, nx) and controls (N, nu); arrays of its own.
         costates: (N, ndx) multipliers of the dynamics.
         multipliers: (N, ng) of the path constraint.
-        status: how it ended.
+        status: outcome.
         iterations: subproblems solved.
         qp_iterations: of the QP solver, all subproblems together.
         kkt: residual of the optimality conditions; of the last subproblem (STEPPED, INACCURATE) or, from

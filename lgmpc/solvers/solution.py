@@ -84,7 +84,7 @@ class Solution:
         costates: (N, ndx) multipliers lambda_1 .. lambda_N of the dynamics.
         multipliers: (N, ng) of the path constraint, positive at the upper bound, negative at the lower one; ng is the
             largest of all actions.
-        status: how it ended.
+        status: outcome.
         iterations: taken.
         cost: at the trajectory.
         gaps: (N+1, ndx) of the dynamics, as computed by the solver; row 0 is the first state's.

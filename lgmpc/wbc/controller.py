@@ -46,7 +46,7 @@ class WholeBodyController:
         tau: (nu,) torque of the last tick, N.m.
         forces: (nc, 3) contact forces of the last tick, N.
         acceleration: (nv,) acceleration of the last tick.
-        status: how the last QP ended.
+        status: outcome of the last QP.
         failures: ticks without a solution so far.
 
     Raises:
@@ -105,7 +105,7 @@ class WholeBodyController:
     def weigh(self, stepping: bool) -> None:
         """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.
 
-        A task that the QP leaves out, because its own weights are zero, stays out.
+        A task whose own weights are zero is not part of the QP in either case.
         """
         if stepping is not self._stepping:
             self._stepping = stepping

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError, ModelError, nearest
 from lgmpc.robot.names import frame_index
+from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Positive, Settings, Vector3
 
 if TYPE_CHECKING:
@@ -176,7 +177,8 @@ def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
     feet = {int(robot.model.frames[index].parentJoint) for index in robot.contact_ids}
     urdf, folders = str(robot.source.urdf), [str(folder) for folder in robot.source.package_dirs]
     try:
-        geometry = pin.buildGeomFromUrdf(robot.model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+        with native_stderr():  # the parser's messages are notes of the robot
+            geometry = pin.buildGeomFromUrdf(robot.model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
     except ValueError as error:
         reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
         raise ModelError(robot.name, [reason]) from error

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +11,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError, ModelError
 from lgmpc.robot.model import ModelSource
+from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.robot.spec import RobotSpec
 
 __all__ = ["ResolvedSource", "available_models", "build_model", "resolve"]
@@ -93,7 +90,7 @@ def build_model(source: ResolvedSource) -> tuple[pin.Model, tuple[str, ...]]:
         ModelError: the parser rejects the file; the problems are its messages.
     """
     path = str(source.files.urdf)
-    with _native_stderr() as printed:
+    with native_stderr() as printed:
         try:
             root = (pin.JointModelFreeFlyer(),) if source.floating_base else ()
             model = pin.buildModelFromUrdf(path, *root)
@@ -115,24 +112,3 @@ def _parser_words(text: str) -> tuple[str, ...]:
         for line in lines
         if line and not line.startswith("at line ")
     )
-
-
-@contextmanager
-def _native_stderr() -> Iterator[list[str]]:
-    """Capture the output of native code to file descriptor 2; the list contains the text after the block."""
-    printed: list[str] = []
-    if sys.stderr is None:  # a process started without standard error: there is nothing to capture
-        yield printed
-        printed.append("")
-        return
-    sys.stderr.flush()
-    saved = os.dup(2)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
-        try:
-            yield printed
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            file.seek(0)
-            printed.append(file.read().decode(errors="replace"))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import example_robot_data
@@ -14,6 +16,9 @@ import pytest
 
 from lgmpc.errors import InputError, ModelError
 from lgmpc.robot import RobotSpec, available_models, load_robot
+from lgmpc.robot.sources import build_model, resolve
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 
 def test_solo12_as_built(solo_spec) -> None:
@@ -181,11 +186,36 @@ def test_a_urdf_that_cannot_be_read_is_quoted_by_its_parser(tmp_path, capfd) -> 
     assert capfd.readouterr().err == ""
 
 
+def test_robots_load_in_several_threads() -> None:
+    """The parser's messages are captured from a file descriptor of the whole process, which is restored."""
+    source = resolve(RobotSpec(model="solo12"))
+    before, saved, interval = os.fstat(2), os.dup(2), sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            models = list(pool.map(lambda _: build_model(source)[0], range(120)))
+        after = os.fstat(2)
+    finally:
+        sys.setswitchinterval(interval)
+        os.dup2(saved, 2)
+        os.close(saved)
+    assert {model.nq for model in models} == {19}
+    assert os.path.samestat(before, after)
+
+
+def test_parts_that_cannot_be_parsed_are_notes_and_not_printed(tmp_path, capfd) -> None:
+    path = tmp_path / "part.urdf"
+    capsule = '<collision><geometry><capsule radius="0.1" length="1"/></geometry></collision>'
+    path.write_text(f'<robot name="part"><link name="a">{INERTIAL}{capsule}</link></robot>')
+    robot = load_robot(RobotSpec(urdf=path))
+    assert robot.collision_shapes == () and any("collision element for Link [a]" in note for note in robot.notes)
+    assert capfd.readouterr().err == ""
+
+
 def test_collision_geometry_without_size_is_named(tmp_path) -> None:
     path = tmp_path / "point.urdf"
-    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     sphere = '<collision><geometry><sphere radius="0"/></geometry></collision>'
-    path.write_text(f'<robot name="point"><link name="a">{inertial}{sphere}</link></robot>')
+    path.write_text(f'<robot name="point"><link name="a">{INERTIAL}{sphere}</link></robot>')
     with pytest.raises(ModelError, match="collision geometry 'a_0': radius_m: got 0; .*: give collision_shapes"):
         _ = load_robot(RobotSpec(urdf=path)).collision_shapes
 

@@ -215,3 +215,7 @@ def test_wrong_arguments_are_named(case_named) -> None:
         symbolic.rnea(q, v, v, {"FL_FOOT": ca.SX.sym("f", 4)})
     with pytest.raises(InputError, match="reference: got WORLD"):
         symbolic.frame_drift(q, v, "FL_FOOT", pin.WORLD)
+    with pytest.raises(InputError, match=r"dv: got .*\(12, 1\); expected a column of 18"):
+        symbolic.integrate(q, ca.SX.sym("dv", 12))
+    with pytest.raises(InputError, match="q1: got"):
+        symbolic.difference(q, v)

@@ -76,11 +76,13 @@ class SymbolicModel:
 
     def integrate(self, q: Any, dv: Any) -> Any:
         """Return (nq,) ``q (+) dv``."""
-        return integrate_configuration_symbolic(self.model, q, dv)
+        return integrate_configuration_symbolic(
+            self.model, self._column(q, self.nq, "q"), self._column(dv, self.nv, "dv")
+        )
 
     def difference(self, q0: Any, q1: Any) -> Any:
         """Return (nv,) ``q1 (-) q0``."""
-        return difference_symbolic(self.model, q0, q1)
+        return difference_symbolic(self.model, self._column(q0, self.nq, "q0"), self._column(q1, self.nq, "q1"))
 
     # Kinematics
 

@@ -33,12 +33,26 @@ from lgmpc.wbc import WholeBodyController
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
 """Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
 
-__all__ = ["build_controller", "build_estimator", "build_recorder", "build_robot", "build_sensors", "prepare"]
+__all__ = [
+    "build_controller",
+    "build_drives",
+    "build_estimator",
+    "build_recorder",
+    "build_robot",
+    "build_sensors",
+    "prepare",
+]
 
 
 def build_sensors(config: Config, robot: Robot) -> Sensors:
     """Return the simulated sensors of section ``sensors``, their noise seeded by ``seed``."""
     return Sensors(robot, config.sensors, 1.0 / config.wbc.rate_hz, np.random.default_rng(config.seed))
+
+
+def build_drives(config: Config, plant: Plant) -> Drives:
+    """Return the simulated drives of section ``plant``, their jitter and losses seeded by ``seed``."""
+    rng = np.random.default_rng((config.seed, _DRIVES))
+    return Drives(config.plant.link, config.plant.actuators, plant.dt, rng)
 
 
 def build_estimator(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedEstimator | None:
@@ -149,7 +163,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
         rates=rates,
         recorder=recorder,
-        log_every=round(config.wbc.rate_hz / config.log.rate_hz),
+        log_every=config.log_every,
         gate=config.gate,
         after_fall_s=math.inf if config.after_fall_s is None else config.after_fall_s,
         simulated=config.plant,
@@ -173,7 +187,6 @@ def _build_hardware(
     config: Config, plant: Plant, controller: LeggedController, estimator: LeggedEstimator | None
 ) -> Hardware:
     """Return drives, delays and computing times, their random numbers seeded by ``seed``."""
-    drives = Drives(config.plant.link, config.plant.actuators, plant.dt, np.random.default_rng((config.seed, _DRIVES)))
     computing = Computing(config.timing, np.random.default_rng((config.seed, _COMPUTING)))
 
     def measured() -> tuple[float, bool]:
@@ -181,4 +194,4 @@ def _build_hardware(
         time = 1e-3 * controller.wbc_ms + (0.0 if estimator is None else estimator.spent)
         return (time, False) if planner is None else (time + planner.spent, planner.planned)
 
-    return Hardware(drives, computing, measured)
+    return Hardware(build_drives(config, plant), computing, measured)

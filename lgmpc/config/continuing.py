@@ -173,15 +173,10 @@ def _session(config: Config, notify: Notify) -> ClosedLoopSession:
 
 def _verify(recorded: Run, session: ClosedLoopSession, until_s: float) -> None:
     """Compare the repeated part with the recorded log."""
-    repeated = session.recorder.log().decimated(_log_every(_last(recorded)))
+    repeated = session.recorder.log().decimated(_last(recorded).log_every)
     difference = first_difference(recorded.log, repeated, until_s=until_s)
     if difference is not None:
         raise ReplayError(str(recorded.path), difference, _reason(recorded))
-
-
-def _log_every(config: Config) -> int:
-    """Return the number of control ticks per logged tick."""
-    return round(config.wbc.rate_hz / config.log.rate_hz)
 
 
 def _reason(recorded: Run) -> str:
@@ -190,7 +185,7 @@ def _reason(recorded: Run) -> str:
     others = [f"{name} {now.get(name)} instead of {then.get(name)}" for name in then if now.get(name) != then[name]]
     here, there = host_info().cpu, recorded.result.host.cpu
     others += [f"processor {here} instead of {there}"] if here != there else []
-    return f"Not as it was then: {', '.join(others)}." if others else "Versions and machine are as they were then."
+    return f"Different here: {', '.join(others)}." if others else "Versions and processor are the same."
 
 
 def _parts(recorded: Run) -> Iterator[_Part]:
@@ -229,7 +224,7 @@ def _tick(recorded: Run, period: float, time_s: float | None) -> int:
     if recorded.log.ticks == 0:
         raise InputError("run", f"{recorded.path} without a tick", "a run of at least one tick")
     config = _last(recorded)
-    logged = round(float(recorded.log.time[-1]) / period) + _log_every(config)
+    logged = round(float(recorded.log.time[-1]) / period) + config.log_every
     end = min(logged, round(config.duration_s / period))
     if time_s is None:
         return end
@@ -256,7 +251,7 @@ def _require_changeable(before: Config, changed: dict[str, tuple[Any, Any]], at:
             ]
             raise InputError(key, value, "no change during a run", choices, word=key)
     if not changed:
-        raise InputError("changes", "the values that the run has", "other ones, or no changes to repeat all of it")
+        raise InputError("changes", "the values of the run", "other values, or no changes to repeat all of it")
     if duration_s <= at + 1e-9:
         raise InputError("duration_s", duration_s, f"more than the {at:g} s that are repeated, to continue the run")
 

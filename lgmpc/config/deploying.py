@@ -10,7 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lgmpc.config.build import build_controller, build_estimator, build_recorder, build_robot, build_sensors
+from lgmpc.config.build import (
+    build_controller,
+    build_drives,
+    build_estimator,
+    build_recorder,
+    build_robot,
+    build_sensors,
+)
 from lgmpc.config.closed_loop import RunObserver, clearances_of_legs
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config, GroundTruth
@@ -18,21 +25,18 @@ from lgmpc.config.session import Notify, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettings, Driver, Ending, deploy
-from lgmpc.hardware.simulated import LockStep, Pace, RealTime, Served, serve
+from lgmpc.hardware.simulated import LockStep, NoControllerError, Pace, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write, compute_metrics, judge
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.drives import Computing, Drives, TimingSettings
+from lgmpc.simulation.drives import Computing, TimingSettings
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Sensing, Tick, TrueState
 from lgmpc.simulation.plant import PlantSample, make_plant
 
 __all__ = ["deploy_config", "serve_config"]
-
-_DRIVES = 2
-"""Stream of random numbers of the drives, that of a closed loop."""
 
 
 def deploy_config(
@@ -95,18 +99,18 @@ def serve_config(
         notify: called with a description of what is being done.
 
     Raises:
-        LgmpcError: if the robot cannot be built, or no controller comes.
+        LgmpcError: if the robot cannot be built, or no controller connects within ``wait_s``.
     """
     robot = build_robot(config)
     plant = make_plant(robot, config.plant)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
-    way = config.plant.link
-    drives = Drives(way, config.plant.actuators, plant.dt, np.random.default_rng((config.seed, _DRIVES)))
-    hardware = Hardware(drives, Computing(TimingSettings(), np.random.default_rng(0)), lambda: (0.0, False))
+    computing = Computing(TimingSettings(), np.random.default_rng(0))
+    hardware = Hardware(build_drives(config, plant), computing, lambda: (0.0, False))
     end = link(robot.nu)
     try:
         notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
-        end.wait_for_controller(wait_s)
+        if not end.wait_for_controller(wait_s):
+            raise NoControllerError(f"no controller within {wait_s:g} s")
         plant.reset(initial_state(robot, config.plant))
         pace: Pace = LockStep(end) if lock_step else RealTime(end, rates.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
@@ -142,7 +146,7 @@ def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) ->
         driver=driver,
         limits=config.deployment,
         gate=config.gate,
-        log_every=round(config.wbc.rate_hz / config.log.rate_hz),
+        log_every=config.log_every,
     )
 
 

@@ -154,6 +154,11 @@ class Config(Document):
     gate: Gate = Field(default=Gate(), description="Criteria of success.")
     log: LogSettings = Field(default=LogSettings(), description="Settings of the saved log.")
 
+    @property
+    def log_every(self) -> int:
+        """Number of control ticks per logged tick."""
+        return round(self.wbc.rate_hz / self.log.rate_hz)
+
     @model_validator(mode="after")
     def _rates_divide(self) -> Config:
         """Check that every rate is a faster one divided by a whole number: the loop counts plant steps."""

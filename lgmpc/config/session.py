@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
-from lgmpc.runs.certificate import Certificate
+    from lgmpc.runs.certificate import Certificate
 
 __all__ = [
     "Iteration",

@@ -140,8 +140,10 @@ def deploy(
     except KeyboardInterrupt:
         ending = Ending.INTERRUPTED
     finally:
-        loop.damp()
-        driver.close()
+        try:
+            loop.damp()
+        finally:
+            driver.close()
     return loop.figures(ending)
 
 

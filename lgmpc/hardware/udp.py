@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import select
 import socket
 from collections.abc import Iterator
@@ -14,6 +15,9 @@ from lgmpc.hardware.packets import Layout
 __all__ = ["LOCALHOST", "UdpDriver", "UdpRobot", "parse_address"]
 
 LOCALHOST = "127.0.0.1"
+
+_LOST = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN)
+"""Errors that UDP reports for a packet, this one or an earlier one, that did not arrive."""
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -51,7 +55,7 @@ class UdpDriver:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.connect(address)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have
             self._socket.close()
             raise InputError("robot", "{}:{}".format(*address), f"an address that can be reached ({error})") from error
         self._socket.setblocking(False)
@@ -104,7 +108,7 @@ class UdpRobot:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, UnicodeError) as error:
             self._socket.close()
             raise InputError("port", port, f"a free port of {host} ({error})") from error
         self._socket.setblocking(False)
@@ -167,12 +171,16 @@ def _packets(link: socket.socket, longest: int) -> Iterator[bytes]:
             yield link.recv(longest + 1)
         except BlockingIOError:
             return
-        except ConnectionError:  # reported by UDP for an earlier packet if no process listens at the other end
-            continue
+        except OSError as error:
+            if error.errno not in _LOST:
+                raise
 
 
 def _send(link: socket.socket, packet: bytes) -> None:
     try:
         link.send(packet)
-    except (BlockingIOError, ConnectionError):
+    except BlockingIOError:
         pass  # counts as a lost packet
+    except OSError as error:
+        if error.errno not in _LOST:
+            raise

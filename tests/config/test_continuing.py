@@ -265,7 +265,7 @@ def test_other_versions_are_named(pushed: FinishedRun, tmp_path: Path) -> None:
         (0.1, ["robot.effort_limit_nm=1.5"], "robot.effort_limit_nm: got 1.5; expected no change"),
         (0.1, ["wbc.rate_hz=500", "log.rate_hz=500"], "Did you mean mpc.rate_hz"),
         (0.1, ["mpc.nodes=30"], "mpc.nodes: got 30; expected 20"),
-        (0.1, ["mpc.enabled=true"], "changes: got the values that the run has"),
+        (0.1, ["mpc.enabled=true"], "changes: got the values of the run"),
         (0.18, ["duration_s=0.15"], "duration_s: got 0.15; expected more than the 0.18 s that are repeated"),
         (0.1, ["timing.computing=measured"], "timing.computing: got measured"),
     ],

@@ -121,3 +121,14 @@ def test_whatever_ends_it_the_last_command_damps_the_joints(error: type[BaseExce
             run(robot, Copying(), 2, on_tick=stop)
     assert [is_damping(command) for command in robot.written] == [False, True]
     assert robot.closed
+
+
+def test_a_driver_that_cannot_write_is_closed() -> None:
+    class Broken(ScriptedRobot):
+        def write(self, command: Command) -> None:
+            raise OSError("no bus")
+
+    robot = Broken([0])
+    with pytest.raises(OSError, match="no bus"):
+        run(robot, Copying(), 2)
+    assert robot.closed

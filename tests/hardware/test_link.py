@@ -1,5 +1,6 @@
 """A controller in one thread or process, a simulated robot in another, UDP between them."""
 
+import errno
 import json
 import socket
 import threading
@@ -132,6 +133,38 @@ def test_an_address_is_host_and_port(text: str) -> None:
     with pytest.raises(InputError, match=r"host:port, as in 127.0.0.1:47800"):
         parse_address(text)
     assert parse_address("robot.local:1") == ("robot.local", 1)
+
+
+def test_a_name_that_no_host_can_have_is_refused() -> None:
+    with pytest.raises(InputError, match=r"robot: got a\.\.b:1"):
+        UdpDriver(("a..b", 1), NU)
+    with pytest.raises(InputError, match="port"):
+        UdpRobot(NU, "a..b")
+
+
+def test_a_robot_to_which_no_controller_connects_ends() -> None:
+    config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
+    with pytest.raises(NoControllerError, match=r"no controller within 0\.05 s"):
+        serve_config(config, UdpRobot, wait_s=0.05)
+
+
+def test_a_packet_to_a_network_that_is_unreachable_is_lost() -> None:
+    """As where the route of a connected link disappears: the kernel reports it for the next packet."""
+
+    class Unreachable(socket.socket):
+        def send(self, *_: object) -> int:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    driver = UdpDriver((LOCALHOST, 9), NU)
+    driver._socket.close()
+    driver._socket = Unreachable(socket.AF_INET, socket.SOCK_DGRAM)
+    driver._socket.setblocking(False)
+    driver._socket.connect((LOCALHOST, 9))
+    driver.write(torque(0.0))
+    assert driver.read(0.0) == []
+    driver.close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        driver._arrived()
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

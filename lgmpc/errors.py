@@ -23,6 +23,7 @@ __all__ = [
     "ReplayError",
     "RunFolderError",
     "SolverError",
+    "as_one_error",
     "nearest",
 ]
 
@@ -120,6 +121,11 @@ class ConfigErrors(ConfigError):
         self.suggestions = first.suggestions
         self.problems = tuple(problems)
         self.args = (f"{len(problems)} problems:\n" + "\n".join(f"  - {p}" for p in self.problems),)
+
+
+def as_one_error(found: Sequence[ConfigError]) -> ConfigError:
+    """Return the only problem of a config, or all of several as one error."""
+    return found[0] if len(found) == 1 else ConfigErrors(found)
 
 
 class ModelError(LgmpcError):

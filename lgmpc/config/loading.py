@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from lgmpc import __version__
 from lgmpc.config.schema import COMMAND_LINE, Config, ConfigSource, Document, SolveConfig
 from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
-from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.errors import ConfigError, InputError, as_one_error
+from lgmpc.settings import Settings
 from lgmpc.settings.dotted import write_at
 from lgmpc.settings.messages import find_problems, show_value
 from lgmpc.shipped import config_file, shipped_configs
@@ -24,8 +25,10 @@ __all__ = [
     "load_config",
     "load_solve_config",
     "parse_any_config",
+    "parse_assignment",
     "parse_config",
     "parse_solve_config",
+    "validated",
 ]
 
 
@@ -46,11 +49,7 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
     """
     places: dict[str, str] = {}
     for text in overrides:
-        key, equals, value_text = text.partition("=")
-        key = key.strip()
-        if not equals or not all(key.split(".")):
-            raise ConfigError(COMMAND_LINE, "", text or "nothing", "key=value, such as mpc.enabled=false")
-        value = parse_scalar(value_text, key, COMMAND_LINE)
+        key, value = parse_assignment(text)
         try:
             made = write_at(data, key, value)
         except InputError as error:
@@ -61,7 +60,21 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
     return places
 
 
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """Return dotted key and value of an assignment ``key=value``, whose value is YAML.
+
+    Raises:
+        ConfigError: if the text is not an assignment, or its value is not YAML.
+    """
+    key, equals, value = text.partition("=")
+    key = key.strip()
+    if not equals or not all(key.split(".")):
+        raise ConfigError(COMMAND_LINE, "", text or "nothing", "key=value, such as mpc.enabled=false")
+    return key, parse_scalar(value, key, COMMAND_LINE)
+
+
 D = TypeVar("D", bound=Document)
+S = TypeVar("S", bound=Settings)
 
 _MARK = "problem"
 """The key that distinguishes the config of a problem to solve from that of a closed loop."""
@@ -171,14 +184,28 @@ def _parse(text: str, name: str, folder: Path | None, overrides: Sequence[str]) 
 
 
 def _check(root: type[D], data: dict[str, Any], source: ConfigSource) -> D:
+    return validated(root, data, source).with_source(source)
+
+
+def validated(root: type[S], data: dict[str, Any], source: ConfigSource) -> S:
+    """Return the settings of a parsed document.
+
+    Args:
+        root: class of the settings.
+        data: the parsed document.
+        source: sources of its values.
+
+    Raises:
+        ConfigError: keys or values that cannot be used; a :class:`lgmpc.errors.ConfigErrors` of several.
+    """
     try:
-        return root.model_validate(data).with_source(source)
+        return root.model_validate(data)
     except ValidationError as error:
         found = [
             ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
             for each in find_problems(error, root, data)
         ]
-        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
+        raise as_one_error(found) from error
 
 
 def _read(path: Path) -> str:
@@ -204,7 +231,10 @@ def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSourc
         if not isinstance(value, str) or not value:
             return value
         start = Path() if source.where(key) == COMMAND_LINE else folder
-        return str((start / Path(value).expanduser()).resolve())
+        try:
+            return str((start / Path(value).expanduser()).resolve())
+        except (RuntimeError, ValueError) as error:  # the home folder of an unknown user, a null character
+            raise ConfigError(source.where(key), key, show_value(value), f"a path ({error})") from error
 
     robot = data.get("robot")
     if not isinstance(robot, dict):

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.config.schema import Config, Document
-from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.errors import ConfigError, InputError, as_one_error
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.feasibility import infeasible_commands
 from lgmpc.locomotion.legs import LegGeometry
@@ -46,7 +46,7 @@ def build_robot(config: Config) -> Robot:
     robot = build_any_robot(config)
     found = list(_misfits(config, robot))
     if found:
-        raise found[0] if len(found) == 1 else ConfigErrors(found)
+        raise as_one_error(found)
     return robot
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import SolveConfig
 from lgmpc.config.session import Iteration, IterationReport, Notify, SolveOutcome
-from lgmpc.errors import ConfigErrors, InputError
+from lgmpc.errors import InputError, as_one_error
 from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario, build_problem
 from lgmpc.problems.kinematics import com_positions, contact_positions
@@ -148,7 +148,7 @@ def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
         for bound in unknown_bounds(config.gate.bounds, names)
     ]
     if found:
-        raise found[0] if len(found) == 1 else ConfigErrors(found)
+        raise as_one_error(found)
     return scenario, names
 
 

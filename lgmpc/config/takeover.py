@@ -153,7 +153,7 @@ class _Pairs:
         if not _is_touched(self.old, was):
             return
         if resets is None:
-            raise InputError(_dotted(path), _described(now), f"what it was so far, {_described(was)}")
+            raise InputError(_dotted(path), _described(now), f"the structure of the run so far, {_described(was)}")
         self.anew.add(resets)
 
 

@@ -89,7 +89,8 @@ def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise ConfigError(f"{name}:{line}", "", f"the character U+{error.character:04X}", "printable text") from error
-    except ValueError as error:  # an explicit tag on a value of another type, such as `!!int abc`
+    # PyYAML's constructors raise these for an explicit tag on a value of another type, such as `!!int abc`.
+    except (ValueError, KeyError, AttributeError, IndexError) as error:
         raise ConfigError(name, "", f"a value that its tag does not allow ({error})", "valid YAML") from error
     except RecursionError as error:
         raise ConfigError(name, "", "lists or tables nested hundreds deep", "a config") from error

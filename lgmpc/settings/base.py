@@ -212,10 +212,6 @@ def _number_or_table(value: Any) -> str:
     return "table" if isinstance(value, Mapping) else "number"
 
 
-def _range_or_table(value: Any) -> str:
-    return "table" if isinstance(value, Mapping) else "range"
-
-
 T = TypeVar("T")
 
 PerJoint = Annotated[
@@ -223,8 +219,5 @@ PerJoint = Annotated[
     Discriminator(_number_or_table),
 ]
 """``PerJoint[Positive]``: one number for all joints, or ``{joint name or pattern: number}``."""
-PerJointRange = Annotated[
-    Union[Annotated[Range, Tag("range")], Annotated[dict[str, Range], Tag("table")]],  # noqa: UP007
-    Discriminator(_range_or_table),
-]
+PerJointRange = PerJoint[Range]
 """One ``[lowest, highest]`` for all joints, or ``{joint name or pattern: [lowest, highest]}``."""

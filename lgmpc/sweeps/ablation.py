@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lgmpc.config.loading import load_config
+from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError
@@ -20,7 +20,7 @@ from lgmpc.sweeps.comparison import higher_is_better
 from lgmpc.sweeps.design import Sweep, parse_sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.statistics import Estimate, share
-from lgmpc.sweeps.values import parse_assignments, value_at
+from lgmpc.sweeps.values import value_at
 
 __all__ = ["COMPLETE", "PARTS", "Change", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
 
@@ -136,8 +136,7 @@ def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
 def _part(config: Config, text: str) -> Part:
     key, given, _ = text.partition("=")
     if given:
-        ((key, value),) = parse_assignments([text]).items()
-        part = Part(key, value)
+        part = Part(*parse_assignment(text))
     else:
         part = Part(*_neutral(config, key))
     words = {each.key: each.words for each in PARTS}
@@ -207,7 +206,7 @@ def ablation_sweep(
     document: dict[str, Any] = {
         "name": "ablation-" + re.sub(r"[^A-Za-z0-9._-]+", "-", loaded.name)[:60],
         "base": str(config_file(config).resolve()),
-        "set": parse_assignments(overrides),
+        "set": dict(map(parse_assignment, overrides)),
         "factors": [{"key": "seed", "kind": "values", "values": list(range(loaded.seed, loaded.seed + seeds))}],
         "variants": {COMPLETE: {}, **{part.name: {part.key: part.neutral} for part in parts}},
     }
@@ -247,7 +246,7 @@ def _pairs(sweep: Sweep, rows: Mapping[str, Row], variant: str) -> Iterator[tupl
 
 
 _TINY = 1e-9
-_NOT_JUDGED = ("_ms", "_ms.", "real_time_factor", "deadline_misses", "fell", "falls")
+_NOT_JUDGED = ("_ms", "real_time_factor", "deadline_misses", "fell", "falls")
 
 
 def _change(name: str, pairs: Sequence[tuple[Row, Row]], limits: Mapping[str, float]) -> Change | None:

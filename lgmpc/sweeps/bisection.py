@@ -56,6 +56,8 @@ def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boun
     first = low
     while high - low > settings.tolerance:
         middle = 0.5 * (low + high)
+        if middle in (low, high):  # adjacent floating-point numbers, further apart than the tolerance
+            break
         low, high = (middle, high) if holds(middle) else (low, middle)
     probes = (first + (low - first) * (i + 1) / (settings.probes + 1) for i in range(settings.probes))
     violations = tuple(value for value in probes if value not in dict(trials) and not holds(value))

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from lgmpc.config.loading import apply_overrides, load_config
+from lgmpc.config.loading import apply_overrides, load_config, validated
 from lgmpc.config.schema import Config, ConfigSource
 from lgmpc.config.yaml_text import parse_yaml
-from lgmpc.errors import ConfigError, ConfigErrors, InputError
+from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import metric_names, versions
-from lgmpc.settings.messages import find_problems, show_value
-from lgmpc.shipped import shipped_configs, sweep_file
+from lgmpc.settings.messages import show_value
+from lgmpc.shipped import shipped_configs, shipped_sweeps, sweep_file
 from lgmpc.sweeps.bisection import scaled
 from lgmpc.sweeps.sampling import draws, factor_values
 from lgmpc.sweeps.settings import SweepSettings
@@ -78,8 +76,6 @@ def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) ->
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        from lgmpc.shipped import shipped_sweeps
-
         expected = "a YAML file, or the name of a shipped sweep (`lgmpc configs` lists them)"
         got = error.strerror.lower() if isinstance(error, OSError) and error.strerror else "a file that is not text"
         raise ConfigError(str(file), "", got, expected, list(shipped_sweeps()), word=str(file)) from error
@@ -101,16 +97,12 @@ def parse_sweep(
     if not isinstance(data, dict):
         raise ConfigError(name, "", show_value(data), "a table of keys (name: ..., base: ..., factors: ...)")
     source = ConfigSource(name, places | apply_overrides(data, overrides))
-    try:
-        settings = SweepSettings.model_validate(data)
-    except ValidationError as error:
-        found = [
-            ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
-            for each in find_problems(error, SweepSettings, data)
-        ]
-        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
+    settings = validated(SweepSettings, data, source)
     _check_metrics(settings, source)
-    bases = tuple(load_config(_base_file(base, folder or Path(), source)) for base in settings.base)
+    files = [_base_file(base, folder or Path(), source) for base in settings.base]
+    bases = tuple(map(load_config, files))
+    # Absolute, so that the copy of the document in the sweep's folder refers to the same files.
+    settings = settings.model_copy(update={"base": tuple(map(_base_name, settings.base, files))})
     return Sweep(settings, tuple(_points(settings, bases, source)), bases)
 
 
@@ -194,6 +186,12 @@ def _base_file(base: str, folder: Path, source: ConfigSource) -> Path:
         expected = f"a file (from {folder.resolve()} on), or the name of a shipped config"
         raise ConfigError(source.where("base"), "base", base, expected, list(shipped), word=base)
     return shipped[base].file
+
+
+def _base_name(base: str, file: Path) -> str:
+    """Return the name of a shipped config, or the absolute path of another one's file."""
+    shipped = shipped_configs().get(base)
+    return base if shipped is not None and shipped.file == file else str(file.resolve())
 
 
 def _key(config: Config, settings: SweepSettings) -> str:

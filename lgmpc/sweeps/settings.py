@@ -8,7 +8,18 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import BeforeValidator, Field, model_validator
 
 from lgmpc.runs import Gate
-from lgmpc.settings import Finite, Fraction, NonNegative, Positive, Problem, Range, Settings, problem, problems
+from lgmpc.settings import (
+    Finite,
+    Fraction,
+    NonNegative,
+    Positive,
+    Problem,
+    Range,
+    RangeFromZero,
+    Settings,
+    problem,
+    problems,
+)
 
 __all__ = [
     "BisectionSettings",
@@ -110,7 +121,7 @@ class Horizontal(_Factor):
     """Horizontal vectors [x, y, 0] of uniformly distributed direction and length."""
 
     kind: Literal["horizontal"] = Field(description="Horizontal vectors of random direction and length.")
-    range: Range = Field(description="[shortest, longest], in the unit of the key.")
+    range: RangeFromZero = Field(description="[shortest, longest], in the unit of the key.")
 
 
 Factor = Annotated[Union[Values, Spaced, Directions], Field(discriminator="kind")]  # noqa: UP007

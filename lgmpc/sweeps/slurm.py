@@ -14,14 +14,15 @@ from tempfile import NamedTemporaryFile
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
+from lgmpc.config.loading import validated
 from lgmpc.config.schema import ConfigSource
 from lgmpc.config.yaml_text import parse_yaml
-from lgmpc.errors import ClusterError, ConfigError, ConfigErrors, InputError, MissingDependencyError
+from lgmpc.errors import ClusterError, ConfigError, InputError, MissingDependencyError
 from lgmpc.runs.atomic import reason_of
 from lgmpc.settings import Count, Positive, Settings
-from lgmpc.settings.messages import find_problems, show_value
+from lgmpc.settings.messages import show_value
 
 if TYPE_CHECKING:
     import distributed
@@ -69,15 +70,7 @@ def load_slurm(file: Path) -> SlurmSettings:
         raise ConfigError(
             str(file), "", show_value(data), "a table of keys (cores: ..., memory_gb: ..., walltime: ...)"
         )
-    source = ConfigSource(str(file), places)
-    try:
-        return SlurmSettings.model_validate(data)
-    except ValidationError as error:
-        found = [
-            ConfigError(source.where(each.key), each.key, each.got, each.expected, each.choices, word=each.word)
-            for each in find_problems(error, SlurmSettings, data)
-        ]
-        raise (found[0] if len(found) == 1 else ConfigErrors(found)) from error
+    return validated(SlurmSettings, data, ConfigSource(str(file), places))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lgmpc.config.loading import load_config
+from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import InputError
@@ -20,7 +20,6 @@ from lgmpc.sweeps.design import Point, Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.dimensions import Dimension, parse_dimensions
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
-from lgmpc.sweeps.values import parse_assignments
 
 __all__ = ["Objective", "Score", "TuningProblem", "task_key", "tuning_problem"]
 
@@ -196,7 +195,7 @@ def _config_pair(source: str | Path, overrides: Sequence[str], seeds: int) -> tu
         document = {
             "name": "tuning",
             "base": str(config_file(source).resolve()),
-            "set": parse_assignments(overrides),
+            "set": dict(map(parse_assignment, overrides)),
             "factors": [{"key": "seed", "kind": "values", "values": list(range(first, first + seeds))}],
         }
         return parse_sweep(write_yaml(document), name=f"the tuning of {source}")

@@ -128,7 +128,7 @@ def test_another_structure_where_nothing_can_begin_anew_is_refused() -> None:
     old = {"memory": np.zeros(2)}
     beginning = Beginning(old)
     old["memory"][0] = 1.0
-    with pytest.raises(InputError, match=r"memory: got shape \(3,\); expected what it was so far, shape \(2,\)"):
+    with pytest.raises(InputError, match=r"memory: got shape \(3,\); expected the structure .*, shape \(2,\)"):
         take_over(beginning, {"memory": np.zeros(3)})
 
 

@@ -85,6 +85,12 @@ def test_broken_text_names_its_line(text: str, line: int, words: str) -> None:
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize("value", ["!!int abc", "!!bool maybe", "!!timestamp soon", "!!float ''"])
+def test_a_tag_on_a_value_of_another_type_is_a_config_error(value: str) -> None:
+    with pytest.raises(ConfigError, match=r"f\.yaml: got a value that its tag does not allow"):
+        parse_yaml(f"a: {value}", "f.yaml")
+
+
 def tower(levels: int, merged: bool) -> str:
     """A document of ``levels`` lines, each with nine aliases of the line before."""
     line = "a{}: &a{} {{<<: [{}]}}" if merged else "a{}: &a{} [{}]"

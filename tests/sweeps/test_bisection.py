@@ -38,6 +38,12 @@ def test_probes_find_what_is_not_monotonic() -> None:
     assert bisect(lambda x: x <= 3.0, settings(probes=9)).violations == ()
 
 
+def test_a_tolerance_below_the_resolution_of_numbers_ends_the_search() -> None:
+    found = bisect(lambda x: x <= 7e8, settings(range=(0.0, 1e9), tolerance=1e-9))
+    assert found.value == 7e8
+    assert len(found.trials) < 100
+
+
 def test_a_value_scales_a_vector_and_replaces_a_number() -> None:
     config = load_config("solo12_balance")
     assert scaled(config, "pushes.0.impulse_ns", 2.0).pushes[0].impulse_ns == (0.0, 4.0, 0.0)

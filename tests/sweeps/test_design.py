@@ -1,14 +1,16 @@
 """From the document of a sweep to its points, and what is refused."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, ConfigErrors
-from lgmpc.shipped import shipped_sweeps
+from lgmpc.shipped import shipped_config, shipped_sweeps
 from lgmpc.sweeps import load_sweep, parse_sweep
+from lgmpc.sweeps.folder import DOCUMENT, SweepFolder
 
 from .conftest import Parse
 
@@ -31,6 +33,16 @@ def test_a_grid_has_every_combination_with_its_variants_side_by_side(parse: Pars
     assert all(p.config.wbc.weights.posture == {"soft": 0.1, "stiff": 10.0}[p.variant] for p in points)
     assert all(p.config.duration_s == 0.1 and not p.config.mpc.enabled for p in points)
     assert len({p.key for p in points}) == 12
+
+
+def test_the_document_in_the_folder_of_a_sweep_refers_to_the_same_bases(tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(shipped_config("solo12_stand").copy_text(), encoding="utf-8")
+    file = tmp_path / "sweep.yaml"
+    file.write_text("name: a\nbase: [own.yaml, solo12_stand]\n" + GRID, encoding="utf-8")
+    sweep = load_sweep(file)
+    assert sweep.settings.base == (str(tmp_path / "own.yaml"), "solo12_stand")
+    folder = SweepFolder.open(tmp_path / "elsewhere" / "a", sweep, resume=False)
+    assert load_sweep(folder.path / DOCUMENT) == sweep
 
 
 def test_the_rest_of_a_point_is_its_base(parse: Parse) -> None:
@@ -152,3 +164,9 @@ def test_an_unknown_base_or_sweep_gets_the_nearest(parse: Parse) -> None:
         parse("", "base=panda_reach", "variants={a: {}}")
     with pytest.raises(ConfigError, match="Did you mean push_map"):
         load_sweep("push_mp")
+
+
+def test_lengths_of_horizontal_vectors_are_not_negative(parse: Parse) -> None:
+    draw = "samples: {count: 1, keys: [{key: plant.base_com_offset_m, kind: horizontal, range: [-0.01, 0.02]}]}"
+    with pytest.raises(ConfigError, match=r"samples\.keys\.0\.range\.0: got -0\.01; expected a number not below 0"):
+        parse(draw)

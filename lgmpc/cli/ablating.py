@@ -9,13 +9,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import err, out
+from lgmpc.cli.screen import err, out, plain_table
 from lgmpc.cli.sweeping import swept
 from lgmpc.errors import Interrupted
 from lgmpc.runs import atomic_write
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps.ablation import COMPLETE, Change, Worth, ablation_sweep, worths
 from lgmpc.sweeps.summary import summarize
@@ -50,7 +50,7 @@ def ablate_shown(
     found = worths(sweep, finished.rows, parts)
     summary = summarize(sweep, finished.rows)
     complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE)
-    content = {"complete": asdict(complete.passed), "parts": [asdict(each) for each in found]}
+    content = json_values({"complete": asdict(complete.passed), "parts": [asdict(each) for each in found]})
     with atomic_write(folder / _TABLE) as stream:
         stream.write((json.dumps(content, indent=2) + "\n").encode())
     if as_json:
@@ -65,9 +65,7 @@ def ablate_shown(
 
 
 def _show(console: Console, found: Sequence[Worth], complete: float) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in ("without", "description", "passed", "what gets worse (complete, without it, limit)"):
-        table.add_column(heading, overflow="fold")
+    table = plain_table("without", "description", "passed", "what gets worse (complete, without it, limit)")
     table.add_row("nothing", "the complete controller", f"{100.0 * complete:.3g} %", "", style="bold")
     for each in found:
         passed = "-" if math.isnan(each.passed.value) else f"{100.0 * each.passed.value:.3g} %"

@@ -7,11 +7,10 @@ import math
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.runs import find_run
-from lgmpc.cli.screen import out
+from lgmpc.cli.screen import out, plain_table
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 
 __all__ = ["compare_shown"]
@@ -34,13 +33,13 @@ def _show(console: Console, found: Comparison, *, quiet: bool) -> None:
     if not quiet:
         console.print(Text(f"A  {found.first}\nB  {found.second}", "dim"))
         if found.differences:
-            table = _table("key", "A", "B")
+            table = plain_table("key", "A", "B")
             for each in found.differences:
                 table.add_row(each.key, _value(each.first), _value(each.second))
             console.print(table)
         else:
             console.print("the configs are the same", style="dim")
-        table = _table("quantity", "A", "B", "B - A", "")
+        table = plain_table("quantity", "A", "B", "B - A", "")
         for quantity in found.quantities:
             table.add_row(*_cells(quantity))
         console.print(table)
@@ -48,13 +47,6 @@ def _show(console: Console, found: Comparison, *, quiet: bool) -> None:
     console.print(Text.assemble((word, style), f"  B, beyond a margin of {100.0 * found.margin:g} %"))
     for reason in found.reasons:
         console.print(Text(f"  - {reason}"))
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in headings:
-        table.add_column(heading, overflow="fold")
-    return table
 
 
 def _cells(quantity: Quantity) -> tuple[str, str, str, str, Text]:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import out, show_verdict
+from lgmpc.cli.screen import out, plain_table, show_verdict
 from lgmpc.config.showing import explain
 from lgmpc.runs import Verdict
 from lgmpc.runs.events import Event, EventKind
@@ -56,7 +56,7 @@ def _counts(earlier: Mapping[str, int]) -> str:
 
 def _chain(events: Sequence[Event], failed_s: float | None, failure: str) -> Table:
     """Return the table of events, with the failure among them."""
-    table = _table("at / s", "lasts / ms", "what", "")
+    table = plain_table("at / s", "lasts / ms", "what", "")
     failed = failed_s is None
     for event in events:
         if failed_s is not None and not failed and event.start_s > failed_s:
@@ -71,18 +71,11 @@ def _chain(events: Sequence[Event], failed_s: float | None, failure: str) -> Tab
 
 
 def _margins(nearest: Sequence[Nearest]) -> Table:
-    table = _table("nearest to its limit", "where", "at / s", "value", "limit", "margin")
+    table = plain_table("nearest to its limit", "where", "at / s", "value", "limit", "margin")
     for each in nearest:
         name = f"{each.name} / {each.unit}" if each.unit else each.name
         when = "" if each.time_s is None else f"{each.time_s:.3f}"
         figures = (figure_number(value) for value in (each.value, each.limit, each.margin))
         style = "red" if each.margin < 0.0 else ""
         table.add_row(name, each.subject, when, *figures, style=style)
-    return table
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in headings:
-        table.add_column(heading, overflow="fold")
     return table

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from lgmpc.errors import ConfigError, LgmpcError, ModelError, RunFolderError
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = [
     "err",
     "out",
+    "plain_table",
     "print_result",
     "show_crash",
     "show_error",
@@ -43,6 +45,14 @@ def out() -> Console:
 def err() -> Console:
     """Return the console for progress, notes and errors."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def plain_table(*headings: str) -> Table:
+    """Return an empty table without lines, whose columns wrap their text."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table
 
 
 def show_error(error: LgmpcError) -> None:

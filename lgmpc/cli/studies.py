@@ -59,7 +59,6 @@ def sweep(
     code = sweep_shown(
         loaded,
         folder,
-        file=file,
         workers=workers if cluster is None else None,
         cluster=cluster,
         resume=resume,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.display import counting_display, duration_words
-from lgmpc.cli.screen import err, out
+from lgmpc.cli.screen import err, out, plain_table
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
@@ -53,7 +52,6 @@ def sweep_shown(
     sweep: Sweep,
     folder: Path,
     *,
-    file: Path,
     workers: int | None,
     cluster: Cluster | None,
     resume: bool,
@@ -76,7 +74,7 @@ def sweep_shown(
     if as_json:
         print(json.dumps({"folder": str(folder), **content}, indent=2))
     else:
-        _show(out(), finished, summary, file, figure, quiet=quiet)
+        _show(out(), finished, summary, figure, quiet=quiet)
     if finished.signal is not None:
         return Interrupted(finished.signal).exit_code
     return 0 if summary.passed else 1
@@ -107,9 +105,7 @@ def swept(
         )
 
 
-def _show(
-    console: Console, finished: FinishedSweep, summary: Summary, file: Path, figure: Path | None, *, quiet: bool
-) -> None:
+def _show(console: Console, finished: FinishedSweep, summary: Summary, figure: Path | None, *, quiet: bool) -> None:
     if not quiet:
         metrics = finished.sweep.settings.metrics
         console.print(_table(group_table(summary, metrics)))
@@ -123,8 +119,8 @@ def _show(
         for reason, count in list(summary.broken.items())[:_MOST_REASONS]:
             console.print(Text(f"{count} x {reason}", "yellow"))
     if finished.signal is not None:
-        command = f"lgmpc sweep {shlex.quote(str(file))} --out {shlex.quote(str(finished.folder))} --resume"
-        console.print(Text.assemble(("INTERRUPTED", "bold yellow"), f"  {summary.name}: continue with {command}"))
+        words = f"  {summary.name}: the same command with --resume continues"
+        console.print(Text.assemble(("INTERRUPTED", "bold yellow"), words))
         return
     word, style = ("PASS", "bold green") if summary.passed else ("FAIL", "bold red")
     console.print(Text.assemble((word, style), f"  {summary.name}: {summary.finished} of {summary.total} points"))
@@ -138,9 +134,7 @@ def _show(
 
 
 def _table(table: TextTable) -> Table:
-    shown = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in table.headings:
-        shown.add_column(heading, overflow="fold")
+    shown = plain_table(*table.headings)
     for row in table.rows:
         shown.add_row(*row)
     return shown

@@ -8,17 +8,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.display import counting_display, duration_words
-from lgmpc.cli.screen import err, out
+from lgmpc.cli.screen import err, out, plain_table
 from lgmpc.errors import Interrupted
 from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.study import Tuned, TuningProgress, tune
+from lgmpc.sweeps.summary import level_text
 from lgmpc.sweeps.tuning import Score, TuningProblem, tuning_problem
 
 __all__ = ["tune_shown"]
@@ -84,11 +83,9 @@ def _by_chance(found: Tuned) -> bool:
 
 
 def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: bool) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in ("", "initial", f"best (trial {found.trial} of {found.trials})"):
-        table.add_column(heading, overflow="fold")
+    table = plain_table("", "initial", f"best (trial {found.trial} of {found.trials})")
     for each in problem.dimensions:
-        table.add_row(each.key, _value(each.value(each.initial)), _value(found.values[each.key]))
+        table.add_row(each.key, level_text(each.value(each.initial)), level_text(found.values[each.key]))
     name = problem.objective.name
     table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", _score(found.initial), _score(found.best))
     held_out = f"{name}, {len(problem.held_out.points)} held-out points"
@@ -109,12 +106,6 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
 
 def _score(score: Score | None) -> str:
     return "-" if score is None else f"{score.value:.4g} ({100.0 * score.passed:.3g} % passed)"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _state(now: TuningProgress) -> str:

@@ -46,9 +46,11 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
         The open binary file.
 
     Raises:
-        RunFolderError: if the folder cannot be written or the disk is full.
+        RunFolderError: if the folder cannot be written, the disk is full, or the path is not that of a regular file.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():  # a device or a pipe would be replaced by a file
+        raise RunFolderError(f"cannot write {path}: {'is a directory' if path.is_dir() else 'not a regular file'}")
     try:
         descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     except OSError as error:

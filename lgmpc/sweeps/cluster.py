@@ -104,7 +104,7 @@ class Machine:
         """
         worker = f"the worker on {socket.gethostname()}"
         if not self.folder.is_dir():
-            raise ClusterError(f"{worker} does not see {self.folder}: choose a shared folder with --out")
+            raise ClusterError(f"{worker} has no folder {self.folder}: choose a shared folder with --out")
         there = versions()
         differing = [
             f"{name} {there.get(name, 'none')} instead of {wanted}"

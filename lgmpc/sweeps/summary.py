@@ -13,7 +13,7 @@ from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.settings import Choice, Directions
 from lgmpc.sweeps.statistics import Estimate, mean_difference, median, share
 
-__all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "summarize"]
+__all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "level_text", "summarize"]
 
 MOST_GROUPS = 24
 """Largest number of groups by the levels of all factors; beyond it, points are grouped by base and variant."""
@@ -172,7 +172,7 @@ def _labels(sweep: Sweep, point: Point, keys: Iterable[str]) -> dict[str, str]:
     labels = {"base": point.base} if len(sweep.settings.base) > 1 else {}
     if point.variant:
         labels["variant"] = point.variant
-    return labels | {key: _shown(point.levels[key]) for key in keys}
+    return labels | {key: level_text(point.levels[key]) for key in keys}
 
 
 def _group(labels: dict[str, str], pairs: Sequence[Pair]) -> Group:
@@ -207,12 +207,12 @@ def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
     drawn = {draw.key[0] for draw in draws if not isinstance(draw, Choice)}
     computed = [pair for pair in pairs if pair[1].ending.computed]
     for key in dict.fromkeys(key for point, _ in computed for key in point.levels):
-        values = [_size(point.levels[key]) if key in drawn else _shown(point.levels[key]) for point, _ in computed]
+        values = [_size(point.levels[key]) if key in drawn else level_text(point.levels[key]) for point, _ in computed]
         distinct = list(dict.fromkeys(values))
         if len(distinct) < 2:
             continue
         if key not in drawn or len(distinct) <= _BINS:
-            bins: list[tuple[str, Callable[[Any], bool]]] = [(_shown(each), _equals(each)) for each in distinct]
+            bins: list[tuple[str, Callable[[Any], bool]]] = [(level_text(each), _equals(each)) for each in distinct]
         else:
             ordered = sorted(values)
             edges = [*(ordered[i * len(ordered) // _BINS] for i in range(_BINS)), ordered[-1]]
@@ -246,10 +246,10 @@ def _between(low: Any, high: Any, *, last: bool) -> Callable[[Any], bool]:
     return lambda value: low <= value < high or (last and value == high)
 
 
-def _shown(level: Any) -> str:
+def level_text(level: object) -> str:
     """Return a level as text: numbers short, also those of a vector."""
     if isinstance(level, (list, tuple)):
-        return f"[{', '.join(_shown(each) for each in level)}]"
+        return f"[{', '.join(level_text(each) for each in level)}]"
     return f"{level:.4g}" if isinstance(level, float) else str(level)
 
 

@@ -9,7 +9,7 @@ from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps.design import Sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.statistics import Estimate
-from lgmpc.sweeps.summary import Group, Summary
+from lgmpc.sweeps.summary import Group, Summary, level_text
 
 __all__ = ["TextTable", "group_table", "level_table", "pairing_table", "point_table", "search_words"]
 
@@ -69,7 +69,7 @@ def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
             row.key[:12],
             point.base,
             point.variant,
-            *(_level(point.levels.get(key, "")) for key in keys),
+            *(level_text(point.levels.get(key, "")) for key in keys),
             row.ending.value,
             "" if row.boundary is None else f"{row.boundary:.4g}",
             "; ".join(row.reasons),
@@ -110,9 +110,3 @@ def _percent(passed: Estimate) -> str:
     if not passed.count:
         return "-"
     return f"{100 * passed.value:.3g} % [{100 * passed.low:.3g}, {100 * passed.high:.3g}]"
-
-
-def _level(level: object) -> str:
-    if isinstance(level, (list, tuple)):
-        return f"[{', '.join(_level(each) for each in level)}]"
-    return f"{level:.4g}" if isinstance(level, float) else str(level)

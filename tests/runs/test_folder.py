@@ -115,6 +115,14 @@ def test_a_vanished_folder_is_one_error(folder, standing) -> None:
         folder.write_log(standing)
 
 
+def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(RunFolderError, match="not a regular file"), atomic_write(pipe) as file:
+        file.write(b"content")
+    assert pipe.is_fifo() and os.listdir(tmp_path) == ["pipe"]
+
+
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, ValueError])
 def test_an_interrupted_write_leaves_the_old_file_and_no_half_one(tmp_path, interruption) -> None:
     target = tmp_path / "file"

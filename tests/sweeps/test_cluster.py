@@ -86,7 +86,7 @@ def test_a_worker_that_sees_another_folder_or_has_other_versions_ends_the_sweep(
     client: "distributed.Client", tmp_path: Path
 ) -> None:
     for machine, words in (
-        (Machine.of(tmp_path / "elsewhere"), "does not see .*elsewhere: choose a shared folder"),
+        (Machine.of(tmp_path / "elsewhere"), "has no folder .*elsewhere: choose a shared folder"),
         (replace(Machine.of(tmp_path), versions=(("lgmpc", "0.0"),)), "has other versions: lgmpc .* instead of 0.0"),
     ):
         with DaskPool(client, start_worker, 4.0, machine) as pool, pytest.raises(ClusterError, match=words):

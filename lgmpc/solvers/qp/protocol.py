@@ -10,6 +10,7 @@ import numpy as np
 
 from lgmpc.ocp import KktResidual, OcpQp
 from lgmpc.ocp.kkt import complementarity
+from lgmpc.solvers.sweep import products
 from lgmpc.typing import Array
 
 __all__ = ["QpSolution", "QpSolver", "QpStatus"]
@@ -81,12 +82,13 @@ class QpSolution:
         """
         qp, ndx = self.qp, self.qp.structure.ndx
         m = {name: qp.dense(name) for name in "QSRABCD"}
+        t = {name: m[name].swapaxes(1, 2) for name in "SABCD"}
         dxs, dus, costates, multipliers = self.dxs[:-1], self.dus, self.costates, self.multipliers
         out = np.zeros((qp.structure.nodes + 1, ndx + qp.structure.nu))
-        out[:-1, :ndx] = qp.vector("q") + _product(m["Q"], dxs) + _transposed(m["S"], dus)
-        out[:-1, :ndx] += _transposed(m["A"], costates) + _transposed(m["C"], multipliers)
-        out[:-1, ndx:] = qp.vector("r") + _product(m["S"], dxs) + _product(m["R"], dus)
-        out[:-1, ndx:] += _transposed(m["B"], costates) + _transposed(m["D"], multipliers)
+        out[:-1, :ndx] = qp.vector("q") + products(m["Q"], dxs) + products(t["S"], dus)
+        out[:-1, :ndx] += products(t["A"], costates) + products(t["C"], multipliers)
+        out[:-1, ndx:] = qp.vector("r") + products(m["S"], dxs) + products(m["R"], dus)
+        out[:-1, ndx:] += products(t["B"], costates) + products(t["D"], multipliers)
         out[-1, :ndx] = qp.dense_terminal("Q") @ self.dxs[-1] + qp.dense_terminal("q")[:, 0]
         out[1:, :ndx] -= costates
         out[0, :ndx] = 0.0
@@ -107,7 +109,7 @@ class QpSolution:
     def _rows(self, of_states: str, of_controls: str) -> Array:
         """Return ``A dx + B du``, or ``C dx + D du``, of all intervals."""
         dense = self.qp.dense
-        return _product(dense(of_states), self.dxs[:-1]) + _product(dense(of_controls), self.dus)
+        return products(dense(of_states), self.dxs[:-1]) + products(dense(of_controls), self.dus)
 
 
 class QpSolver(Protocol):
@@ -139,15 +141,3 @@ class QpSolver(Protocol):
 
     def reset(self) -> None:
         """Discard all state of earlier solves; the next one gives the same bits as in a new solver."""
-
-
-def _product(matrices: Array, vectors: Array) -> Array:
-    """Return M_k v_k for all k."""
-    out: Array = np.einsum("kij,kj->ki", matrices, vectors)
-    return out
-
-
-def _transposed(matrices: Array, vectors: Array) -> Array:
-    """Return M_k^T v_k for all k."""
-    out: Array = np.einsum("kij,ki->kj", matrices, vectors)
-    return out

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import functools
 
-import casadi as ca
 import numpy as np
 import pytest
-from samples import jacobian
+from samples import error_between, jacobian, retracted
 from scipy.linalg import expm
 
 from lgmpc.errors import InputError
@@ -43,9 +42,12 @@ def random_spd(rng: np.random.Generator, size: int, scale: float = 1.0) -> np.nd
 
 @functools.cache
 def blank(form: ErrorForm, rolls: bool = True) -> InvariantEkf:
-    """One filter for all tests: making one costs more than using it."""
+    """One filter for all tests: making one costs more than using it. The form used most is compiled."""
     offset = OFFSET if rolls else np.zeros(3)
-    return InvariantEkf(K, NOISE, slip=0.05, gravity=GRAVITY, contact_offset=offset, form=form)
+    with pytest.MonkeyPatch.context() as patch:
+        if form is not RIGHT:
+            patch.setenv("LGMPC_JIT", "0")
+        return InvariantEkf(K, NOISE, slip=0.05, gravity=GRAVITY, contact_offset=offset, form=form)
 
 
 def make(form: ErrorForm, feet: tuple[int, ...] = (0, 1, 2), rolls: bool = True) -> InvariantEkf:
@@ -57,16 +59,6 @@ def make(form: ErrorForm, feet: tuple[int, ...] = (0, 1, 2), rolls: bool = True)
         ekf.predict(rng.normal(size=3), 5.0 * rng.normal(size=3), 0.02)
         ekf.begin_contact(foot, FEET[foot], random_spd(rng, 3, 1e-4))
     return ekf
-
-
-def dense(function, *args: np.ndarray) -> np.ndarray:
-    return np.array(ca.DM(function(*(ca.DM(arg) for arg in args))))
-
-
-def retracted(form: ErrorForm, pose: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """The truth, if ``error`` is the estimate's."""
-    symbols = ca.SX.sym("pose", *pose.shape), ca.SX.sym("error", len(error))
-    return np.array(ca.Function("f", symbols, [form.retract(*symbols)])(pose, error))
 
 
 def test_without_noise_and_biases_the_right_invariant_error_is_exactly_log_linear() -> None:
@@ -163,7 +155,7 @@ def test_the_covariance_is_predicted_with_the_jacobians_of_finite_differences(fo
         """Error after the step if it was ``error`` before and the IMU made ``noise``."""
         true_bias = biases - error[-6:]
         truth = step(retracted(form, pose, error[:-6]), sample - noise - true_bias)
-        return np.concatenate([dense(form.error, estimate, truth).ravel(), error[-6:]])
+        return np.concatenate([error_between(form, estimate, truth), error[-6:]])
 
     transition = jacobian(lambda e: later(e, np.zeros(6)), SIZE)
     entering = jacobian(lambda n: later(np.zeros(SIZE), n), 6)
@@ -220,7 +212,7 @@ def test_a_new_contact_has_the_covariance_of_finite_differences(form: ErrorForm)
 
     def error(before: np.ndarray, n: np.ndarray) -> np.ndarray:
         truth = placed(retracted(form, pose, before), FEET[foot] - n)
-        return dense(form.error, placed(pose, FEET[foot]), truth).ravel()
+        return error_between(form, placed(pose, FEET[foot]), truth)
 
     none = np.zeros(SIZE - 6)
     change = np.eye(SIZE)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import functools
 
-import casadi as ca
 import numpy as np
 import pytest
-from samples import jacobian
+from samples import error_between, jacobian, retracted
 from scipy.stats import chi2
 
 from lgmpc.errors import InputError
@@ -31,13 +30,24 @@ SIZE = 15 + 3 * (4 + M)
 SEEN = np.array([0.8, -0.5, 0.3])
 SPREAD = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 2.0]]) * 1e-3
 DEVIATIONS = np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3)
-forms = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+
+
+@pytest.fixture(params=FORMS.values(), ids=FORMS.keys())
+def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ErrorForm:
+    """Every form; the one used most is compiled, also where it is corrected by landmarks."""
+    if request.param is not RIGHT:
+        monkeypatch.setenv("LGMPC_JIT", "0")
+    found: ErrorForm = request.param
+    return found
 
 
 @functools.cache
 def blank(form: ErrorForm) -> InvariantEkf:
-    """One filter for all tests: making one costs more than using it."""
-    return InvariantEkf(4, NOISE, landmarks=M, slip=SLIP, contact_offset=OFFSET, form=form)
+    """One filter for all tests: making one costs more than using it. The form used most is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        if form is not RIGHT:
+            patch.setenv("LGMPC_JIT", "0")
+        return InvariantEkf(4, NOISE, landmarks=M, slip=SLIP, contact_offset=OFFSET, form=form)
 
 
 def make(form: ErrorForm) -> InvariantEkf:
@@ -51,18 +61,11 @@ def make(form: ErrorForm) -> InvariantEkf:
     return ekf
 
 
-def retracted(form: ErrorForm, pose: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """The truth, if ``error`` is the estimate's."""
-    symbols = ca.SX.sym("pose", *pose.shape), ca.SX.sym("error", len(error))
-    return np.array(ca.Function("f", symbols, [form.retract(*symbols)])(pose, error))
-
-
 def relative(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
     """A point of the world as the base sees it."""
     return pose[:3, :3].T @ (point - pose[:3, 4])
 
 
-@forms
 @pytest.mark.parametrize("known", [False, True], ids=["mapped", "known"])
 def test_a_correction_is_the_kalman_update_with_a_finite_difference_jacobian(form: ErrorForm, known: bool) -> None:
     ekf = make(form)
@@ -89,7 +92,6 @@ def test_a_correction_is_the_kalman_update_with_a_finite_difference_jacobian(for
     assert not ekf.landmark_positions[:, 1].any() and not ekf.covariance[24:27].any()  # not mapped, and stays so
 
 
-@forms
 def test_a_new_landmark_has_the_covariance_of_finite_differences(form: ErrorForm) -> None:
     ekf = make(form)
     pose, before = ekf.pose.copy(), ekf.covariance.copy()
@@ -101,7 +103,7 @@ def test_a_new_landmark_has_the_covariance_of_finite_differences(form: ErrorForm
 
     def error(before: np.ndarray, noise: np.ndarray) -> np.ndarray:
         truth = placed(retracted(form, pose, before), SEEN - noise)
-        return np.array(form.error(ca.DM(placed(pose, SEEN)), ca.DM(truth))).ravel()
+        return error_between(form, placed(pose, SEEN), truth)
 
     ekf.add_landmark(1, SEEN, SPREAD)
     np.testing.assert_allclose(ekf.pose, placed(pose, SEEN), atol=1e-14)
@@ -112,8 +114,9 @@ def test_a_new_landmark_has_the_covariance_of_finite_differences(form: ErrorForm
     assert ekf.mapped.tolist() == [True, True, True]
 
 
-def test_left_and_right_are_one_filter_up_to_the_adjoint() -> None:
+def test_left_and_right_are_one_filter_up_to_the_adjoint(monkeypatch: pytest.MonkeyPatch) -> None:
     left, right = blank(LEFT), blank(RIGHT)
+    monkeypatch.setenv("LGMPC_JIT", "0")
     start = sek3.exp(np.random.default_rng(1).normal(size=9))
     for ekf in (left, right):
         ekf.reset(start, np.repeat([0.05, 0.1, 0.1, 0.01, 0.1], 3))

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
+from lgmpc.estimation.invariant_ekf import ErrorForm
 from lgmpc.ocp import ShootingProblem
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.state import StateVector
@@ -114,6 +115,28 @@ def centroidal_parameters(
     for name, value in values.items():
         p[action.parameters[name]] = value
     return p
+
+
+@lru_cache
+def _retraction(form: ErrorForm, columns: int) -> ca.Function:
+    pose, error = ca.SX.sym("pose", columns, columns), ca.SX.sym("error", 9 + 3 * (columns - 5))
+    return ca.Function("retraction", [pose, error], [form.retract(pose, error)])
+
+
+@lru_cache
+def _error(form: ErrorForm, columns: int) -> ca.Function:
+    poses = ca.SX.sym("estimate", columns, columns), ca.SX.sym("truth", columns, columns)
+    return ca.Function("error", poses, [form.error(*poses)])
+
+
+def retracted(form: ErrorForm, pose: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """The truth, if ``error`` is the estimate's."""
+    return np.array(_retraction(form, len(pose))(pose, error))
+
+
+def error_between(form: ErrorForm, estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """The error of an estimate, without that of the biases."""
+    return np.array(_error(form, len(estimate))(estimate, truth)).ravel()
 
 
 def jacobian(function, size: int, h: float = 1e-5) -> np.ndarray:

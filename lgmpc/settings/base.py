@@ -7,6 +7,7 @@ descriptions in the fields. Python code constructs them directly; a config docum
 from __future__ import annotations
 
 import copyreg
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
@@ -110,14 +111,24 @@ class Settings(BaseModel, metaclass=_SettingsType):
     def _given(self) -> dict[str, Any]:
         """Return the values that were given, nested settings included, and those that select the variants of unions."""
         data: dict[str, Any] = dict(self.model_extra or {})
-        for name, field in type(self).model_fields.items():
+        selecting = _selecting(type(self))
+        for name in type(self).model_fields:
             value = getattr(self, name)
-            selects = get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
             if isinstance(value, Settings):
                 data[name] = value._given()
-            elif selects or name in self.model_fields_set:
+            elif name in selecting or name in self.model_fields_set:
                 data[name] = [_plain(each) for each in value] if isinstance(value, tuple) else value
         return data
+
+
+@functools.cache
+def _selecting(kind: type[Settings]) -> frozenset[str]:
+    """Return the names of the values that select this variant of a union: there is one choice."""
+    return frozenset(
+        name
+        for name, field in kind.model_fields.items()
+        if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+    )
 
 
 def _short(value: Any) -> str:

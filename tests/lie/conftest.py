@@ -65,6 +65,10 @@ class Case:
         scale[self.angular.start // 3] = angle
         return (xi * scale[:, None]).ravel()
 
+    def tangents(self, angle: float) -> list[np.ndarray]:
+        """Tangent vectors with a rotation by ``angle``, one for each length of the other parts, if there are any."""
+        return [self.tangent(angle, length) for length in (LENGTHS if self.dim > 3 else LENGTHS[:1])]
+
     def random(self, seed: int) -> np.ndarray:
         """A random element, without the code under test."""
         return expm(self.hat(self.tangent(2.0, 1.5, seed)))

@@ -22,6 +22,12 @@ CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
 MUJOCO_FIRST = ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)]
 """The slow tests repeat the fast ones on the second plant."""
+ONE_PUSH_FIRST = pytest.mark.parametrize(
+    ("plant", "duration_s"),
+    [("mujoco", 4.4), *(pytest.param(plant, 10.0, marks=pytest.mark.slow) for plant in PLANTS)],
+    ids=["mujoco-one push", *PLANTS],
+)
+"""The fast tests end before the second of three pushes, or have seen a circle or standing still for as long."""
 ROUGH = "plant.joint_friction_nm=0.05"
 
 
@@ -93,9 +99,9 @@ def test_the_regulator_balances_with_larger_displacement(plant: str) -> None:
     assert metrics.max_slip_m < 1.2e-3  # 0.6 mm
 
 
-@pytest.mark.parametrize("plant", MUJOCO_FIRST)
-def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str) -> None:
-    metrics = measured("solo12_balance", f"plant.kind={plant}", "mpc.enabled=false")
+@ONE_PUSH_FIRST
+def test_the_whole_body_qp_alone_gives_way_by_centimetres_and_returns(plant: str, duration_s: float) -> None:
+    metrics = measured("solo12_balance", f"plant.kind={plant}", f"duration_s={duration_s}", "mpc.enabled=false")
     assert 0.02 < metrics.max_displacement_m < 0.035  # measured 29 mm
     assert metrics.final_position_error_m < 1e-3
     assert metrics.mpc_ms is None
@@ -108,15 +114,15 @@ def test_a_push_as_strong_as_the_weight_is_rejected_without_a_step(plant: str) -
     assert not run("solo12_strong_push", f"plant.kind={plant}", "mpc.enabled=false").verdict.passed
 
 
-@pytest.mark.parametrize("plant", MUJOCO_FIRST)
-def test_the_centre_of_mass_follows_the_circle(plant: str) -> None:
-    metrics = measured("solo12_com_circle", f"plant.kind={plant}")
+@ONE_PUSH_FIRST
+def test_the_centre_of_mass_follows_the_circle(plant: str, duration_s: float) -> None:
+    metrics = measured("solo12_com_circle", f"plant.kind={plant}", f"duration_s={duration_s}")
     assert metrics.com_rms_error_m is not None and metrics.com_rms_error_m < 1e-3  # measured 0.43 mm
 
 
-@pytest.mark.parametrize("plant", MUJOCO_FIRST)
-def test_standing_without_drift_and_vibration(plant: str) -> None:
-    metrics = measured("solo12_stand", f"plant.kind={plant}")
+@ONE_PUSH_FIRST
+def test_standing_without_drift_and_vibration(plant: str, duration_s: float) -> None:
+    metrics = measured("solo12_stand", f"plant.kind={plant}", f"duration_s={duration_s}")
     assert metrics.max_displacement_m < 1e-4  # measured 0.01 mm in MuJoCo
     assert metrics.rms_joint_velocity_rad_s is not None and metrics.rms_joint_velocity_rad_s < 0.003  # 0.0012
 
@@ -129,9 +135,9 @@ def test_the_same_config_gives_the_same_bits(plant: str) -> None:
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
-@pytest.mark.parametrize("plant", MUJOCO_FIRST)
-def test_it_balances_on_an_estimate_from_imu_encoders_and_currents(plant: str) -> None:
-    metrics = measured("solo12_balance_inekf", f"plant.kind={plant}")
+@ONE_PUSH_FIRST
+def test_it_balances_on_an_estimate_from_imu_encoders_and_currents(plant: str, duration_s: float) -> None:
+    metrics = measured("solo12_balance_inekf", f"plant.kind={plant}", f"duration_s={duration_s}")
     assert metrics.max_displacement_m < 0.003  # measured 1.5 mm, as with the truth
     assert metrics.max_slip_m < 6e-4
     errors = metrics.estimator
@@ -144,9 +150,9 @@ def test_it_balances_on_an_estimate_from_imu_encoders_and_currents(plant: str) -
     assert errors.wrong_contact_fraction < 0.001  # measured 0
 
 
-@pytest.mark.parametrize("plant", MUJOCO_FIRST)
-def test_it_balances_as_built_late_and_rough(plant: str) -> None:
-    metrics = measured("solo12_balance_as_built", f"plant.kind={plant}")
+@ONE_PUSH_FIRST
+def test_it_balances_as_built_late_and_rough(plant: str, duration_s: float) -> None:
+    metrics = measured("solo12_balance_as_built", f"plant.kind={plant}", f"duration_s={duration_s}")
     assert metrics.max_displacement_m < 0.005  # measured 2.5 mm; 1.5 with an ideal link and ideal drives
     assert metrics.rms_joint_velocity_rad_s is not None and metrics.rms_joint_velocity_rad_s < 0.07  # 0.045: no tremble
 
@@ -182,13 +188,13 @@ def test_the_same_seed_gives_the_same_bits_with_an_estimator_and_another_seed_do
     assert not np.array_equal(other.q, first["q"])
 
 
-@pytest.mark.parametrize("solver", ["osqp", "piqp", "proxqp"])
-def test_every_qp_solver_holds_the_robot_and_agrees(solver: str) -> None:
+def test_every_qp_solver_holds_the_robot_and_agrees() -> None:
     overrides = ("duration_s=1.0", "pushes.0.time_s=0.3")
     reference = run("solo12_balance", *overrides).log
-    other = run("solo12_balance", *overrides, f"mpc.qp_solver={solver}").log
-    assert np.abs(other.com - reference.com).max() < 1e-4
-    assert np.abs(other.tau - reference.tau).max() < 0.05
+    for solver in ("osqp", "piqp", "proxqp"):
+        other = run("solo12_balance", *overrides, f"mpc.qp_solver={solver}").log
+        assert np.abs(other.com - reference.com).max() < 1e-4, solver
+        assert np.abs(other.tau - reference.tau).max() < 0.05, solver
 
 
 @pytest.mark.parametrize(
@@ -217,10 +223,13 @@ def test_a_floor_as_slippery_as_assumed_does_not_move_the_feet() -> None:
     assert metrics.max_displacement_m < 0.005
 
 
-@pytest.mark.parametrize("mpc", ["true", pytest.param("false", marks=pytest.mark.slow)])
-def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str) -> None:
+@pytest.mark.parametrize(
+    ("mpc", "duration_s"),
+    [("true", 4.4), *(pytest.param(mpc, 10.0, marks=pytest.mark.slow) for mpc in ("true", "false"))],
+)
+def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str, duration_s: float) -> None:
     """The pushes need a friction of 0.41; the floor has 0.4, the controller assumes 0.6."""
-    metrics = run("solo12_balance", "plant.friction=0.4", f"mpc.enabled={mpc}").metrics
+    metrics = run("solo12_balance", "plant.friction=0.4", f"mpc.enabled={mpc}", f"duration_s={duration_s}").metrics
     assert metrics is not None and not metrics.fell
     assert metrics.max_tilt_deg < 3.0  # measured about 1 with and without the MPC
     assert metrics.max_slip_m < 0.03  # about 1 cm; without the monitor both slid by 0.25 m

@@ -64,7 +64,7 @@ def curvature(problem: ShootingProblem) -> np.ndarray:
 
 
 @pytest.mark.parametrize("evaluate", [expansion, pytest.param(curvature, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", ["inverse", "sliding"])
+@pytest.mark.parametrize("kind", ["inverse", pytest.param("sliding", marks=pytest.mark.slow)])
 def test_one_lane_and_four_give_the_same_bits(
     kind: str, evaluate: Callable[[ShootingProblem], np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:

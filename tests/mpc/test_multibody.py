@@ -27,7 +27,6 @@ from lgmpc.mpc.multibody import contact_point_model
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-MODELS = ("full_body", "kinodynamic")
 STANCE = np.ones(4, dtype=bool)
 
 
@@ -47,7 +46,7 @@ def made(model: str) -> MultibodyMpc:
     return KinodynamicMpc(solo(), KinodynamicMpcSettings())
 
 
-@pytest.fixture(params=MODELS)
+@pytest.fixture(params=[pytest.param("full_body", marks=pytest.mark.slow), "kinodynamic"])
 def mpc(request: pytest.FixtureRequest) -> MultibodyMpc:
     """One of the models, as new."""
     found = made(request.param)
@@ -94,7 +93,18 @@ def pushed(speed: float) -> np.ndarray:
 
 
 def test_standing_still_needs_the_weight_and_no_motion(mpc: MultibodyMpc) -> None:
-    plan = update(mpc)
+    assert_standing(update(mpc))
+
+
+def test_the_full_body_model_stands_and_keeps_its_torques_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the model that takes longest to compile."""
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    mpc = FullBodyMpc(solo(), FullBodyMpcSettings())
+    assert_standing(update(mpc))
+    assert_torques_kept(mpc)
+
+
+def assert_standing(plan: Plan) -> None:
     assert plan.status is MpcStatus.SOLVED
     np.testing.assert_allclose(plan.forces.sum(axis=1), np.tile([0.0, 0.0, solo().mass * 9.81], (20, 1)), atol=1e-4)
     np.testing.assert_allclose(plan.xs, np.tile(standing(), (21, 1)), atol=1e-5)
@@ -134,9 +144,14 @@ def test_forces_do_not_slip_when_pushed(mpc: MultibodyMpc) -> None:
     assert plan.forces[..., 2].min() == pytest.approx(0.5, abs=0.01)  # and a foot unloaded to its
 
 
+@pytest.mark.slow
 def test_torques_keep_their_limits_when_pushed_hard() -> None:
     mpc = made("full_body")
     mpc.reset()
+    assert_torques_kept(mpc)
+
+
+def assert_torques_kept(mpc: MultibodyMpc) -> None:
     for i in range(4):
         plan = update(mpc, 0.0, pushed(0.5))
         assert plan.status is MpcStatus.SOLVED, i

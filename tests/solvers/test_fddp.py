@@ -309,6 +309,7 @@ def test_interpreted_functions_give_the_same(unicycle: ShootingProblem, monkeypa
     assert interpreted.iterations == compiled.iterations
 
 
+@pytest.mark.slow
 def test_a_new_cost_compiles_nothing_of_the_dynamics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if find_compiler() is None:
         pytest.skip("no C compiler is installed")

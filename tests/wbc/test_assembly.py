@@ -11,6 +11,12 @@ from lgmpc.wbc import Gain, NumericTask, SymbolicTask, TickStatus, WholeBodyCont
 from lgmpc.wbc.library import ComTask
 
 
+@pytest.fixture
+def interpreted(monkeypatch):
+    """For a few ticks on several robots; what machine code computes is compared with it below."""
+    monkeypatch.setenv("LGMPC_JIT", "0")
+
+
 def contact_jacobian(robot, q):
     """Of the material points in contact: the frame's velocity and omega x (-r e_z)."""
     model, data = robot.model, robot.create_data()
@@ -19,6 +25,7 @@ def contact_jacobian(robot, q):
     return np.vstack([frame[:3] - lever @ frame[3:] for frame in frames])
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_the_constraints_are_pinocchios_dynamics(robot, random_state, randomise):
     """M, h and J_c of the equations of motion, the external wrench about the centre of mass, on several robots."""
     wbc, rng = WholeBodyController(robot, WholeBodySettings()), np.random.default_rng(18)
@@ -51,6 +58,7 @@ def test_the_constraints_are_pinocchios_dynamics(robot, random_state, randomise)
         np.testing.assert_allclose(torques, (rows @ solution + bias)[6:], atol=1e-11 * scale)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_the_cost_is_the_weighted_sum_of_squares(robot, random_state, randomise, rows_of):
     settings = WholeBodySettings().replace(
         {"weights.force": 0.3, "weights.acceleration": 0.7, "weights.base_position": 2.0}
@@ -313,6 +321,7 @@ class ComInNumpy(NumericTask):
         self.drift[:] = data.acom[0]
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_task_in_numpy_adds_what_its_expression_adds(solo12, random_state):
     rng, gain, weight = np.random.default_rng(23), Gain(kp=100.0), (1.0, 2.0, 3.0)
     tasks = [ComInNumpy(solo12, gain, weight), ComTask(gain, weight)]

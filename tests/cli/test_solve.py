@@ -28,7 +28,9 @@ def arm(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_solution_within_its_gate_exits_with_0_and_can_be_repeated(result: Result, arm: Path, tmp_path: Path) -> None:
+def test_a_solution_within_its_gate_exits_with_0_and_can_be_repeated(
+    result: Result, invoke: Invoke, arm: Path, tmp_path: Path
+) -> None:
     finished = result("solve", arm)
     assert (finished.returncode, "PASS  arm" in finished.stdout) == (0, True), finished.stderr
     assert "position error / mm" in finished.stdout and "iterations" in finished.stdout
@@ -37,10 +39,10 @@ def test_a_solution_within_its_gate_exits_with_0_and_can_be_repeated(result: Res
     (folder,) = (tmp_path / "runs").iterdir()
     assert f"lgmpc play runs/{folder.name}" in finished.stdout
     assert sorted(path.name for path in folder.iterdir()) == ["config.yaml", "run.json", "trajectory.npz"]
-    again = result("solve", folder / "config.yaml", "--json", "--out", "again")
-    content = json.loads(again.stdout)
-    assert (again.returncode, content["verdict"], content["kind"]) == (0, "pass", "solve")
-    first, second = RunFolder.load_solved(folder), RunFolder.load_solved(tmp_path / content["folder"])
+    code, output = invoke("solve", folder / "config.yaml", "--json", "--out", tmp_path / "again")
+    content = json.loads(output[output.index("{") :])
+    assert (code, content["verdict"], content["kind"]) == (0, "pass", "solve")
+    first, second = RunFolder.load_solved(folder), RunFolder.load_solved(content["folder"])
     assert first.trajectory.xs.tobytes() == second.trajectory.xs.tobytes(), "not the same bits"
 
 

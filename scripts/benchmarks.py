@@ -86,10 +86,10 @@ def of_pushes(found: list[Any]) -> Figures:
     """Largest pushes by friction (in percent) and controller, over directions."""
     figures: Figures = {}
     for each in found:
-        alone, both = (each["controllers"][name]["stay_ns"] for name in ("whole-body QP", "MPC + whole-body QP"))
         figures[f"mu{round(1e2 * each['friction'])}"] = {
-            "alone": {"median_ns": float(np.median(alone)), "least_ns": min(alone)},
-            "mpc": {"median_ns": float(np.median(both)), "least_ns": min(both)},
+            name: {"median_ns": float(np.median(pushes["stay_ns"])), "least_ns": min(pushes["stay_ns"])}
+            for name, controller in (("alone", "whole-body QP"), ("mpc", "MPC + whole-body QP"))
+            if (pushes := each["controllers"].get(controller)) is not None
         }
     return figures
 
@@ -173,9 +173,13 @@ def of_compilation(found: Mapping[str, Any]) -> Figures:
     }
 
 
-def _by_model(model: str) -> Group:
-    several = f"push_recovery.py --model {model} --directions"
+def _pushes_with(options: str) -> Group:
+    several = f"push_recovery.py {options} --directions"
     return Group(f"{several} 4 --resolution 0.1", f"{several} 1 --resolution 4.0", of_pushes)
+
+
+def _set(*keys: str) -> str:
+    return " ".join(f"--set {key}" for key in keys)
 
 
 def _updates(model: str) -> Group:
@@ -183,11 +187,22 @@ def _updates(model: str) -> Group:
     return Group(options, f"{options} --seconds 0.8", of_mpc)
 
 
+_LATE, _NOISY = "plant.link.command_latency_s=0.009", "plant.link.base_velocity_noise_m_s=0.03"
+_RUBBING, _SLOW = "plant.joint_friction_nm=0.1", "mpc.observer_time_s=0.05"
 _FRICTIONS = "push_recovery.py --friction 0.4 0.5 0.6 0.7"
 GROUPS: dict[str, Group] = {
     "runs": Group("bench_runs.py", "bench_runs.py --only solo12_balance", of_runs),
     "pushes": Group(_FRICTIONS, "push_recovery.py --directions 1 --resolution 2.0", of_pushes),
-    **{f"pushes_{model}": _by_model(model) for model in ("centroidal", "kinodynamic", "full_body")},
+    **{f"pushes_{model}": _pushes_with(f"--model {model}") for model in ("centroidal", "kinodynamic", "full_body")},
+    "late": _pushes_with(_set(_LATE)),
+    "late_compensated": _pushes_with(_set(_LATE, "delays.command_s=0.009")),
+    "late_slow": _pushes_with(_set(_LATE, _SLOW)),
+    "slow": _pushes_with(_set(_SLOW)),
+    "noisy": _pushes_with(_set(_NOISY)),
+    "noisy_slow": _pushes_with(_set(_NOISY, _SLOW)),
+    "rubbing": _pushes_with(_set(_RUBBING)),
+    "rubbing_known": _pushes_with(_set(_RUBBING, "robot.joint_friction_nm=0.1")),
+    "rubbing_estimated": _pushes_with(f"--warm-up 3 {_set(_RUBBING, 'joint_friction={}')}"),
     "locomotion": Group("bench_locomotion.py --quick", "bench_locomotion.py --quick --skip-pushes", of_locomotion),
     "loop": Group("bench_loop.py", "bench_loop.py --repeats 1 --skip-start", of_loop),
     "wbc": Group("bench_wbc.py", "bench_wbc.py --facets 12", of_wbc),

@@ -17,7 +17,7 @@ from lgmpc.typing import Array
 
 __all__ = ["Push", "PushSchedule"]
 
-_SNAP = 1e-6  # steps; a boundary this close to a step's is meant to be on it
+_SNAP = 1e-6  # steps; a boundary closer to one of a step is rounded to it
 
 
 class Push(Settings):
@@ -68,11 +68,11 @@ class PushSchedule:
         self._at_rest = self._freeze({body: np.zeros(6) for body in self.bodies})
 
     def wrenches(self, time: float) -> Mapping[str, Array]:
-        """Return what to apply during the step that begins at ``time`` (a whole number of steps).
+        """Return the wrenches of the step that begins at ``time`` (a whole number of steps).
 
         Returns:
             For every pushed body, now or at another time, its (6,) wrench [force; torque] in world axes at its centre
-            of mass; zero while nothing pushes it. The arrays are read-only.
+            of mass; zero while it is not pushed. The arrays are read-only.
         """
         step = round(time / self._dt)
         active = self._active(step)
@@ -86,7 +86,7 @@ class PushSchedule:
         return self._freeze(wrenches)
 
     def is_active(self, time: float) -> bool:
-        """Whether anything is pushed during the step that begins at ``time``."""
+        """Return whether a body is pushed during the step that begins at ``time``."""
         return bisect_right(self._edges, round(time / self._dt)) % 2 == 1
 
     def _active(self, step: int) -> list[int]:
@@ -112,8 +112,8 @@ def _edges(spans: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def _span(push: Push, dt: float) -> tuple[float, float]:
-    """Return begin and end of a push in steps, on a step's boundary where that is meant."""
+    """Return begin and end of a push in steps, rounded to a step's boundary that is close."""
     begin, end = push.time_s / dt, (push.time_s + push.duration_s) / dt
     begin, end = (float(round(edge)) if abs(edge - round(edge)) < _SNAP else edge for edge in (begin, end))
-    # A push that vanishes in snapping is given within one step, where it still has its whole impulse.
+    # A push whose duration is rounded to zero acts within one step, with its whole impulse.
     return (begin, end) if end > begin else (begin, begin + _SNAP)

@@ -58,7 +58,7 @@ class LinkSettings(Settings):
 
     @property
     def transparent(self) -> bool:
-        """Whether measurements arrive at once and as they are."""
+        """Whether measurements arrive at once and unchanged."""
         return self.measurement_latency_s == self.measurement_jitter_s == 0.0 and not any(self.noise)
 
 
@@ -129,7 +129,7 @@ class DelayLine(Generic[T]):
         self._last: T | None = None
 
     def send(self, value: T, time: float) -> None:
-        """Send a value; the first one arrives at once, because what came before the run was like it."""
+        """Send a value; the first one arrives at once, because the values before the run are assumed equal to it."""
         if self._last is None:
             self._last = value
             return
@@ -153,9 +153,9 @@ class DelayLine(Generic[T]):
 
 
 class StateLink(Generic[S]):
-    """The way of measurements, or of true states, to the estimator or the controller.
+    """The link of measurements, or of true states, to the estimator or the controller.
 
-    What arrives late carries the time of its arrival: its age is unknown to a controller.
+    A delayed value has the time of its arrival: the controller does not receive its age.
     """
 
     def __init__(self, settings: LinkSettings, rng: np.random.Generator) -> None:
@@ -163,7 +163,7 @@ class StateLink(Generic[S]):
         self._line: DelayLine[S] = DelayLine(settings.measurement_latency_s, settings.measurement_jitter_s, rng)
 
     def pass_on(self, value: S, time: float) -> S:
-        """Send what is measured at ``time`` and return what has arrived."""
+        """Send the value of ``time`` and return the newest one that has arrived."""
         self._line.send(value, time)
         return self._line.receive(time)._replace(time=time)
 
@@ -182,7 +182,7 @@ class StateLink(Generic[S]):
 
 
 class Drives:
-    """Commands on their way, and the drives that follow them.
+    """The link of the commands, and the drives that apply them.
 
     Args:
         link: delays and losses of commands.
@@ -230,8 +230,8 @@ class Computing:
     """The time that a tick takes to compute, in simulated time.
 
     Args:
-        settings: where it is from.
-        rng: of the modelled times.
+        settings: its source.
+        rng: random numbers of the modelled times.
     """
 
     def __init__(self, settings: TimingSettings, rng: np.random.Generator) -> None:

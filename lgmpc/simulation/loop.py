@@ -28,12 +28,12 @@ _SAME_TIME = 1e-9  # s
 
 @dataclass(frozen=True)
 class Sensing:
-    """Where a controller receives the state from, if not from the plant.
+    """Source of the controller's state other than the plant itself.
 
     Attributes:
-        sensors: of the simulated robot; read once a control tick.
-        estimator: what makes a state of it.
-        link: what measurements pass through; none if they arrive at once.
+        sensors: sensors of the simulated robot; read once per control tick.
+        estimator: computes the state from the measurements.
+        link: delays and losses of the measurements; none if they arrive at once.
     """
 
     sensors: Sensors
@@ -41,7 +41,7 @@ class Sensing:
     link: StateLink[Measurement] | None = None
 
     def state(self, sample: PlantSample) -> RobotState:
-        """Return the state as estimated at the plant's present one."""
+        """Return the estimate for the plant's present state."""
         measurement = self.sensors.read(sample)
         if self.link is not None:
             measurement = self.link.pass_on(measurement, sample.time)
@@ -62,7 +62,7 @@ class TrueState:
 
 @dataclass(frozen=True)
 class Rates:
-    """How many plant steps make a control tick, and how many control ticks a run.
+    """Numbers of plant steps per control tick and of control ticks per run.
 
     Attributes:
         substeps: plant steps per control tick.
@@ -95,11 +95,11 @@ class Rates:
 
 
 class Disturbance(NamedTuple):
-    """What pushes the robot during a tick.
+    """The push that acts during a tick.
 
     Attributes:
         wrench: (6,) [force; torque], world axes, at ``point``.
-        point: (3,) world position where it acts.
+        point: (3,) point of application, world axes, m.
     """
 
     wrench: Array
@@ -111,11 +111,11 @@ class Tick(NamedTuple):
 
     Attributes:
         number: counted from 0.
-        sample: true state at which the controller decided, with the torques and forces of the step before.
+        sample: true state for which the command was computed, with the torques and forces of the step before.
         state: input of the controller: the true state, or its estimate.
-        command: what it decided.
+        command: output of the controller.
         torque: (nu,) torque that the drives request of the joints at this state, before clipping, N.m.
-        disturbance: what pushed the robot during this tick.
+        disturbance: the push during this tick.
     """
 
     number: int
@@ -128,10 +128,10 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Hardware:
-    """What lies between controller and joints.
+    """The path from controller to joints.
 
     Attributes:
-        drives: where commands go.
+        drives: link and drives that commands pass through.
         computing: the time that an update takes in simulated time. Ticks until its end are missed.
         measured: returns the time that the last update took here, s, and whether it planned.
     """
@@ -142,15 +142,15 @@ class Hardware:
 
 
 class Loop:
-    """A closed loop on its way: the plant at its present state, the next tick, the computer's time.
+    """A closed loop: the plant at its present state, the next tick, the time from which the computer is free.
 
     Args:
-        plant: reset before, at the state where the run begins.
-        controller: decides at every control tick.
+        plant: plant, reset to the initial state.
+        controller: computes a command at every control tick.
         pushes: disturbances.
         rates: see :meth:`Rates.of`.
-        sensing: where the controller receives the state from; the plant's own unless given.
-        hardware: what commands pass through; the joints follow at once unless given.
+        sensing: source of the controller's state; the plant's true state unless given.
+        hardware: delays and drives that commands pass through; ideal unless given.
 
     Attributes:
         index: number of the next tick.
@@ -175,11 +175,12 @@ class Loop:
         """Simulate tick after tick.
 
         Args:
-            on_tick: called after every decision, before the plant moves; returns whether to go on after this tick.
+            on_tick: called after every command, before the plant advances; returns whether the run continues after this
+                tick.
             until: number of the tick before which to stop; after the last one unless given.
 
         Returns:
-            Whether it was simulated so far.
+            Whether all these ticks were simulated, and ``on_tick`` did not end the run.
         """
         plant, rates, hardware, disturber = self._plant, self._rates, self._hardware, self._disturber
         drives = hardware.drives
@@ -187,14 +188,14 @@ class Loop:
             sample = plant.sense()
             state = true_state(sample) if self._sensing is None else self._sensing.state(sample)
             disturbance = disturber.apply(sample.time)
-            goes_on = True
+            continues = True
             if sample.time > self._ready - _SAME_TIME:
                 command = self._controller.update(state)
                 self._ready = sample.time + hardware.computing.spent(hardware.measured)
                 drives.send(command, self._ready)
                 torque = drives.torque(sample.time, sample.q, sample.v)
-                goes_on = on_tick(Tick(self.index, sample, state, command, torque, disturbance))
-            else:  # the computer is still at an earlier tick: a missed one
+                continues = on_tick(Tick(self.index, sample, state, command, torque, disturbance))
+            else:  # an earlier tick is still being computed: this one is missed
                 torque = drives.torque(sample.time, sample.q, sample.v)
             plant.step(torque)
             for _ in range(rates.substeps - 1):
@@ -202,7 +203,7 @@ class Loop:
                 disturber.apply(now.time)
                 plant.step(drives.torque(now.time, now.q, now.v))
             self.index += 1
-            if not goes_on:
+            if not continues:
                 return False
         return True
 
@@ -216,7 +217,7 @@ def simulate(
     sensing: Sensing | TrueState | None = None,
     hardware: Hardware | None = None,
 ) -> int:
-    """Run a :class:`Loop` from its first tick to its last, or until ``on_tick`` ends it; return how many there were."""
+    """Run a :class:`Loop` from its first tick to its last, or until ``on_tick`` ends it; return their number."""
     loop = Loop(plant, controller, pushes, rates, sensing, hardware)
     loop.run(on_tick)
     return loop.index
@@ -234,7 +235,7 @@ def true_state(sample: PlantSample) -> RobotState:
 
 
 class _Disturber:
-    """Applies the pushes of a schedule, and touches the plant only while there are any."""
+    """Applies the pushes of a schedule; calls the plant only while there are any."""
 
     def __init__(self, plant: Plant, pushes: PushSchedule) -> None:
         self._plant, self._pushes = plant, pushes

@@ -2,7 +2,7 @@
 
 MuJoCo has quaternions as w x y z, and the free joint's linear velocity in world axes (at the body's origin, as
 Pinocchio); everything else that is exchanged here is the same on both sides. The tree is made joint by joint from the
-``pin.Model``, so links joined by fixed joints are one body, and no difference between two URDF readers can arise.
+``pin.Model``, so links joined by fixed joints are one body, and there is no difference between two URDF readers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["MujocoPlant"]
 
 _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
-_FLOOR, _ROBOT = 1, 2  # contact type bits: the robot meets the floor, never itself
+_FLOOR, _ROBOT = 1, 2  # contact type bits: the robot has contacts with the floor, not with itself
 _POINT = 1e-6  # m; radius that stands for a point foot
 _NET_FORCE = (1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, 3, 1)  # of a contact sensor: world axes, one row
 
@@ -49,13 +49,13 @@ class MujocoPlant:
         data: MuJoCo's state.
 
     Raises:
-        ModelError: if the model holds a joint that MuJoCo has no twin of, or inertias that MuJoCo refuses.
+        ModelError: if the model has a joint without a counterpart in MuJoCo, or inertias that MuJoCo rejects.
     """
 
     def __init__(self, robot: Robot, params: PlantSettings | None = None) -> None:
         params = PlantSettings() if params is None else params
         if mujoco.get_mju_user_warning() is None:
-            # By itself MuJoCo prints, and writes a file into the working folder. What matters is raised by step().
+            # By itself MuJoCo prints, and writes a file into the working folder. Divergence is raised by step().
             mujoco.set_mju_user_warning(_LOG.info)
         self._robot = robot
         source = simulated_model(robot, params)
@@ -74,7 +74,7 @@ class MujocoPlant:
         self.reset(robot.x_reference)
 
     def _look_up(self) -> None:
-        """Keep views into the engine's memory, which stays where it is: looking them up costs more than using them."""
+        """Store views into the engine's memory, whose address is constant: a look-up takes longer than their use."""
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._quaternion, self._velocity = self._qpos[3:7], self._qvel[:3]
         self._joint_force = self.data.qfrc_applied[self._robot.joint_v]
@@ -82,7 +82,7 @@ class MujocoPlant:
         self._contact_forces = self.data.sensordata.reshape(self._nc, 3)
 
     def take_over(self, old: MujocoPlant) -> None:
-        """Go on with the engine's data of another plant of the same robot: state, warm start, forces of the last step.
+        """Continue with the engine's data of another plant of the same robot: state, warm start, last forces.
 
         Parameters of the world are in :attr:`model`, which stays.
         """
@@ -158,7 +158,7 @@ class MujocoPlant:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the elements of Pinocchio's q are in MuJoCo's qpos.
+    """Places of the elements of Pinocchio's q in MuJoCo's qpos.
 
     Attributes:
         nq: size of Pinocchio's q.
@@ -220,14 +220,14 @@ def _transpose(pairs: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
 
 
 def _compile(robot: Robot, model: pin.Model, params: PlantSettings) -> mujoco.MjModel:
-    """Make MuJoCo's model of the robot on its floor."""
+    """Return MuJoCo's model of the robot on its floor."""
     spec = mujoco.MjSpec()
     spec.option.timestep = params.dt
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{params.integrator.upper()}")
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
     spec.option.gravity = model.gravity.linear
-    # A diverged state must be seen, not silently replaced by the initial one.
+    # A diverged state must raise an error, not be silently replaced by the initial one.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     bodies = _add_tree(spec, robot.name, model, params)
     _add_geometry(spec, bodies, robot, model, params)
@@ -249,7 +249,7 @@ def _add_tree(spec: mujoco.MjSpec, name: str, model: pin.Model, params: PlantSet
         body = bodies[model.parents[index]].add_body(
             name=model.names[index], pos=placement.translation, quat=_wxyz(placement.rotation)
         )
-        # MuJoCo's own way to principal axes (fullinertia) was good to eight digits only before version 4.
+        # MuJoCo's own principal axes (fullinertia) have only eight digits before version 4.
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.linalg.det(axes)
         body.explicitinertial = True
@@ -289,7 +289,7 @@ def _joint_type(joint: pin.JointModel, subspace: Array) -> mujoco.mjtJoint | Non
 def _add_geometry(
     spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model, params: PlantSettings
 ) -> None:
-    """Add the floor, the feet, and what else of the robot can touch the floor."""
+    """Add the floor, the feet, and the other shapes of the robot that can touch the floor."""
     surface = {**_CONTACT, "friction": (params.friction, 0.005, 0.0001)}
     shape = {**surface, "contype": _ROBOT, "conaffinity": _FLOOR, "mass": 0.0}
     spec.worldbody.add_geom(

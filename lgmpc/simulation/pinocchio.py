@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = ["PinocchioPlant"]
 
-_FASTEST = 10.0  # m/s; what cannot reach the floor in a step at this speed is left out of that step's problem
+_FASTEST = 10.0  # m/s; points that cannot reach the floor in a step at this speed are left out of that step's problem
 _RECOVERY = 0.2  # fraction of a penetration that one step removes, ...
-_RISE = 0.01  # m/s; ... but no faster than this, because the speed outlives the penetration
+_RISE = 0.01  # m/s; ... but no faster than this, because the speed remains after the penetration
 _CREEP = 1e-3  # rad/s; speed of a stuck joint under all of its friction, without which problems become too stiff
 # Most iterations, tolerance of velocities and impulses (m/s, N.s), and of their products (J).
 _GAUSS_SEIDEL = (100, 1e-8, 1e-10)
@@ -41,7 +41,7 @@ _ADMM = (1000, 1e-7, 1e-9)
 
 
 class PinocchioPlant:
-    """A robot on a flat floor with rigid, inelastic contacts: a second opinion on what the MuJoCo plant says.
+    """A robot on a flat floor with rigid, inelastic contacts: an independent check of the MuJoCo plant.
 
     Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the floor
     as well. Joint position limits are not modelled.
@@ -67,7 +67,7 @@ class PinocchioPlant:
         self._model.armature = inertia
         self._frames, self._radii = _contact_points(self._model, robot)
         self._data = self._model.createData()
-        # Views into the workspace, which stays where it is: world positions of the points that may touch the floor.
+        # Views into the workspace, whose address is constant: world positions of the points that may touch the floor.
         self._centres = [self._data.oMf[frame].translation for frame in self._frames]
         self._solver = _ContactSolver(self._model, params, len(self._frames), robot.nu)
         self.reset(robot.x_reference)
@@ -168,7 +168,7 @@ class PinocchioPlant:
         return force
 
     def _near_floor(self) -> tuple[list[int], list[float]]:
-        """Return which points may touch the floor during this step, and their heights above it."""
+        """Return the points that may touch the floor during this step, and their heights above it, m."""
         reach = _FASTEST * self._dt
         heights = [float(centre[2]) - radius for centre, radius in zip(self._centres, self._radii, strict=True)]
         near = [i for i, height in enumerate(heights) if height < reach]
@@ -196,7 +196,7 @@ class _ContactSolver:
     """Finds contact impulses by projected Gauss-Seidel, started from those of the step before; if it fails, by ADMM.
 
     Gauss-Seidel takes a few sweeps for a robot on its feet. On redundant contacts (a trunk on its corners) it may never
-    converge; ADMM does, at a higher price.
+    converge; ADMM does, at a higher cost.
 
     Attributes:
         impulses: (n, 3) world-frame impulse on each point that can touch the floor, of the last solve, N.s.
@@ -220,19 +220,19 @@ class _ContactSolver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything that an earlier solve left."""
+        """Clear the results of earlier solves."""
         self._solvers = pin.PGSConstraintSolver(), pin.ADMMConstraintSolver()
         self._results = pin.PGSSolverResult(), pin.ADMMSolverResult()
         self.failures = 0
         self.clear()
 
     def take_over(self, old: _ContactSolver) -> None:
-        """Go on with the solvers of another plant, under the friction of this one."""
+        """Continue with the solvers of another plant, under the friction of this one."""
         self._solvers, self._results = old._solvers, old._results
         self._problems = {}
 
     def clear(self) -> None:
-        """Set all impulses to zero: nothing touches."""
+        """Set all impulses to zero: there are no contacts."""
         self.impulses = np.zeros((self._points, 3))
         self._joint_impulses = np.zeros(self._joints)
 
@@ -240,8 +240,8 @@ class _ContactSolver:
         """Return the impulses (3 len(near) + joints,), those of the contacts first.
 
         Args:
-            near: the points that may touch the floor; all others get no impulse.
-            delassus: velocity that unit impulses make, square.
+            near: the points that may touch the floor; all others have no impulse.
+            delassus: square matrix of the velocities due to unit impulses.
             drift: velocity without impulses.
         """
         count = 3 * len(near)
@@ -284,7 +284,7 @@ class _ContactSolver:
 
 
 def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], list[float]]:
-    """Return frames and sphere radii of what can touch the floor, feet first; the shapes' corners join the model."""
+    """Return frames and sphere radii of points that can touch the floor, feet first; adds the shapes' corners to it."""
     frames, radii = list(robot.contact_ids), [robot.contact_radius] * robot.nc
     for part in robot.collision_shapes:
         for i, (placement, radius) in enumerate(part.corners):

@@ -1,4 +1,4 @@
-"""What every plant offers to the loop: reset, step, sense, and a wrench on a body."""
+"""The interface of plants to the loop: reset, step, sense, and a wrench on a body."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Plant(Protocol):
 
 
 def make_plant(robot: Robot, settings: PlantSettings) -> Plant:
-    """Return the simulated world that ``settings`` describe; only its engine is loaded."""
+    """Return the plant of ``settings``; only its engine is imported."""
     if settings.kind == "pinocchio":
         from lgmpc.simulation.pinocchio import PinocchioPlant
 
@@ -81,7 +81,7 @@ def make_plant(robot: Robot, settings: PlantSettings) -> Plant:
 
 
 def _vector(name: str, value: Array, size: int) -> Array:
-    """Return ``value`` as (size,) floats, or say what is wrong with it."""
+    """Return ``value`` as (size,) finite floats; InputError otherwise."""
     try:
         vector = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -98,7 +98,7 @@ def check_state(model: pin.Model, x: Array) -> tuple[Array, Array]:
     """Return ``x`` (nq + nv,) as ``(q, v)``.
 
     Raises:
-        InputError: if ``x`` has the wrong shape, is not finite, or holds a quaternion or an angle's cosine and sine
+        InputError: if ``x`` has the wrong shape, is not finite, or has a quaternion or an angle's cosine and sine
             that are not of unit length.
     """
     x = _vector("x", x, model.nq + model.nv)
@@ -109,7 +109,7 @@ def check_state(model: pin.Model, x: Array) -> tuple[Array, Array]:
 
 
 def check_torque(tau: Array, size: int) -> None:
-    """Refuse torques that are not ``size`` finite numbers; cheap, because it runs at every step."""
+    """Raise InputError for torques that are not ``size`` finite numbers; fast, because it is called at every step."""
     # Of a dozen numbers, Python's length is faster than NumPy's.
     if not isinstance(tau, np.ndarray) or tau.shape != (size,) or not math.hypot(*tau.tolist()) < math.inf:
         _vector("tau", tau, size)
@@ -122,7 +122,7 @@ class BodyWrenches:
     centre of mass of that whole body.
 
     Args:
-        robot: whose links can be named.
+        robot: robot with these links.
 
     Attributes:
         joints: for each link, the joint that moves it.
@@ -156,11 +156,11 @@ class BodyWrenches:
         return joint, total
 
     def clear(self) -> None:
-        """Forget every wrench."""
+        """Remove all wrenches."""
         self._wrenches.clear()
 
 
 def check_speed(v: Array, plant: str, time: float) -> None:
-    """Raise SolverError if a velocity (nv,) is not finite, or so large that it soon will not be."""
+    """Raise SolverError if a velocity (nv,) is not finite, or so large that it soon would not be."""
     if not math.hypot(*v.tolist()) < _LARGEST_SPEED:  # also where it is NaN
         raise SolverError(plant, f"the state diverged before {time:.4g} s", "Use a smaller timestep or smaller gains.")

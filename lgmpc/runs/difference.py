@@ -56,7 +56,7 @@ def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) 
         time = getattr(first if a >= b else second, times)
         for name in names:
             if name not in _DURATIONS and getattr(first, name) is not None and getattr(second, name) is not None:
-                count = min(a, b) - (name == "wbc_status")
+                count = max(min(a, b) - (name == "wbc_status"), 0)
                 each = _in_channel(name, getattr(first, name)[:count], getattr(second, name)[:count], time)
                 found += [] if each is None else [each]
         if a != b:

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from lgmpc.runs.estimate import CONTACT_FORCE_N, tilt_and_yaw_deg
+from lgmpc.runs.intervals import intervals, joined_intervals
 from lgmpc.runs.limited import Limited
 from lgmpc.runs.log import MODES, RunLog, push_intervals
 from lgmpc.runs.origin import Origin
@@ -103,15 +104,7 @@ def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | Non
 
 
 def _episodes(time: Array, flags: BoolArray) -> list[tuple[int, int]]:
-    """Return first tick and end (exclusive) of each interval of (n,) true flags; short gaps do not end it."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
-    found: list[tuple[int, int]] = []
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        if found and time[a] - time[found[-1][1] - 1] < _JOINED_S:
-            found[-1] = (found[-1][0], b)
-        else:
-            found.append((a, b))
-    return found
+    return joined_intervals(time, flags, _JOINED_S)
 
 
 def _any(flags: BoolArray) -> BoolArray:
@@ -127,12 +120,12 @@ def _period(log: RunLog) -> float:
     return float(np.median(np.diff(log.time)))
 
 
-def _who(log: RunLog, flags: BoolArray, names: Sequence[str], span: tuple[int, int]) -> str:
-    """Name the joints or feet of an episode in the order in which their flags (n, k) rose, with their durations."""
+def _involved(log: RunLog, flags: BoolArray, names: Sequence[str], span: tuple[int, int]) -> str:
+    """Return the joints or feet of an interval in the order in which their flags (n, k) rose, with durations."""
     part = flags[span[0] : span[1]]
-    involved = [k for k in np.argsort(np.where(part.any(axis=0), part.argmax(axis=0), len(part)), kind="stable")]
+    order = np.argsort(np.where(part.any(axis=0), part.argmax(axis=0), len(part)), kind="stable")
     shown = []
-    for k in [k for k in involved if part[:, k].any()]:
+    for k in [k for k in order if part[:, k].any()]:
         begin = float(log.time[span[0] + int(part[:, k].argmax())])
         duration = f"{1e3 * part[:, k].sum() * _period(log):.0f} ms"
         late = begin - float(log.time[span[0]])
@@ -171,12 +164,11 @@ def _contacts(log: RunLog) -> Iterator[Event]:
         relied &= np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])[:, None]
     missing = relied & (log.contact_forces[:, :, 2] <= CONTACT_FORCE_N)
     for foot in range(len(feet)):
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], missing[:, foot].astype(np.int8), [0])))).tolist()
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
+        for a, b in intervals(missing[:, foot]):
             if log.time[b - 1] - log.time[a] < _OPEN_S:
                 missing[a:b, foot] = False
     for span in _episodes(log.time, _any(missing)):
-        words = f"without contact where the controller relies on it: {_who(log, missing, feet, span)}"
+        words = f"without contact where the controller relies on it: {_involved(log, missing, feet, span)}"
         yield _event(log, span, EventKind.CONTACT, "contact lost", words)
 
 
@@ -186,8 +178,7 @@ def _solvers(log: RunLog) -> Iterator[Event]:
         words = f"whole-body QP without a solution in {int(failed[span[0] : span[1]].sum())} ticks: fallback torques"
         yield _event(log, span, EventKind.SOLVER, "whole-body QP", words)
     failed = log.mpc_status != 0
-    bounds = np.flatnonzero(np.diff(np.concatenate(([0], failed.astype(np.int8), [0])))).tolist()
-    for a, b in zip(bounds[::2], bounds[1::2], strict=True):
+    for a, b in intervals(failed):
         plan = f"the plan of {log.mpc_time[max(a - 1, 0)]:.3f} s remained in use"
         words = f"{b - a} MPC updates without a solution: {plan}"
         yield Event(float(log.mpc_time[a]), float(log.mpc_time[b - 1]), EventKind.SOLVER, "MPC", words)
@@ -260,10 +251,10 @@ def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int,
         return f"capture point outside the support by up to {-value:.3g} {unit}"
     if quantity.subjects == ("",):
         return f"{quantity.name} beyond its limit of {limit:.3g} {unit}: {value:.3g} {unit}"
-    who = _who(log, reached, quantity.subjects, span)
+    involved = _involved(log, reached, quantity.subjects, span)
     if quantity.name == "friction":
-        return f"friction cone (coefficient {log.friction_over_time[at[0]]:.3g}) used up: {who}"
+        return f"friction cone (coefficient {log.friction_over_time[at[0]]:.3g}) used up: {involved}"
     if quantity.name == "slip":
-        return f"feet slid by up to {value:.3g} {unit}: {who}"
+        return f"feet slid by up to {value:.3g} {unit}: {involved}"
     worst = f", up to {value:.3g}" if abs(value) > (1.0 + _AT_LIMIT) * abs(limit) else ""
-    return f"{quantity.name} at its limit of {limit:.3g} {unit}{worst}: {who}"
+    return f"{quantity.name} at its limit of {limit:.3g} {unit}{worst}: {involved}"

@@ -127,11 +127,8 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
 
 def finite_part(log: RunLog) -> tuple[RunLog, float | None]:
     """Return the ticks before the first state that is not finite, and its time; ``None`` if all are finite."""
-    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
-    if finite.all():
-        return log, None
-    end = int(np.argmin(finite))
-    return log.until(end), float(log.time[end])
+    end = log.finite_ticks
+    return (log, None) if end == log.ticks else (log.until(end), float(log.time[end]))
 
 
 class _Failure(NamedTuple):

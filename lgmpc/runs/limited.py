@@ -255,7 +255,10 @@ def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
         highest = key.startswith("max_")
         words, unit, scale = figure_words(figure_of(key))
         over, under = (value, limit) if highest else (limit, value)
-        used = over / under if under > 0.0 else math.inf
+        if under > 0.0:
+            used = over / under
+        else:  # a negative lower limit is used in proportion to a negative value
+            used = value / limit if limit < 0.0 else math.inf
         margin = scale * (limit - value if highest else value - limit)
         yield Nearest(words, "", None, scale * value, scale * limit, margin, unit, used)
 

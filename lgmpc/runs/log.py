@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
+from lgmpc.runs.intervals import intervals
 from lgmpc.typing import Array
 
 __all__ = [
@@ -236,6 +237,12 @@ class RunLog:
         return len(self.time)
 
     @property
+    def finite_ticks(self) -> int:
+        """Number of ticks before the first one with a state that is not finite."""
+        finite = np.isfinite(self.q).all(axis=1) & np.isfinite(self.v).all(axis=1)
+        return self.ticks if finite.all() else int(np.argmin(finite))
+
+    @property
     def estimated(self) -> bool:
         """Whether the controller received an estimate."""
         return any(getattr(self, name) is not None for name in ESTIMATE_CHANNELS)
@@ -366,9 +373,8 @@ def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
     if log.ticks < 2:
         return ()
     active = np.any(log.push != 0.0, axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], active.astype(np.int8), [0]))))
     period = float(np.median(np.diff(log.time)))
     return tuple(
         PushInterval(float(log.time[a]), float(log.time[b - 1]) + period, log.push[a:b, :3].sum(axis=0) * period)
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        for a, b in intervals(active)
     )

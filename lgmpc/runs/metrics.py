@@ -12,6 +12,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
+from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
@@ -130,8 +131,7 @@ def compute_metrics(
     Raises:
         InputError: if the log has no tick with a finite state.
     """
-    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
-    end = log.ticks if finite.all() else int(np.argmin(finite))
+    end = log.finite_ticks
     if end == 0:
         raise InputError("log", f"{log.ticks} ticks, none finite", "a log with at least one finite state")
     use = slice(0, end)
@@ -254,14 +254,7 @@ def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array
 
 def stances(time: Array, closed: BoolArray) -> list[tuple[int, int]]:
     """Return first tick and end (exclusive) of each interval of (n,) closed contact; short gaps do not end it."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], closed.astype(np.int8), [0]))))
-    found: list[tuple[int, int]] = []
-    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if found and time[a] - time[found[-1][1] - 1] < CONTACT_GAP_S:
-            found[-1] = (found[-1][0], b)
-        else:
-            found.append((a, b))
-    return found
+    return joined_intervals(time, closed, CONTACT_GAP_S)
 
 
 def friction_margin(forces: Array, friction: float | Array) -> float | None:

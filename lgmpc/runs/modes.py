@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.typing import Array, BoolArray
 
@@ -75,7 +76,7 @@ def falls(log: RunLog, fallen: BoolArray) -> list[int]:
 
 
 def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
-    """Measure what the modes of a run did; ``None`` where they were not recorded.
+    """Return the metrics of the modes of a run; ``None`` where they were not recorded.
 
     Args:
         log: the log, at the full control rate.
@@ -86,8 +87,8 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
     ticks = len(fallen)
     mode, tau = log.mode[:ticks], log.tau[:ticks]
     damped = mode == MODES.index("damp")
-    supple = np.isin(mode, [MODES.index(each) for each in LOW_MODES])
-    steps = np.abs(np.diff(tau, axis=0))[supple[1:] & supple[:-1]]
+    low = np.isin(mode, [MODES.index(each) for each in LOW_MODES])
+    steps = np.abs(np.diff(tau, axis=0))[low[1:] & low[:-1]]
     return ModeMetrics(
         give_up_s=_longest(fallen & ~damped) * log.control_period_s if fallen.any() else None,
         damped_rms_torque_nm=float(np.sqrt(np.mean(np.square(tau[damped])))) if damped.any() else None,
@@ -99,8 +100,7 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
 
 def _longest(flags: BoolArray) -> int:
     """Return the length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return max((b - a for a, b in intervals(flags)), default=0)
 
 
 def _changes(mode: NDArray[np.int8], before: str, after: str) -> int:

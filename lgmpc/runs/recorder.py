@@ -162,7 +162,7 @@ class Recorder:
         self._updates.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
     def take_over(self, old: Recorder) -> None:
-        """Begin with what another recorder of the same robot holds, which is of no use afterwards.
+        """Begin with the records of another recorder of the same robot, which cannot be used afterwards.
 
         Raises:
             InputError: it has updates of an MPC with another number of nodes.
@@ -251,12 +251,12 @@ class _Rows:
             self._table = np.concatenate([self._table, np.zeros_like(self._table)])
         for place, value in zip(self._values, values.values(), strict=True):
             place[...] = value
-        self._table[i] = self._row  # one copy into memory that no cache holds yet
+        self._table[i] = self._row  # one copy into memory that is in no cache yet
         # Counted last: an interrupted row is not part of the log.
         self.count = i + 1
 
     def take_over(self, old: _Rows) -> None:
-        """Begin with the rows of another table; what it has no channel for is zero there."""
+        """Begin with the rows of another table; channels that it lacks are zero in them."""
         if old._names == self._names:
             self._table, self.count = old._table, old.count
             return

@@ -59,7 +59,8 @@ class WalkingMetrics:
             of the command (until the next push or change of the command); the largest of all pushes.
         ends_standing: whether the robot stands at the end: all feet in stance, slower than 2 cm/s. None if the last
             command is not zero.
-        stop_strides: time from the end of the command's motion until the robot stands for good, in gait cycles.
+        stop_strides: time from the end of the command's motion until the robot stands to the end of the run, in gait
+            cycles.
         final_foot_error_m: largest horizontal distance of a foot at the end from its initial position relative to the
             base; of a robot that ends standing.
     """
@@ -145,12 +146,12 @@ class _Walk:
         self.velocity = body_velocity(log)[:ticks]
 
     def constant(self) -> Iterator[tuple[int, int]]:
-        """The stretches ``[a, b)`` of ticks in which command, gait period and push are constant."""
-        yield from _stretches(self.command, self.period, self.log.push[: self.ticks])
+        """Yield the intervals ``[a, b)`` of ticks in which command, gait period and push are constant."""
+        yield from _constant_intervals(self.command, self.period, self.log.push[: self.ticks])
 
     def demanded(self) -> Iterator[tuple[int, int]]:
-        """The stretches ``[a, b)`` of ticks in which command and push are constant, whatever gait answers them."""
-        yield from _stretches(self.command, self.log.push[: self.ticks])
+        """Yield the intervals ``[a, b)`` of ticks in which command and push are constant, of any gait."""
+        yield from _constant_intervals(self.command, self.log.push[: self.ticks])
 
     def stride(self, tick: int) -> int:
         """Return the number of ticks of the gait cycle at a tick."""
@@ -164,8 +165,8 @@ class _Walk:
                 yield begin, b
 
 
-def _stretches(*causes: Array) -> Iterator[tuple[int, int]]:
-    """The stretches ``[a, b)`` of rows in which arrays (n,) and (n, k) are constant."""
+def _constant_intervals(*causes: Array) -> Iterator[tuple[int, int]]:
+    """Yield the intervals ``[a, b)`` of rows in which arrays (n,) and (n, k) are constant."""
     rows = np.column_stack(causes)
     changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
     yield from zip([0, *changes.tolist()], [*changes.tolist(), len(rows)], strict=True)
@@ -248,7 +249,7 @@ def _recovery_time(walk: _Walk) -> float | None:
     for push in pushes:
         first = int(np.searchsorted(walk.time, push.end - 0.5 * walk.dt))
         last = next(b for _, b in walk.demanded() if first < b)
-        window = walk.stride(last - 1)  # of the gait that it comes back to; steps against pushes have their own
+        window = walk.stride(last - 1)  # of the gait after the recovery; steps against pushes have another period
         begin = max(0, first + 1 - window)
         errors = stride_mean((walk.velocity - walk.command)[begin:last, :2], window)
         far = np.flatnonzero(np.linalg.norm(errors, axis=1) > RECOVERED_M_S)

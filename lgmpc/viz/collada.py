@@ -1,6 +1,6 @@
 """COLLADA files with several materials, of which coal reads every part on the vertices of the first one.
 
-coal 3.0 appends the parts of a node without shifting their vertex indices: all but the first are drawn as shreds of it.
+coal 3.0 appends the parts of a node without shifting their vertex indices: all but the first have wrong vertices.
 Here each part is read from a file of its own.
 """
 
@@ -46,7 +46,7 @@ def read_parts(path: str, scale: Array) -> list[Mesh]:
     parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in _PRIMITIVES]
     for mesh, part in parts:
         mesh.remove(part)
-    ElementTree.register_namespace("", _SCHEMA)  # coal's reader knows no prefixes
+    ElementTree.register_namespace("", _SCHEMA)  # coal's reader does not support prefixes
     read = []
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder, "part.dae")

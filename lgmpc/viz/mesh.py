@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 CREASE_DEG = 35.0
-"""The edge between faces at a larger angle, rad, is drawn sharp."""
+"""The edge between faces at a larger angle, degrees, is drawn sharp."""
 
 _SEGMENTS = 24
 

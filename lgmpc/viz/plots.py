@@ -34,7 +34,7 @@ def plot_run(run: Run) -> Plots:
         The figures with data.
 
     Raises:
-        InputError: if the log has no tick.
+        InputError: if the log has fewer than two ticks.
         MissingDependencyError: if matplotlib is not installed.
     """
     return draw_figures(run_drawings(run), figure_title(run.result))
@@ -44,10 +44,10 @@ def run_drawings(run: Run) -> dict[str, Drawing]:
     """Return the drawings of a run by their names; each returns whether there was data.
 
     Raises:
-        InputError: if the log has no tick.
+        InputError: if the log has fewer than two ticks.
     """
     if run.log.ticks < 2:
-        raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least one tick")
+        raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least two ticks")
 
     def drawing(draw: Callable[[Figure, RunLog], bool]) -> Drawing:
         return lambda figure: draw(figure, run.log)

@@ -18,7 +18,7 @@ from lgmpc.viz.overlay import Frames, add_overlay
 from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
-from lgmpc.viz.walking_overlay import SPEED_SHOWN_M_S, add_walking_overlay, steps
+from lgmpc.viz.walking_overlay import SPEED_SHOWN_M_S, add_walking_overlay
 
 __all__ = ["replay_page"]
 
@@ -149,7 +149,7 @@ def _legend(run: Run, scale: Scale) -> list[dict[str, object]]:
     entries.append(entry("com", "centre of mass", "orange: target"))
     if len(run.log.mpc_time):
         entries.append(entry("horizon", "predicted path"))
-    if steps(run.log):
+    if run.log.stepped:
         entries.append(entry("footholds", "next footholds"))
         entries.append(entry("swings", "swing paths"))
     if run.log.commanded:

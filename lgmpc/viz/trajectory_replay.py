@@ -10,6 +10,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.figures import figure_number, figure_words
+from lgmpc.runs.intervals import intervals
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
@@ -153,8 +154,7 @@ def _phases(log: TrajectoryLog) -> list[dict[str, object]]:
         return []
     phases: list[dict[str, object]] = []
     for k, name in enumerate(log.contact_frames.tolist()):
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], log.contact_flags[:, k].astype(np.int8), [0]))))
-        spans = [[float(log.times[a]), float(log.times[b])] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        spans = [[float(log.times[a]), float(log.times[b])] for a, b in intervals(log.contact_flags[:, k])]
         phases.append({"name": name, "spans": [[a, b] for a, b in spans if b > a]})
     return phases
 

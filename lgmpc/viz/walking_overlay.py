@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from lgmpc.runs import RunLog
+from lgmpc.runs.intervals import intervals
 from lgmpc.runs.walking import heading
 from lgmpc.typing import Array, BoolArray, IntArray
 from lgmpc.viz.marks import COLORS, Arrow, Scale
@@ -14,17 +13,12 @@ from lgmpc.viz.mesh import disc, sphere
 from lgmpc.viz.overlay import Frames
 from lgmpc.viz.scene import Material, Scene
 
-__all__ = ["SPEED_SHOWN_M_S", "add_walking_overlay", "steps"]
+__all__ = ["SPEED_SHOWN_M_S", "add_walking_overlay"]
 
 SPEED_SHOWN_M_S = 0.5
 """Velocity whose arrow has the scale's length, m/s."""
 
 _BEADS = 9
-
-
-def steps(log: RunLog) -> bool:
-    """Return whether any foot swings in a log."""
-    return log.stance is not None and not bool(log.stance.all())
 
 
 def add_walking_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height: float) -> None:
@@ -56,10 +50,10 @@ def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot:
 
 def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int, name: str) -> None:
     """Add beads along the reference of the current swing, from lift-off to touchdown."""
-    assert log.swing_targets is not None
+    assert log.swing_targets is not None and log.stance is not None
     beads = np.zeros((len(frames.ticks), _BEADS, 3))
     shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
-    for begin, end in _swings(log, foot):
+    for begin, end in intervals(log.stance[:, foot] == 0):
         pictures = (frames.ticks >= begin) & (frames.ticks < end)
         along: IntArray = np.round(np.linspace(begin, end - 1, _BEADS)).astype(np.int64)
         beads[pictures] = log.swing_targets[along, foot]
@@ -70,14 +64,6 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
         path = f"/overlay/swings/{name}/{bead}"
         scene.add_mesh(path, sphere(0.032 * scale.length), Material(COLORS["swings"], 0.9, on_top=True))
         scene.animate(path, frames.times, position=beads[:, bead], visible=shown)
-
-
-def _swings(log: RunLog, foot: int) -> Iterator[tuple[int, int]]:
-    """Yield the intervals of ticks in which a foot is not in stance."""
-    assert log.stance is not None
-    lifted = (log.stance[:, foot] == 0).astype(np.int8)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], lifted, [0])))).tolist()
-    yield from zip(edges[::2], edges[1::2], strict=True)
 
 
 def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, height: float) -> None:

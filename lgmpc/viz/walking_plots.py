@@ -8,6 +8,7 @@ import numpy as np
 
 from lgmpc.runs import RunLog, push_intervals
 from lgmpc.runs.estimate import CONTACT_FORCE_N
+from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.walking import body_velocity, stride_mean
 from lgmpc.typing import BoolArray
@@ -53,7 +54,7 @@ def draw_velocity(figure: Figure, log: RunLog) -> bool:
 
 def draw_gait(figure: Figure, log: RunLog) -> bool:
     """Draw a bar for each stance of each foot, coloured by its contact state, above the measured contact."""
-    if log.contact_states is None or not _steps(log):
+    if log.contact_states is None or log.ticks < 2 or not log.stepped:
         return False
     figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
     whole, detail = figure.subplots(2, 1)
@@ -68,7 +69,7 @@ def draw_gait(figure: Figure, log: RunLog) -> bool:
 
 def draw_feet(figure: Figure, log: RunLog) -> bool:
     """Draw the height of each foot's contact point and of its target, for some gait cycles."""
-    if log.swing_targets is None or not _steps(log):
+    if log.swing_targets is None or log.ticks < 2 or not log.stepped:
         return False
     feet = log.contact_frames.tolist()
     figure.set_size_inches(9.6, 1.0 + 1.4 * len(feet))
@@ -88,10 +89,6 @@ def draw_feet(figure: Figure, log: RunLog) -> bool:
     rows[-1].set_xlabel("time, s")
     legend_above(rows[0])
     return True
-
-
-def _steps(log: RunLog) -> bool:
-    return log.ticks > 1 and log.stance is not None and not bool(log.stance.all())
 
 
 def _detail(log: RunLog) -> tuple[float, float]:
@@ -127,6 +124,5 @@ def _occurs(log: RunLog, state: str) -> bool:
 
 def _stretches(log: RunLog, flags: BoolArray) -> list[tuple[float, float]]:
     """Return start and duration of the intervals of ticks with a flag, s."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
     times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
-    return [(float(times[a]), float(times[b] - times[a])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(float(times[a]), float(times[b] - times[a])) for a, b in intervals(flags)]

@@ -61,6 +61,13 @@ def test_signs_of_zeros_differ_and_nan_equals_itself(standing: RunLog, changed: 
     assert first_difference(changed(undefined), changed(undefined)) is None
 
 
+def test_nothing_is_compared_before_the_first_tick(standing: RunLog, changed: Change) -> None:
+    def failed(arrays: dict[str, np.ndarray]) -> None:
+        arrays["wbc_status"][5] = 1
+
+    assert first_difference(standing, changed(failed), until_s=0.0) is None
+
+
 def test_a_log_that_ends_early_differs_at_its_end(standing: RunLog) -> None:
     for first, second in ((standing, standing.until(700)), (standing.until(700), standing)):
         found = first_difference(first, second)

@@ -14,7 +14,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Gate, Run, RunLog, RunResult, compute_metrics, judge
 from lgmpc.runs.events import Event, EventKind
 from lgmpc.runs.forensics import Explanation, explain_run
-from lgmpc.runs.limited import JointLimits
+from lgmpc.runs.limited import JointLimits, gate_figures
 
 JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
 Edit = Callable[[dict[str, np.ndarray]], None]
@@ -189,3 +189,13 @@ def test_nothing_finite_is_an_error(standing: RunLog) -> None:
     metrics = compute_metrics(log)
     with pytest.raises(InputError, match="1 ticks; expected a run of at least two ticks"):
         explain_run(Run(Path("run"), "", log, RunResult("test", judge(metrics, Gate()), metrics)), Gate())
+
+
+@pytest.mark.parametrize(("value", "used"), [(0.5, -10.0), (-1.0, 0.2), (-5.0, 1.0), (-8.0, 1.6)])
+def test_the_share_of_a_negative_lower_limit_grows_with_the_violation(
+    standing: RunLog, value: float, used: float
+) -> None:
+    metrics = replace(compute_metrics(standing), min_friction_margin_n=value)
+    found = {each.name: each for each in gate_figures(metrics, Gate(min_friction_margin_n=-5.0))}
+    assert found["friction margin"].used == pytest.approx(used)
+    assert found["friction margin"].margin == pytest.approx(value + 5.0)

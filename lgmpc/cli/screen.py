@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.errors import ConfigError, LgmpcError, ModelError, RunFolderError
+from lgmpc.errors import ConfigError, LgmpcError, ModelError
 
 if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
@@ -56,7 +56,7 @@ def plain_table(*headings: str) -> Table:
 
 
 def show_error(error: LgmpcError) -> None:
-    """Print an error of the user's input, with a hint where there is one."""
+    """Print an error of the user's input."""
     console = err()
     head, problems = _parts(error)
     console.print(Text.assemble(("error: ", "bold red"), head))
@@ -65,8 +65,6 @@ def show_error(error: LgmpcError) -> None:
         console.print(Text(f"  - {_shorten(problem, length)}"))
     if len(problems) > MOST_PROBLEMS:
         console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
-    if isinstance(error, RunFolderError) and "does not exist" in str(error):
-        console.print("hint: `latest` means the newest run in runs/", style="dim")
 
 
 def _parts(error: LgmpcError) -> tuple[str, list[str]]:

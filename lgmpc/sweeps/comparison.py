@@ -10,13 +10,12 @@ from typing import Any, Union
 
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.schema import Config, SolveConfig
-from lgmpc.config.yaml_text import parse_yaml
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.settings.dotted import differing
-from lgmpc.sweeps.folder import DOCUMENT, ROWS
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document
 from lgmpc.sweeps.results import Results
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.statistics import Estimate, mean_difference
@@ -191,7 +190,7 @@ def _compare_sweeps(
     if not places:
         raise RunFolderError(f"{first} and {second} have no finished point in common: other bases, factors or draws")
     differences = [Difference("points", len(a), len(b))] if a.keys() != b.keys() else []
-    differences += _differences(_document(first), _document(second))
+    differences += _differences(read_document(first / DOCUMENT), read_document(second / DOCUMENT))
     values = [(_quantities(a[place]), _quantities(b[place])) for place in places]
     names = dict.fromkeys(name for x, _ in values for name in x)
     quantities = [_paired(name, values, margin, judge=name in ("passed", "boundary", *judged)) for name in names]
@@ -218,11 +217,6 @@ def _rows(folder: Path) -> dict[str, Row]:
     """Return the rows that have a verdict, by base, variant, levels and draw."""
     rows = Results(folder / ROWS).rows().values()
     return {repr((row.base, row.variant, row.levels, row.draw)): row for row in rows if row.ending.computed}
-
-
-def _document(folder: Path) -> Any:
-    file = folder / DOCUMENT
-    return parse_yaml(file.read_text(encoding="utf-8"), str(file))[0]
 
 
 def _quantities(row: Row) -> _Values:

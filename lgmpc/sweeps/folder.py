@@ -24,7 +24,7 @@ from lgmpc.sweeps.results import Results
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import SweepSettings
 
-__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder"]
+__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder", "read_document"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
 _FOLDERS = ("claims", "logs", "scratch")
@@ -73,7 +73,7 @@ class SweepFolder:
         there = path / DOCUMENT
         taken_up = there.is_file()
         if taken_up:
-            _check_same(path, _read_document(there), document)
+            _check_same(path, read_document(there), document)
             if not resume:
                 hint = "add --resume to continue, or choose another folder with --out"
                 raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
@@ -154,10 +154,21 @@ def _is_unfinished(path: Path) -> bool:
     return path.is_dir() and all(each.name in own or each.name.startswith(f".{DOCUMENT}.") for each in path.iterdir())
 
 
-def _read_document(file: Path) -> dict[str, Any]:
-    data, _ = parse_yaml(file.read_text(encoding="utf-8"), str(file))
+def read_document(file: Path) -> dict[str, Any]:
+    """Return the content of a document that lgmpc has written into a folder.
+
+    Raises:
+        RunFolderError: if it cannot be read, or is not a table of keys.
+        ConfigError: if it is not YAML.
+    """
+    try:
+        data, _ = parse_yaml(file.read_text(encoding="utf-8"), str(file))
+    except OSError as error:
+        raise RunFolderError(f"cannot read {file}: {reason_of(error)}") from error
+    except UnicodeDecodeError as error:
+        raise RunFolderError(f"{file} is damaged: not UTF-8 text ({error.reason})") from error
     if not isinstance(data, dict):
-        raise RunFolderError(f"{file} is damaged: not the document of a sweep")
+        raise RunFolderError(f"{file} is damaged: not a table of keys")
     return data
 
 

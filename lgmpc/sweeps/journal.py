@@ -13,6 +13,7 @@ from lgmpc.errors import MissingDependencyError, RunFolderError
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.dimensions import Dimension
+from lgmpc.sweeps.folder import read_document
 from lgmpc.sweeps.tuning import Score, TuningProblem
 
 if TYPE_CHECKING:
@@ -68,8 +69,7 @@ def open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) ->
 def _open(folder: Path, document: Mapping[str, Any], resume: bool) -> None:
     file = folder / _DOCUMENT
     if file.is_file():
-        there = parse_yaml(file.read_text(encoding="utf-8"), str(file))[0]
-        if there != parse_yaml(write_yaml(dict(document)), "")[0]:
+        if read_document(file) != parse_yaml(write_yaml(dict(document)), "")[0]:
             raise RunFolderError(f"{folder} holds another tuning: choose another folder with --out, or remove this one")
         if not resume:
             raise RunFolderError(

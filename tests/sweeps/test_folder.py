@@ -10,7 +10,7 @@ import pytest
 
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.folder import SweepFolder
+from lgmpc.sweeps.folder import SweepFolder, read_document
 from lgmpc.sweeps.results import Results
 
 from .conftest import Parse
@@ -31,6 +31,13 @@ def test_rows_come_back_as_they_were(tmp_path: Path, row: Make) -> None:
         results.append(each)
     assert list(Results(tmp_path / "results.jsonl").rows().values()) == rows
     assert list(results.rows().values()) == rows
+
+
+@pytest.mark.parametrize("content", [b"name: \xff", b"[1, 2]"])
+def test_a_damaged_document_is_reported(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "sweep.yaml").write_bytes(content)
+    with pytest.raises(RunFolderError, match=r"sweep\.yaml is damaged: not"):
+        read_document(tmp_path / "sweep.yaml")
 
 
 def test_a_row_that_has_no_number_is_still_json(tmp_path: Path, row: Make) -> None:

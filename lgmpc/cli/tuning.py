@@ -55,14 +55,14 @@ def tune_shown(
         )
     gained = _gained(problem, found)
     if as_json:
-        content = asdict(found) | {"files": list(map(str, found.files)), "signal": None, "gained": gained}
+        signal = None if found.signal is None else found.signal.name
+        content = asdict(found) | {"files": list(map(str, found.files)), "signal": signal, "gained": gained}
         print(json.dumps({"folder": str(folder), **json_values(content)}, indent=2))
     else:
         _show(out(), problem, found, gained=gained)
     if found.signal is not None:
-        out().print(
-            Text(f"INTERRUPTED  after {found.trials} trials: the same command with --resume continues", "bold yellow")
-        )
+        words = f"INTERRUPTED  after {found.trials} trials: the same command with --resume continues"
+        err().print(Text(words, "bold yellow"))
         return Interrupted(found.signal).exit_code
     return 0 if gained else 1
 

@@ -214,7 +214,7 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
     yield from hardware_quantities(log, joints)
     if feet:
         yield _friction(log, feet)
-        yield _highest("slip", "mm", feet, 1e3 * _slide(log), 1e3 * (gate.max_slip_m or _SLID_M))
+        yield _highest("slip", "mm", feet, 1e3 * _slide(log), 1e3 * _given(gate.max_slip_m, _SLID_M))
         if np.isfinite(log.mass_kg):
             margin = 1e3 * capture_margin(log)[:, None]
             # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
@@ -231,7 +231,7 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
     if log.floating_base:
         base = log.base_pose
         tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-        yield _highest("tilt", "deg", ("",), tilt[:, None], gate.max_tilt_deg or FALL_TILT_DEG)
+        yield _highest("tilt", "deg", ("",), tilt[:, None], _given(gate.max_tilt_deg, FALL_TILT_DEG))
         height = 1e3 * base[:, 2:3]
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
@@ -240,6 +240,10 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
             home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
             moved = np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
             yield _highest("displacement", "mm", ("",), 1e3 * moved, 1e3 * gate.max_displacement_m)
+
+
+def _given(limit: float | None, otherwise: float) -> float:
+    return otherwise if limit is None else limit
 
 
 def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:

@@ -199,3 +199,12 @@ def test_the_share_of_a_negative_lower_limit_grows_with_the_violation(
     found = {each.name: each for each in gate_figures(metrics, Gate(min_friction_margin_n=-5.0))}
     assert found["friction margin"].used == pytest.approx(used)
     assert found["friction margin"].margin == pytest.approx(value + 5.0)
+
+
+def test_a_limit_of_zero_is_a_limit(explain: Explain) -> None:
+    def edit(arrays: dict[str, np.ndarray]) -> None:
+        arrays["contact_points"][600:, 2, 0] -= 1e-3
+
+    found = explain(edit, Gate(max_slip_m=0.0))
+    assert found.failed_s == pytest.approx(0.6)
+    assert found.failure == "the slip of HL went beyond its limit of 0 mm"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,8 @@ from lgmpc.typing import Array
 
 __all__ = ["LegGeometry"]
 
+_SWEEPS = 20
+
 
 @dataclass(frozen=True)
 class LegGeometry:
@@ -22,7 +25,7 @@ class LegGeometry:
     Attributes:
         feet: (nc, 3) contact points, m.
         hips: (nc, 3) hips: positions of each leg's second joint (the first one is the abduction), m.
-        length: (nc,) from hip to contact frame along the links: no posture reaches further, m.
+        length: (nc,) largest distance from hip to contact frame within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
     """
@@ -57,9 +60,9 @@ class LegGeometry:
             if not joints:
                 raise InputError("contact_frames", name, "a frame that a joint of the leg moves")
             tip = data.oMf[frame].translation
-            path = [data.oMi[joint].translation for joint in joints[min(1, len(joints) - 1) :]] + [tip]
-            hips.append(path[0].copy())
-            lengths.append(sum(float(np.linalg.norm(b - a)) for a, b in zip(path, path[1:], strict=False)))
+            hip = joints[min(1, len(joints) - 1)]
+            hips.append(data.oMi[hip].translation.copy())
+            lengths.append(_longest(robot, hip, joints[2:], frame))
             feet.append(tip - np.array([0.0, 0.0, robot.contact_radius]))
         turn = base.rotation
         return cls(
@@ -69,3 +72,29 @@ class LegGeometry:
             (base.translation - com) @ turn,
             robot.contact_radius,
         )
+
+
+def _longest(robot: Robot, hip: int, joints: list[int], frame: int) -> float:
+    """Return the largest distance from a joint to a contact frame within the range of the joints between, m.
+
+    In the angle of one joint the squared distance is ``a + b cos + c sin``: largest at ``atan2(c, b)`` or, if that is
+    out of range, at one of its ends. Several joints are maximised in turn.
+    """
+    model, data, q = robot.model, robot.create_data(), robot.q_reference.copy()
+
+    def squared(at: int, angle: float) -> float:
+        q[at] = angle
+        pin.framesForwardKinematics(model, data, q)
+        return float(np.sum((data.oMf[frame].translation - data.oMi[hip].translation) ** 2))
+
+    for _ in range(_SWEEPS if len(joints) > 1 else 1):
+        for at in (model.joints[joint].idx_q for joint in joints):
+            ahead, aside, behind = (squared(at, angle) for angle in (0.0, 0.5 * math.pi, math.pi))
+            best = math.atan2(aside - 0.5 * (ahead + behind), 0.5 * (ahead - behind))
+            lowest, highest = float(model.lowerPositionLimit[at]), float(model.upperPositionLimit[at])
+            best += 2.0 * math.pi * math.ceil((lowest - best) / (2.0 * math.pi))
+            if best > highest:
+                best = lowest if squared(at, lowest) > squared(at, highest) else highest
+            q[at] = best
+    pin.framesForwardKinematics(model, data, q)
+    return float(np.linalg.norm(data.oMf[frame].translation - data.oMi[hip].translation))

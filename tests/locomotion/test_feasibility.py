@@ -10,14 +10,15 @@ from lgmpc.locomotion.legs import LegGeometry
 
 
 def test_at_the_top_speed_the_legs_are_stretched_at_touchdown_and_lift_off(solo12) -> None:
-    """Upper and lower leg of Solo12 are 16 cm long; the ankle is 6 mm off the hip's plane, fore and aft."""
+    """Solo12's legs are stretched where the knee's angle is zero."""
     legs, gait = LegGeometry.of(solo12), quadruped_gaits()["trot"]
-    model, data, q = solo12.model, solo12.model.createData(), solo12.q_reference
+    model, data, q = solo12.model, solo12.model.createData(), solo12.q_reference.copy()
     pin.framesForwardKinematics(model, data, q)
-    hip, knee = (data.oMi[model.getJointId(f"FL_{name}")].translation for name in ("HFE", "KFE"))
-    ankle = data.oMf[model.getFrameId("FL_FOOT")].translation
-    length = np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee)
-    drop = hip[2] - ankle[2] + solo12.contact_radius
+    hip = model.getJointId("FL_HFE")
+    drop = (data.oMi[hip].translation - data.oMf[solo12.contact_ids[0]].translation)[2] + solo12.contact_radius
+    q[model.joints[model.getJointId("FL_KFE")].idx_q] = 0.0
+    pin.framesForwardKinematics(model, data, q)
+    length = np.linalg.norm(data.oMi[hip].translation - data.oMf[solo12.contact_ids[0]].translation)
     assert top_speed(legs, gait) == pytest.approx(2.0 * np.sqrt(length**2 - drop**2) / gait.stance_s, rel=1e-9)
     assert top_speed(legs, gait, length - drop) == pytest.approx(0.0, abs=1e-6)
     assert top_speed(legs, gait, -0.02) > top_speed(legs, gait)

@@ -31,7 +31,6 @@ __all__ = ["LeggedController"]
 _LOG = logging.getLogger(__name__)
 _LIFTING = (Mode.RISE, Mode.SIT)
 _REST = 0.05  # m/s
-_GRIP_SHARE = 0.5  # of what friction allows: the rest is for the balance
 _LEVEL_SHARE = 0.02  # of the height: feet that differ by less are level
 
 
@@ -116,7 +115,6 @@ class LeggedController:
         self._lift = Lift(self._mode_settings.lying)
         self._displaced_since = math.inf
         self._weight = -robot.mass * float(robot.gravity[2])
-        self._grip = _GRIP_SHARE * self._weight / robot.mass
         self._begun = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
         self._at_rest = np.zeros(robot.nu)
@@ -296,8 +294,8 @@ class LeggedController:
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
         if steps.active or steps.deciding:
             request = steps.way_back(request)
-        grip = self._grip * self.floor.coefficient
-        self._motion = motion = self._desired.follow(request, self._elapsed, grip, terms, feet.stepping)
+        friction = self.floor.coefficient
+        self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
         if steps.active:

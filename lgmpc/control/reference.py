@@ -22,6 +22,8 @@ from lgmpc.wbc import Task, WholeBodyTerms
 
 __all__ = ["CircleReference", "ComReference", "DesiredMotion", "StandReference"]
 
+_GRIP_SHARE = 0.5  # of what friction allows: the rest is for the balance
+
 
 class ComReference(Protocol):
     """A trajectory of the centre of mass relative to its initial position."""
@@ -102,6 +104,7 @@ class DesiredMotion:
         self._limiter = CommandLimiter(settings.limits)
         self._offset = offset
         self._mass = robot.mass
+        self._grip = -_GRIP_SHARE * float(robot.gravity[2])
         self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
 
     def rest(self) -> None:
@@ -109,19 +112,19 @@ class DesiredMotion:
         self._limiter.command = MotionCommand()
 
     def follow(
-        self, request: MotionCommand, elapsed: float, acceleration: float, terms: WholeBodyTerms, stepping: bool
+        self, request: MotionCommand, elapsed: float, friction: float, terms: WholeBodyTerms, stepping: bool
     ) -> BaseMotion:
         """Follow a command within the limits, and stay near the robot while it steps; return how the robot moves.
 
         Args:
             request: the command.
             elapsed: time since the last call, s.
-            acceleration: that the floor allows, m/s2.
+            friction: coefficient of the floor.
             terms: sensed quantities.
             stepping: whether the robot steps.
         """
         builder, limiter = self.builder, self._limiter
-        self.command = command = limiter.step(request, elapsed, acceleration)
+        self.command = command = limiter.step(request, elapsed, self._grip * friction)
         builder.advance(elapsed, command)
         if stepping:
             builder.turn_about(terms.com, elapsed * command.yaw_rate)
@@ -129,7 +132,7 @@ class DesiredMotion:
         x, y, mass, wanted = terms.x, terms.y, self._mass, builder.velocity(command)
         return BaseMotion(
             x, y, terms.px / mass, terms.py / mass, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
-            x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw),
+            x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw), command.height, friction,
         )  # fmt: skip
 
     def write_targets(self, tasks: Mapping[str, Task], time: float, ground: float) -> None:

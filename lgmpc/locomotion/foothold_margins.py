@@ -77,7 +77,7 @@ class FootholdMargins:
         c, s = math.cos(yaw), math.sin(yaw)
         ahead, left = planner.hips[foot]
         hip = (com[0] + c * ahead - s * left - x, com[1] + s * ahead + c * left - y)
-        reach = planner.reach[foot] * math.cos(math.pi / len(normals))
+        reach = planner.reach(foot, motion.height) * math.cos(math.pi / len(normals))
         margins: Array = normals @ np.array(hip) + reach
         beside = planner.feet[foot][1]
         if beside != 0.0:

@@ -3,13 +3,14 @@ r"""Heuristic footholds: under the hips, shifted so that the velocity is the com
 The linear inverted pendulum of height h has the rate :math:`w = \sqrt{g / h}`. Supported for a time T at a point that
 the centre of mass passes in the middle, its velocity v is the same afterwards if the point is ahead of it at touchdown
 by the neutral distance :math:`v \tanh(w T / 2) / w` (about v T / 2, Raibert, "Legged robots that balance", 1986). Put
-further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance
-(dead beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
-Humanoids 2006). While the command changes, the velocity expected at touchdown is compared with the command at the end
-of the stance, which supports the acceleration. A spherical foot of radius r rolls by r / h of the distance travelled,
-and is placed that much less far ahead. In a turn the support moves outward by :math:`h / g \; v \times \omega`, which
-provides the centripetal acceleration (Kim et al., "Highly dynamic quadruped locomotion via whole-body impulse control
-and model predictive control", 2019, has the term with another factor).
+further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance (dead
+beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
+Humanoids 2006). Friction brakes by no more than :math:`\mu g`: a shift beyond :math:`\mu h` would turn the base over
+its feet, and a larger error takes several stances. While the command changes, the velocity expected at touchdown is
+compared with the command at the end of the stance, which supports the acceleration. A spherical foot of radius r rolls
+by r / h of the distance travelled, and is placed that much less far ahead. In a turn the support moves outward by
+:math:`h / g \; v \times \omega`, which provides the centripetal acceleration (Kim et al., "Highly dynamic quadruped
+locomotion via whole-body impulse control and model predictive control", 2019, has the term with another factor).
 
 The mean velocity of a robot on two feet is determined by its footholds alone: a horizontal force only tilts it about
 the line between the feet. Therefore the position error of the centre of mass shifts footholds too.
@@ -85,6 +86,8 @@ class BaseMotion:
         error_x: position error of the centre of mass, measured minus desired, world axes, m.
         error_y: m.
         ramp: coming change of the commanded velocity, world axes.
+        height: commanded, of the base relative to the reference posture, m.
+        friction: Coulomb coefficient of the floor.
     """
 
     x: float
@@ -98,6 +101,8 @@ class BaseMotion:
     error_x: float = 0.0
     error_y: float = 0.0
     ramp: Ramp = Ramp()
+    height: float = 0.0
+    friction: float = math.inf
 
 
 class FootholdPlanner:
@@ -116,7 +121,6 @@ class FootholdPlanner:
         feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
         hips: (nc,) of (x, y), the same.
         sides: (nc,) smallest lateral distance of a foot on its own side, base axes, with the sign of the side, m.
-        reach: (nc,) largest horizontal distance of a foothold from its hip, m.
         spacing: smallest distance between two feet, m.
     """
 
@@ -136,9 +140,8 @@ class FootholdPlanner:
         self.hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self.sides = [s.side_share * y for _, y in self.feet]
         drops = legs.hips[:, 2] + legs.height
-        self.reach = [
-            math.sqrt(max((s.reach_share * float(length)) ** 2 - float(drop) ** 2, 0.0))
-            for length, drop in zip(legs.length, drops, strict=True)
+        self._legs = [
+            (s.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
         ]
         self.spacing = s.spacing_share * float(legs.length.min())
 
@@ -183,6 +186,11 @@ class FootholdPlanner:
         cx, cy = _turn(motion.commanded_vx, motion.commanded_vy, 0.5 * motion.yaw_rate * remaining)
         return motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift
 
+    def reach(self, foot: int, height: float) -> float:
+        """Return the largest horizontal distance of a foothold from its hip, m, at a commanded height, m."""
+        longest, drop = self._legs[foot]
+        return math.sqrt(max(longest**2 - (drop + height) ** 2, 0.0))
+
     def _left(self, remaining: float) -> float:
         """Return the share of the velocity error that is left after a time, s."""
         decay = self.settings.error_decay_s
@@ -220,11 +228,15 @@ class FootholdPlanner:
             left *= width
         fx, fy = _turn(ahead, left, motion.yaw + turned + omega * half)
         ax, ay = motion.error_x, motion.error_y
-        x = com[0] + fx + neutral * nx + gain * (vx - wx) - rolled * wx + outward * wy + s.position_feedback * ax
-        y = com[1] + fy + neutral * ny + gain * (vy - wy) - rolled * wy - outward * wx + s.position_feedback * ay
-        return self._bound(foot, (x, y), com, motion.yaw + turned, others)
+        bx, by = gain * (vx - wx), gain * (vy - wy)
+        shift, most = math.hypot(bx, by), motion.friction * self.height
+        if shift > most:
+            bx, by = bx * most / shift, by * most / shift
+        x = com[0] + fx + neutral * nx + bx - rolled * wx + outward * wy + s.position_feedback * ax
+        y = com[1] + fy + neutral * ny + by - rolled * wy - outward * wx + s.position_feedback * ay
+        return self._bound(foot, (x, y), com, motion.yaw + turned, self.reach(foot, motion.height), others)
 
-    def _bound(self, foot: int, point: Point, com: Point, yaw: float, others: Sequence[Point]) -> Point:
+    def _bound(self, foot: int, point: Point, com: Point, yaw: float, reach: float, others: Sequence[Point]) -> Point:
         """Return the point within reach of the hip, on the foot's own side of the base and clear of the other feet."""
         x, y = point
         for other in others:
@@ -240,7 +252,7 @@ class FootholdPlanner:
         left = self.feet[foot][1]
         y = max(y, self.sides[foot]) if left > 0.0 else min(y, self.sides[foot]) if left < 0.0 else y
         hx, hy = self.hips[foot]
-        dx, dy, reach = x - hx, y - hy, self.reach[foot]
+        dx, dy = x - hx, y - hy
         distance = math.hypot(dx, dy)
         if distance > reach:
             x, y = hx + dx * reach / distance, hy + dy * reach / distance

@@ -74,12 +74,19 @@ def written(
     st.floats(0.0, 0.24),
     st.sampled_from(["trot", "walk", "pace", "bound"]),
     st.integers(4, 12),
+    st.floats(-0.05, 0.05),
 )
 def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_other_feet(
-    legs: LegGeometry, velocity: tuple[float, float, float], yaw: float, t: float, gait: str, directions: int
+    legs: LegGeometry,
+    velocity: tuple[float, float, float],
+    yaw: float,
+    t: float,
+    gait: str,
+    directions: int,
+    height: float,
 ) -> None:
     vx, vy, rate = velocity
-    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, commanded_vx=0.5 * vx)
+    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, commanded_vx=0.5 * vx, height=height)
     planner, horizon = written(legs, motion, gait, t, directions)
     assert (horizon.margins >= 0.0).all()
     assert (horizon.margins[horizon.flags] == 0.0).all()
@@ -98,9 +105,10 @@ def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_ot
             own = math.copysign(1.0, legs.feet[foot, 1])
             at = axes @ (nominal - com)
             out = float(np.linalg.norm(at - planner.hips[foot]))
-            inside = out <= planner.reach[foot] * math.cos(math.pi / directions)
+            most = planner.reach(foot, height)
+            inside = out <= most * math.cos(math.pi / directions)
             # Where the nominal foothold itself breaks a bound, a shift breaks it by no more than the polygon's corners.
-            reach = planner.reach[foot] if inside else max(planner.reach[foot], out) / math.cos(math.pi / directions)
+            reach = most if inside else max(most, out) / math.cos(math.pi / directions)
             for corner in corners(margins):
                 place = nominal + corner
                 local = axes @ (place - com)

@@ -36,17 +36,21 @@ def test_legs_are_measured_in_the_reference_posture(solo12: Robot, legs: LegGeom
         legs.feet[:, :2], [[0.195, 0.169], [0.195, -0.169], [-0.195, 0.169], [-0.195, -0.169]], atol=1e-3
     )
     np.testing.assert_allclose(legs.hips[0, :2], [0.1946, 0.1014], atol=1e-3)
-    model, data = solo12.model, solo12.create_data()
-    rng = np.random.default_rng(0)
-    hip = model.getJointId("FL_HFE")
-    longest = 0.0
-    for _ in range(2000):
-        q = solo12.q_reference.copy()
-        q[solo12.joint_q] = rng.uniform(-np.pi, np.pi, solo12.nu)
+
+
+@pytest.mark.parametrize("knees", [(-2.8, 2.8), (-2.8, -0.9), (0.4, 2.8)])
+def test_a_leg_is_as_long_as_the_range_of_its_knee_allows(solo12: Robot, knees: tuple[float, float]) -> None:
+    model, data = solo12.model.copy(), solo12.create_data()
+    at = model.joints[model.getJointId("FL_KFE")].idx_q
+    model.lowerPositionLimit[at], model.upperPositionLimit[at] = knees
+    length = LegGeometry.of(replace(solo12, model=model)).length[0]
+    q, distances = solo12.q_reference.copy(), []
+    for angle in np.linspace(*knees, 2001):
+        q[at] = angle
         pin.framesForwardKinematics(model, data, q)
         foot = data.oMf[solo12.contact_ids[0]].translation
-        longest = max(longest, float(np.linalg.norm(foot - data.oMi[hip].translation)))
-    assert 0.97 * legs.length[0] <= longest <= legs.length[0]
+        distances.append(float(np.linalg.norm(foot - data.oMi[model.getJointId("FL_HFE")].translation)))
+    assert length == pytest.approx(max(distances), abs=1e-6)
 
 
 def test_at_rest_the_feet_stay_where_they_belong(legs: LegGeometry) -> None:
@@ -74,6 +78,21 @@ def test_one_stance_takes_the_velocity_error_away(legs: LegGeometry, v: float, w
     if abs(support) < 0.12:  # within reach
         _, after = pendulum(-support, v, legs.height, stance)
         assert after == pytest.approx(wanted, abs=1e-9)
+
+
+@given(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), st.floats(0.1, 0.8))
+def test_feet_are_shifted_no_further_than_friction_can_brake(
+    legs: LegGeometry, vx: float, vy: float, friction: float
+) -> None:
+    """Supported at a distance d, a pendulum of height h decelerates by g d / h: at most by friction times g."""
+    point = replace(legs, length=10.0 * legs.length, radius=0.0)
+    planner = FootholdPlanner(point, FootholdSettings(side_share=-1.0))
+    keeping = BaseMotion(0.0, 0.0, vx, vy, 0.0, commanded_vx=vx, commanded_vy=vy)
+    stopping = [BaseMotion(0.0, 0.0, vx, vy, 0.0, friction=mu) for mu in (math.inf, friction)]
+    neutral = planner.place(0, keeping, 0.0, TROT.stance_s)
+    free, held = (np.subtract(planner.place(0, each, 0.0, TROT.stance_s), neutral) for each in stopping)
+    assert np.linalg.norm(held) == pytest.approx(min(np.linalg.norm(free), friction * legs.height), abs=1e-9)
+    assert held @ free == pytest.approx(np.linalg.norm(held) * np.linalg.norm(free), abs=1e-9)
 
 
 def test_the_commanded_acceleration_needs_no_velocity_error(legs: LegGeometry) -> None:
@@ -156,6 +175,7 @@ def test_a_turn_while_moving_shifts_the_support_outward(legs: LegGeometry) -> No
     st.integers(0, 3),
     st.booleans(),
     st.floats(-0.5, 0.5),
+    st.floats(-0.05, 0.05),
 )
 def test_footholds_are_within_reach_and_on_their_side(
     legs: LegGeometry,
@@ -167,15 +187,16 @@ def test_footholds_are_within_reach_and_on_their_side(
     foot: int,
     stops: bool,
     share: float,
+    height: float,
 ) -> None:
     planner = FootholdPlanner(legs, FootholdSettings(side_share=share))
-    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate)
+    motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, height=height)
     x, y = planner.place(foot, motion, remaining, math.inf if stops else 0.18)
     c, s = math.cos(yaw + rate * remaining), math.sin(yaw + rate * remaining)
     dx, dy = x - 0.3 - vx * remaining, y + 0.2 - vy * remaining
     local = np.array([c * dx + s * dy, -s * dx + c * dy])
     hip = legs.hips[foot]
-    drop = hip[2] + legs.height
+    drop = hip[2] + legs.height + height
     distance = math.hypot(*(local - hip[:2]), drop)
     assert distance <= planner.settings.reach_share * legs.length[foot] + 1e-9
     width = legs.feet[foot, 1]

@@ -189,7 +189,8 @@ class Feet:
             self.footholds[foot] = self.position[foot] = point
             self.velocity[foot] = self.acceleration[foot] = 0.0
             return
-        if self._stood[foot]:
+        searched = self._swings[foot].touchdown <= time and not self.events.searching(foot)
+        if self._stood[foot] or searched:  # a foot that found no ground begins its next swing in the air
             self._lift(foot, time, point, velocity, motion)
         self._move(foot, time, motion)
 

@@ -202,7 +202,7 @@ def _parts(recorded: Run) -> Iterator[_Part]:
 
 
 def _last(recorded: Run) -> Config:
-    return parse_config(recorded.config, name=str(recorded.path / "config.yaml"), folder=recorded.path)
+    return parse_config(recorded.config, name=str(recorded.path / CONFIG_FILE), folder=recorded.path)
 
 
 def _changes(before: Config, after: Config) -> dict[str, tuple[Any, Any]]:

@@ -14,6 +14,7 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
 from lgmpc.runs import Run, RunFolder, SolvedRun
+from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.viz import (
     Plots,
@@ -173,7 +174,7 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
     loaded = _load(run)
     robot = _robot_of(loaded)
     if isinstance(loaded, SolvedRun):
-        gate = parse_solve_config(loaded.config, name=str(loaded.path / "config.yaml"), folder=loaded.path).gate
+        gate = parse_solve_config(loaded.config, name=str(loaded.path / CONFIG_FILE), folder=loaded.path).gate
         content = solve_report(robot, loaded, gate.bounds)
     else:
         content = run_report(robot, loaded, _config_of(loaded).gate, _explained(loaded, robot))
@@ -186,7 +187,7 @@ def _explained(run: Run, robot: Robot) -> Explanation:
 
 
 def _config_of(run: Run) -> Config:
-    return parse_config(run.config, name=str(run.path / "config.yaml"), folder=run.path)
+    return parse_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
@@ -194,4 +195,4 @@ def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
 
 
 def _robot_of(run: Run | SolvedRun) -> Robot:
-    return build_any_robot(parse_any_config(run.config, name=str(run.path / "config.yaml"), folder=run.path))
+    return build_any_robot(parse_any_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path))

@@ -14,6 +14,7 @@ from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
+from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document
 from lgmpc.sweeps.results import Results
@@ -174,7 +175,7 @@ def _at_limit(run: Run | SolvedRun, limit: str) -> float | None:
 
 
 def _config(run: Run | SolvedRun) -> Config | SolveConfig:
-    return parse_any_config(run.config, name=str(run.path / "config.yaml"))
+    return parse_any_config(run.config, name=str(run.path / CONFIG_FILE))
 
 
 def _limits(run: Run | SolvedRun) -> dict[str, float]:

@@ -71,10 +71,6 @@ class Body:
             pin.forwardKinematics(model, data, configuration)
             for column, joint in enumerate(joints):
                 row[column] = pin.SE3ToXYZQUAT(data.oMi[joint])
-        # q and -q are the same rotation, but the interpolation between them is not constant.
-        flips = np.sum(poses[1:, :, 3:] * poses[:-1, :, 3:], axis=2) < 0.0
-        signs = np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)
-        poses[1:, :, 3:] *= signs[:, :, None]
         for column, joint in enumerate(joints):
             pose = poses[:, column]
             scene.animate(self._path(joint), times, position=pose[:, :3], quaternion=pose[:, 3:])

@@ -169,9 +169,6 @@ def _add_body(scene: Scene, body: Body, times: Array, lift: Array) -> None:
         turn = quaternion.identity() if shape.rotation is None else quaternion.from_matrix(shape.rotation)
         scene.place(part, shape.position, turn)
     turns = quaternion.from_matrix(body.rotations)
-    # q and -q are the same rotation, but the interpolation between them is not constant.
-    flips = np.sum(turns[1:] * turns[:-1], axis=1) < 0.0
-    turns[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
     scene.animate(path, times - times[0], position=body.positions + lift, quaternion=turns)
 
 

@@ -31,6 +31,7 @@ __all__ = [
     "PageServer",
     "Readout",
     "embed_page",
+    "filled",
     "frame_of",
     "has_desktop",
     "page_of",
@@ -106,7 +107,12 @@ def page_of(title: str, scene: Scene, content: Mapping[str, object]) -> str:
         "payload": base64.b64encode(scene.pack(content)).decode("ascii"),
         "script": (assets / "replay.js").read_text(encoding="utf-8"),
     }
-    page, *rest = (assets / "replay.html").read_text(encoding="utf-8").split("@@")
+    return filled((assets / "replay.html").read_text(encoding="utf-8"), parts)
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Return the template with each ``@@name@@`` replaced by the part of that name."""
+    page, *rest = template.split("@@")
     for name, text in zip(rest[::2], rest[1::2], strict=True):
         page += parts[name] + text
     return page

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 
+from lgmpc.viz.page import filled
+
 __all__ = ["Block", "Code", "Figure", "Folded", "Replay", "Report", "Section", "Table", "Words", "report_page"]
 
 
@@ -112,10 +114,7 @@ def report_page(report: Report) -> str:
         "body": "\n".join([_head(report), *(_section(each) for each in report.sections)]),
         "script": "".join((assets / name).read_text(encoding="utf-8") for name in ("report.js", "figures.js")),
     }
-    page, *rest = (assets / "report.html").read_text(encoding="utf-8").split("@@")
-    for name, text in zip(rest[::2], rest[1::2], strict=True):
-        page += parts[name] + text
-    return page
+    return filled((assets / "report.html").read_text(encoding="utf-8"), parts)
 
 
 def _head(report: Report) -> str:

@@ -139,11 +139,12 @@ class Scene:
             path: the object.
             times: (n,) s from 0, increasing.
             position: (n, 3) m.
-            quaternion: (n, 4) x y z w.
+            quaternion: (n, 4) x y z w, of either sign.
             scale: (n, 3).
             visible: (n,) shown from each time to the next.
         """
         tracks = []
+        quaternion = None if quaternion is None else _continuous(quaternion)
         for name, kind, values, step in (
             ("position", "vector", position, _POSITION_STEP),
             ("quaternion", "quaternion", quaternion, _ROTATION_STEP),
@@ -207,6 +208,15 @@ class Scene:
 
 
 _TYPES = {"float32": "Float32Array", "int16": "Int16Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}
+
+
+def _continuous(q: Array) -> Array:
+    """Return the quaternions (n, 4) with signs without jumps.
+
+    q and -q are the same rotation, but the interpolation between them is not constant.
+    """
+    flips = np.cumsum(np.sum(q[1:] * q[:-1], axis=1) < 0.0)
+    return np.concatenate((q[:1], np.where(flips % 2, -1.0, 1.0)[:, None] * q[1:]))
 
 
 def _changing(rows: Array) -> NDArray[np.intp]:

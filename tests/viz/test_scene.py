@@ -91,6 +91,17 @@ def test_keys_that_are_left_out_are_interpolated_back() -> None:
     assert content["duration"] == 2.0
 
 
+def test_the_signs_of_quaternions_make_no_jump() -> None:
+    times, angle = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 3.0, 21)
+    turns = np.stack([np.sin(angle), 0.0 * angle, 0.0 * angle, np.cos(angle)], axis=1)
+    given = turns * np.where(np.arange(21) % 3 == 1, -1.0, 1.0)[:, None]
+    scene = Scene()
+    scene.animate("/a", times, quaternion=given)
+    track = tracks(unpack(scene.pack({})), "/a")[".quaternion"]
+    keys = np.searchsorted(times, track["times"] - 1e-6)
+    np.testing.assert_allclose(track["values"].reshape(-1, 4), turns[keys], atol=1e-4)
+
+
 def test_every_clip_lasts_as_long_as_the_longest() -> None:
     """The viewer loops each clip on its own: clips of different lengths would drift apart."""
     scene = Scene()

@@ -200,6 +200,7 @@ run_sweep(parse_sweep(text, name='two'), Path("two"), workers=1)""",
 ]
 
 
+@pytest.mark.docs
 @pytest.mark.slow
 def test_a_kernel_displays_progress_replays_tables_and_figures(tmp_path: Path) -> None:
     pytest.importorskip("nbclient")

@@ -161,6 +161,7 @@ def test_links_to_names_lead_to_public_ones() -> None:
             assert kind == "mod" or name in importlib.import_module(package).__all__, f"{page.name}: {target}"
 
 
+@pytest.mark.docs
 def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("sphinx")
     monkeypatch.syspath_prepend(str(DOCS))

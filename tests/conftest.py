@@ -18,6 +18,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 @pytest.fixture
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpret all functions: few calls take less than compiling. Machine code is compared in tests/test_compile.py,
+    test_pipeline.py and test_stage_kernel.py.
+    """
+    monkeypatch.setenv("LGMPC_JIT", "0")
+
+
+@pytest.fixture
 def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of compiled functions for one test, and no settings of the compiler from the environment."""
     for name in ("CC", "LGMPC_CFLAGS", "LGMPC_JIT"):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -66,6 +68,16 @@ def end(a: MultibodyAction, start: np.ndarray, u: np.ndarray, steps: int, time: 
     return x
 
 
+@lru_cache
+def flight(robot: str) -> tuple[pin.Model, np.ndarray, np.ndarray, np.ndarray]:
+    """A model, its first state, its controls, and where a fine integration of these ends."""
+    model = ROBOTS[robot]()
+    start, u = beginning(model), np.zeros(model.nv)
+    if robot != "arm":
+        u[:6] = WRENCH
+    return model, start, u, end(action(RungeKutta4(), model), start, u, 512)
+
+
 @pytest.mark.parametrize(
     ("integrator", "order"),
     [(SemiImplicitEuler(), 1), (Variational(), 2), (RungeKutta2(), 2), (RungeKutta3(), 3), (RungeKutta4(), 4)],
@@ -73,12 +85,8 @@ def end(a: MultibodyAction, start: np.ndarray, u: np.ndarray, steps: int, time: 
 )
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_order_is_the_slope_of_the_error(integrator: Integrator, order: int, robot: str) -> None:
-    model = ROBOTS[robot]()
+    model, start, u, truth = flight(robot)
     a = action(integrator, model)
-    start, u = beginning(model), np.zeros(model.nv)
-    if robot != "arm":
-        u[:6] = WRENCH
-    truth = end(action(RungeKutta4(), model), start, u, 512)
     coarse, fine = (np.linalg.norm(a.state.diff(truth, end(a, start, u, n))) for n in (16, 32))
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)
 

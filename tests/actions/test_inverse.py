@@ -12,6 +12,8 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory, check_derivatives
 from lgmpc.solvers import Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 
 def arm_problem(dynamics: Dynamics, bound: float) -> ShootingProblem:
     """A hand reaches a place; efforts are paid for and bounded."""
@@ -33,7 +35,7 @@ def arm_problem(dynamics: Dynamics, bound: float) -> ShootingProblem:
 def test_forward_and_inverse_dynamics_have_the_same_optimum(bound: float) -> None:
     """The controls of one are the efforts of the other."""
     whole = pin.buildSampleModelManipulator()
-    model = pin.buildReducedModel(whole, [4, 6], np.zeros(whole.nq))  # four joints: less to compile
+    model = pin.buildReducedModel(whole, [4, 6], np.zeros(whole.nq))  # four joints
     found = {}
     for dynamics in (FreeForwardDynamics(model), FreeInverseDynamics(model)):
         problem = arm_problem(dynamics, bound)

@@ -153,7 +153,7 @@ def test_costs_do_not_compile_the_dynamics_again(tmp_path: Path, monkeypatch: py
 
 
 def test_other_actions_are_expanded_as_they_are_written() -> None:
-    model = solo()
+    model = pin.buildSampleModelManipulator()
     dynamics = FreeForwardDynamics(model)
     assert MultibodyAction("runge_kutta", dynamics, integrator=RungeKutta4()).expansion is None
     assert HoldAction("hold", model).expansion is None

@@ -24,6 +24,7 @@ from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, check_derivatives
 from lgmpc.solvers import Fddp, NlpSolver, Status
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 MASS, INERTIA, ARM = 1.5, np.diag([0.1, 0.2, 0.25]), np.array([0.1, 0.05, -0.02])
 GRAVITY = np.array([0.0, 0.0, -9.81])
 INTEGRATORS = (SemiImplicitEuler(), Variational(), RungeKutta4())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import example_robot_data as erd
 import numpy as np
@@ -35,11 +37,19 @@ def robot(shoulder: pin.JointModel, gravity: float = 9.81) -> pin.Model:
 
 HINGES = robot(pin.JointModelRX())
 BALL = robot(pin.JointModelSpherical())
-ROBOTS = pytest.mark.parametrize("model", [HINGES, BALL], ids=["hinges", "ball"])
+ROBOTS = pytest.mark.parametrize(
+    "model", [pytest.param(HINGES, id="hinges", marks=pytest.mark.slow), pytest.param(BALL, id="ball")]
+)
+
+
+@lru_cache
+def variational(model: pin.Model) -> MultibodyAction:
+    """One action for all tests: to write its functions takes longer than to evaluate them."""
+    return MultibodyAction("robot", FreeForwardDynamics(model, np.eye(model.nv)), integrator=Variational(8))
 
 
 def stepper(model: pin.Model, h: float, **more: object) -> tuple[MultibodyAction, np.ndarray]:
-    action = MultibodyAction("robot", FreeForwardDynamics(model, np.eye(model.nv)), integrator=Variational(8))
+    action = variational(model)
     p = action.parameters.default.copy()
     p[action.parameters["duration"]] = h
     for name, value in more.items():
@@ -98,7 +108,13 @@ def test_steps_solve_the_discrete_euler_lagrange_equations(model: pin.Model) -> 
         assert slope == pytest.approx((mass(model, q_next) @ v_next)[i], abs=2e-9)
 
 
-@pytest.mark.parametrize("shoulder", [pin.JointModelRX(), pin.JointModelSpherical()], ids=["hinges", "ball"])
+@pytest.mark.parametrize(
+    "shoulder",
+    [
+        pytest.param(pin.JointModelRX(), id="hinges", marks=pytest.mark.slow),
+        pytest.param(pin.JointModelSpherical(), id="ball"),
+    ],
+)
 def test_momentum_is_kept_to_rounding_and_energy_within_bounds(shoulder: pin.JointModel) -> None:
     model = robot(shoulder, gravity=0.0)
     data, (q, v) = model.createData(), start(model)
@@ -154,6 +170,7 @@ def test_the_step_is_symplectic(model: pin.Model) -> None:
     np.testing.assert_allclose(slope.T @ form(after.ravel()) @ slope, form(before), rtol=0, atol=1e-11)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_submerged_body_moves_as_by_the_discrete_euler_poincare_equations() -> None:
     inertia, center = np.diag([0.16, 0.2, 0.25]), np.array([0.02, -0.01, -0.05])
     model = pin.Model()
@@ -202,6 +219,7 @@ def test_derivatives(model: pin.Model) -> None:
     assert report.passed, str(report)
 
 
+@pytest.mark.slow
 def test_solo12_conserves_momenta_in_flight_under_gravity() -> None:
     model = erd.load("solo12").model
     action = MultibodyAction("solo12", FreeForwardDynamics(model), integrator=Variational())

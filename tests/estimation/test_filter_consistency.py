@@ -112,6 +112,7 @@ def test_the_left_invariant_filter_converges_too() -> None:
     assert errors[:, 0].max() < 2.0 and errors[:, 1].max() < 0.1
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_short_trot_is_followed() -> None:
     """In a second: from 0.1 rad and 0.2 m/s to a fraction of that, through changes of the feet."""
     rng = np.random.default_rng(3)
@@ -129,6 +130,7 @@ def test_a_short_trot_is_followed() -> None:
     assert np.degrees(np.linalg.norm(so3.log(ekf.rotation @ walk.poses[-1][:3, :3].T)[:2])) < 1.5
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_innovations_of_consistent_errors_are_chi_square_distributed() -> None:
     """Of one foot they are white over time, so their squares add up to a chi-square number (NIS, Bar-Shalom 5.4.2)."""
     ekf, squares, rejected = InvariantEkf(4, NOISE, slip=SLIP, outlier_probability=0.01), [], []
@@ -168,6 +170,7 @@ def test_a_sliding_foot_does_not_correct_a_filter_with_a_gate() -> None:
     assert worst[1e-3] < 0.3 * worst[0.0], worst
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="^period: got 2"):
         simulate_trot(np.random.default_rng(0), NOISE, duration=1.0, period=2.0)

@@ -17,6 +17,7 @@ from lgmpc.estimation.invariant_ekf import FORMS, RIGHT, ErrorForm
 from lgmpc.estimation.simulated_trot import simulate_trot
 from lgmpc.lie import sek3
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 NOISE = ImuNoise(
     gyro_noise_rad_s_rt_hz=2e-3,
     gyro_bias_walk_rad_s2_rt_hz=1e-3,
@@ -29,11 +30,9 @@ FLOOR = 1e-3  # m
 
 @functools.cache
 def make(form: ErrorForm) -> InvariantEkf:
-    """A filter with correlations and three feet in contact, interpreted: it is used for little."""
+    """A filter with correlations and three feet in contact."""
     rng = np.random.default_rng(0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LGMPC_JIT", "0")
-        ekf = InvariantEkf(4, NOISE, slip=0.005, gravity=GRAVITY, contact_offset=(0.0, 0.0, 0.02), form=form)
+    ekf = InvariantEkf(4, NOISE, slip=0.005, gravity=GRAVITY, contact_offset=(0.0, 0.0, 0.02), form=form)
     ekf.reset(sek3.exp(rng.normal(size=9)), rng.uniform(0.02, 0.1, 15), 0.1 * rng.normal(size=3), rng.normal(size=3))
     for foot in (0, 2, 3):
         ekf.predict(rng.normal(size=3), 5.0 * rng.normal(size=3), 0.02)
@@ -42,10 +41,7 @@ def make(form: ErrorForm) -> InvariantEkf:
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
-def test_a_correction_is_the_kalman_update_with_a_finite_difference_jacobian(
-    form: ErrorForm, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LGMPC_JIT", "0")
+def test_a_correction_is_the_kalman_update_with_a_finite_difference_jacobian(form: ErrorForm) -> None:
     ekf, up = make(form), -GRAVITY / np.linalg.norm(GRAVITY)
     pose, biases, before = (
         ekf.pose.copy(),
@@ -71,7 +67,7 @@ def test_a_correction_is_the_kalman_update_with_a_finite_difference_jacobian(
 
 def test_a_trot_on_a_floor_of_known_height_is_consistent_and_its_height_does_not_drift() -> None:
     """Normalised errors squared are chi-square distributed; the height's deviation stays that of the floor."""
-    errors, degrees, drifting = 0.0, 0, []
+    ekf, errors, degrees, drifting = InvariantEkf(4, NOISE, slip=0.005), 0.0, 0, []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         trot = simulate_trot(rng, NOISE, accelerometer_bias=0.05)
@@ -79,7 +75,6 @@ def test_a_trot_on_a_floor_of_known_height_is_consistent_and_its_height_does_not
         start = trot.poses[0].copy()
         start[:5, :5] = sek3.compose(sek3.exp(deviations[:9] * rng.normal(size=9)), start)
         for known in (False, True):
-            ekf = InvariantEkf(4, NOISE, slip=0.005)
             ekf.reset(start, deviations)
             for k in trot.run(ekf):
                 if known and k:

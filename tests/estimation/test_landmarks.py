@@ -16,6 +16,7 @@ from lgmpc.estimation.invariant_ekf import FORMS, LEFT, RIGHT, ErrorForm
 from lgmpc.estimation.simulated_trot import SimulatedTrot, simulate_trot
 from lgmpc.lie import sek3, so3
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 NOISE = ImuNoise(
     gyro_noise_rad_s_rt_hz=2e-3,
     gyro_bias_walk_rad_s2_rt_hz=1e-3,
@@ -33,21 +34,16 @@ DEVIATIONS = np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3)
 
 
 @pytest.fixture(params=FORMS.values(), ids=FORMS.keys())
-def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ErrorForm:
-    """Every form; the one used most is compiled, also where it is corrected by landmarks."""
-    if request.param is not RIGHT:
-        monkeypatch.setenv("LGMPC_JIT", "0")
+def form(request: pytest.FixtureRequest) -> ErrorForm:
+    """Every form."""
     found: ErrorForm = request.param
     return found
 
 
 @functools.cache
 def blank(form: ErrorForm) -> InvariantEkf:
-    """One filter for all tests: making one costs more than using it. The form used most is compiled."""
-    with pytest.MonkeyPatch.context() as patch:
-        if form is not RIGHT:
-            patch.setenv("LGMPC_JIT", "0")
-        return InvariantEkf(4, NOISE, landmarks=M, slip=SLIP, contact_offset=OFFSET, form=form)
+    """One filter for all tests: making one costs more than using it."""
+    return InvariantEkf(4, NOISE, landmarks=M, slip=SLIP, contact_offset=OFFSET, form=form)
 
 
 def make(form: ErrorForm) -> InvariantEkf:
@@ -114,9 +110,8 @@ def test_a_new_landmark_has_the_covariance_of_finite_differences(form: ErrorForm
     assert ekf.mapped.tolist() == [True, True, True]
 
 
-def test_left_and_right_are_one_filter_up_to_the_adjoint(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_left_and_right_are_one_filter_up_to_the_adjoint() -> None:
     left, right = blank(LEFT), blank(RIGHT)
-    monkeypatch.setenv("LGMPC_JIT", "0")
     start = sek3.exp(np.random.default_rng(1).normal(size=9))
     for ekf in (left, right):
         ekf.reset(start, np.repeat([0.05, 0.1, 0.1, 0.01, 0.1], 3))
@@ -197,7 +192,14 @@ def disturbed(walk: SimulatedTrot, drawn: np.ndarray) -> np.ndarray:
     return start
 
 
-@pytest.mark.parametrize("known", [(), (0, 1, 2), (1,)], ids=["unknown", "known", "mixed"])
+@pytest.mark.parametrize(
+    "known",
+    [
+        pytest.param((), id="unknown", marks=pytest.mark.slow),
+        pytest.param((0, 1, 2), id="known", marks=pytest.mark.slow),
+        pytest.param((1,), id="mixed"),
+    ],
+)
 def test_the_filter_is_consistent(known: tuple[int, ...]) -> None:
     """NEES of feet, landmarks, base and biases after half a second of trotting and sightings, 20 runs."""
     ekf = InvariantEkf(4, NOISE, landmarks=M, slip=SLIP)

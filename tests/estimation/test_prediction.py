@@ -59,7 +59,7 @@ def test_after_missed_ticks_the_last_command_has_acted_for_longer(solo12) -> Non
     np.testing.assert_array_equal(predictor.predict(state).v, 0.0)
 
 
-@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+@pytest.mark.parametrize("plant", ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)])
 def test_in_closed_loop_it_is_the_simulated_state(plant: str) -> None:
     """The centre of mass on a circle, 9 ms of delay: what is predicted is what happens."""
     overrides = [f"plant.kind={plant}", "duration_s=2.0", "reference.ramp_s=0.3"]

@@ -76,6 +76,7 @@ def test_accelerations_are_those_of_the_free_forward_dynamics() -> None:
         np.testing.assert_allclose(DIAGONAL.acceleration(pose[:3, :3], nu, tau), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_second_of_motion_is_that_of_the_action() -> None:
     action, p = fluid_action()
     pose, nu, tau = se3.exp([0.1, 0.2, -0.3, 0.5, -0.4, 0.3]), np.array([1.0, 0.3, -0.2, 0.4, -0.5, 0.6]), np.ones(6)
@@ -125,6 +126,7 @@ def test_casimirs_of_kirchhoffs_equations_are_kept_without_damping() -> None:
     assert np.linalg.norm(slowed[-1, :3]) < 0.9 * norm[0]
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_damping_leaves_the_order_of_the_variational_integrator_at_two() -> None:
     system = VEHICLE.system(lambda s: ca.DM([30.0, 5.0, 0.0, 1.0, 0.5, 2.0]))
     start = se3.exp([0, 0, 0, 0.4, -0.3, 0.2]), np.array([0.8, 0.1, 0.2, 0.3, 0.5, 0.4])
@@ -140,6 +142,7 @@ def test_damping_leaves_the_order_of_the_variational_integrator_at_two() -> None
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_munk_instability_grows_at_the_linearised_rate() -> None:
     vehicle, speed = torpedo(), 1.5
     m1, m2, inertia = vehicle.mass_matrix[0, 0], vehicle.mass_matrix[1, 1], vehicle.mass_matrix[5, 5]

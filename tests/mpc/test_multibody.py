@@ -26,6 +26,7 @@ from lgmpc.mpc.full_body import holding_efforts
 from lgmpc.mpc.multibody import contact_point_model
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STANCE = np.ones(4, dtype=bool)
 
@@ -96,9 +97,8 @@ def test_standing_still_needs_the_weight_and_no_motion(mpc: MultibodyMpc) -> Non
     assert_standing(update(mpc))
 
 
-def test_the_full_body_model_stands_and_keeps_its_torques_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the model that takes longest to compile."""
-    monkeypatch.setenv("LGMPC_JIT", "0")
+def test_the_full_body_model_stands_and_keeps_its_torques() -> None:
+    """Of the model that takes longest to evaluate."""
     mpc = FullBodyMpc(solo(), FullBodyMpcSettings())
     assert_standing(update(mpc))
     assert_torques_kept(mpc)

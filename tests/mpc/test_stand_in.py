@@ -15,6 +15,7 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import MeasuredState, Mpc, MpcStatus, Plan, StandInMpc, make_mpc
 from lgmpc.robot import Robot
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance_kinodynamic.yaml"
 CALM = np.zeros(6)
 PUSHED = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
@@ -94,10 +95,7 @@ def test_a_state_that_is_not_finite_fails_both(mpc: StandInMpc) -> None:
     np.testing.assert_array_equal(plan.forces, good.forces)
 
 
-def test_the_stand_in_has_the_horizon_and_the_limits_of_the_model_it_stands_in_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("LGMPC_JIT", "0")  # nothing is evaluated
+def test_the_stand_in_has_the_horizon_and_the_limits_of_the_model_it_stands_in_for() -> None:
     config = load_config(CONFIG, ["mpc.nodes=17", "mpc.friction=0.5", "mpc.friction_facets=8"])
     mpc = make_mpc(made()[0], config.mpc)
     assert isinstance(mpc, StandInMpc)

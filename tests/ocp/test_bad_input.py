@@ -18,6 +18,7 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import BoxFddp, Fddp, LineSearchSqp, Status
 from lgmpc.state import StateVector
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 MODEL = pin.buildSampleModelManipulator()
 DYNAMICS = FreeForwardDynamics(MODEL)
 LIMITS = ConstraintItem("motors", Control(6), -1.0, 1.0)

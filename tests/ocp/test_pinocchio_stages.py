@@ -22,13 +22,8 @@ from lgmpc.ocp import ShootingFunctions, ShootingProblem, SubproblemFunctions
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, Fddp, LineSearchSqp, Status
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 FEET = ("FL_FOOT", "HR_FOOT")
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Interpret all functions: speed does not matter here."""
-    monkeypatch.setenv("LGMPC_JIT", "0")
 
 
 @lru_cache
@@ -101,11 +96,10 @@ def assert_equal(ours: np.ndarray, theirs: np.ndarray, name: str) -> None:
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * scale, err_msg=name)
 
 
-@pytest.mark.parametrize("others", [0, 1])
-def test_expansion_and_roll_out_are_those_of_the_expressions(others: int) -> None:
+def test_expansion_and_roll_out_are_those_of_the_expressions() -> None:
     functions = []
     for action in (forward(False), NumericContactAction(forward(False))):
-        problem = problem_of(action, others)
+        problem = problem_of(action, others=1)
         f = ShootingFunctions(problem)
         f.xs[...], f.us[...] = scattered(problem)
         rng = np.random.default_rng(1)
@@ -123,11 +117,10 @@ def test_expansion_and_roll_out_are_those_of_the_expressions(others: int) -> Non
     assert (numbers.us_try[:, :3] <= 0.2).all() and (numbers.us_try[:, 3:6] >= -0.1).all()
 
 
-@pytest.mark.parametrize("others", [0, 1])
-def test_subproblem_is_that_of_the_expressions(others: int) -> None:
+def test_subproblem_is_that_of_the_expressions() -> None:
     found = []
     for action in (forward(True), NumericContactAction(forward(True))):
-        problem = problem_of(action, others)
+        problem = problem_of(action, others=1)
         f = SubproblemFunctions(problem)
         f.xs[...], f.us[...] = scattered(problem)
         f.linearize()

@@ -29,6 +29,7 @@ from lgmpc.solvers import (
 )
 from lgmpc.state import StateMultibody
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 DT = 0.1
 LAYOUT = ParameterLayout(Parameter("goal", 3, "place to reach"))
 

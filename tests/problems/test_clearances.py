@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,10 @@ from lgmpc.config import load_solve_config
 from lgmpc.config.solving import build_scenario
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.problems.reach import ReachSettings, build_reach
-from lgmpc.robot import RobotSpec, load_robot
-from lgmpc.solvers import LineSearchSqp, Status
+from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.solvers import LineSearchSqp, Solution, Status
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 BALL = {"kind": "sphere", "link": "universe", "center_m": [0.45, -0.2, 0.45], "radius_m": 0.1}
 BOX = {"kind": "box", "link": "universe", "center_m": [0.45, -0.2, 0.45], "half_size_m": [0.09, 0.08, 0.1]}
 HAND = {"kind": "capsule", "link": "panda_hand", "radius_m": 0.06, "half_length_m": 0.05}
@@ -20,18 +23,29 @@ NEAR = {"first": HAND, "second": BALL, "distance_m": 0.03}
 
 def reach(**clearance: object) -> ReachSettings:
     apart = [{**NEAR, **clearance}]
-    return ReachSettings(frame="panda_hand_tcp", position_m=(0.35, -0.45, 0.25), nodes=40, node_s=0.025).replace(
+    return ReachSettings(frame="panda_hand_tcp", position_m=(0.35, -0.45, 0.25), nodes=20, node_s=0.05).replace(
         {"clearances": apart}
     )
 
 
-@pytest.mark.parametrize("weight", [None, 1e5])
-def test_a_hand_keeps_its_distance_from_a_ball_in_its_way(weight: float | None) -> None:
-    robot, settings = load_robot(RobotSpec(model="panda")), reach(weight=weight)
-    free, apart = (build_reach(robot, each) for each in (settings.replace({"clearances": []}), settings))
+@lru_cache
+def panda() -> Robot:
+    return load_robot(RobotSpec(model="panda"))
+
+
+@lru_cache
+def straight() -> Solution:
+    """The reach with nothing in its way."""
+    free = build_reach(panda(), reach().replace({"clearances": []}))
     solution = LineSearchSqp(free.problem).solve(free.guess)
     assert "clearance_m" not in free.figures(solution.trajectory)
-    assert apart.figures(solution.trajectory)["clearance_m"] < 0.0
+    return solution
+
+
+@pytest.mark.parametrize("weight", [None, 1e5])
+def test_a_hand_keeps_its_distance_from_a_ball_in_its_way(weight: float | None) -> None:
+    apart = build_reach(panda(), reach(weight=weight))
+    assert apart.figures(straight().trajectory)["clearance_m"] < 0.0
     solution = LineSearchSqp(apart.problem).solve(apart.guess)
     assert solution.status is Status.CONVERGED, solution.explain()
     least = apart.figures(solution.trajectory)["clearance_m"]
@@ -48,16 +62,13 @@ def test_a_hand_keeps_its_distance_from_a_ball_in_its_way(weight: float | None) 
 )
 def test_unknown_links_and_pairs_that_cannot_move_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_reach(load_robot(RobotSpec(model="panda")), reach(**change))
+        build_reach(panda(), reach(**change))
 
 
 def test_a_hand_keeps_its_distance_from_a_box_in_its_way() -> None:
-    robot, ball = load_robot(RobotSpec(model="panda")), {"kind": "sphere", "link": "panda_hand", "radius_m": 0.06}
-    settings = reach(first=ball, second=BOX)
-    free = build_reach(robot, settings.replace({"clearances": []}))
-    through = LineSearchSqp(free.problem).solve(free.guess)
-    apart = build_reach(robot, settings)
-    assert apart.figures(through.trajectory)["clearance_m"] < 0.0
+    ball = {"kind": "sphere", "link": "panda_hand", "radius_m": 0.06}
+    apart = build_reach(panda(), reach(first=ball, second=BOX))
+    assert apart.figures(straight().trajectory)["clearance_m"] < 0.0
     solution = LineSearchSqp(apart.problem).solve(apart.guess)
     assert solution.status is Status.CONVERGED, solution.explain()
     assert abs(apart.figures(solution.trajectory)["clearance_m"] - 0.03) < 1e-6
@@ -67,7 +78,7 @@ def test_a_box_and_a_capsule_are_refused() -> None:
     with pytest.raises(
         InputError, match=r"clearances.0: got '.*', a capsule; expected a sphere, because '.*' is a box"
     ):
-        build_reach(load_robot(RobotSpec(model="panda")), reach(second=BOX))
+        build_reach(panda(), reach(second=BOX))
 
 
 def test_gains_of_one_contact_leave_those_of_the_others() -> None:

@@ -50,8 +50,11 @@ def iris() -> Robot:
 
 @lru_cache
 def loop() -> tuple[Solution, dict[str, float]]:
+    """Interpreted: one solution takes less than compiling."""
     scenario = build_flight(iris(), LOOP)
-    solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LGMPC_JIT", "0")
+        solution = BoxFddp(scenario.problem).solve(scenario.guess)
     return solution, dict(scenario.figures(solution.trajectory))
 
 

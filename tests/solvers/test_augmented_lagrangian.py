@@ -37,6 +37,7 @@ from lgmpc.solvers import (
 )
 from lgmpc.state import StateVector
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 Make = Callable[..., ShootingProblem]
 
 

@@ -31,6 +31,7 @@ from lgmpc.solvers import (
 )
 from lgmpc.state import StateVector
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 Make = Callable[..., ShootingProblem]
 SOLVERS: dict[str, Callable[[ShootingProblem], Any]] = {
     "fddp": lambda problem: Fddp(problem, FddpSettings(tolerance=1e-13)),

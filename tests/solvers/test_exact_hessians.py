@@ -81,6 +81,7 @@ class Iterates:
         assert (errors[1:] < np.maximum(errors[:-1] ** 2, 1e-7)).all(), errors
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_both_solvers_converge_quadratically_where_gauss_newton_crawls() -> None:
     """Each is compared with the solution of the other."""
     fddp, sqp = (FddpSettings, LineSearchSqpSettings)
@@ -138,6 +139,7 @@ def test_the_sqp_takes_other_qp_solvers_and_needs_no_compiler(
     assert found.cost == pytest.approx(expected.cost, rel=1e-8)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_convexity_along_the_dynamics_is_that_of_the_reduced_hessian() -> None:
     """The smallest eigenvalue in the controls alone, states eliminated, changes its sign with the weight of them."""
     action = MultibodyAction("convexity", FreeForwardDynamics(arm()), [CostItem("effort", Control(2), 1.0)])

@@ -9,7 +9,7 @@ from samples import Unicycle
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Status
+from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Solution, Status
 from lgmpc.solvers.qp import (
     ActiveSetSettings,
     ActiveSetSolver,
@@ -39,16 +39,24 @@ def standing(problem: ShootingProblem) -> Trajectory:
     return Trajectory(np.tile(problem.x0, (problem.nodes + 1, 1)), us)
 
 
-@pytest.mark.parametrize("push", PUSHES)
-@pytest.mark.parametrize("qp_solver", ACCURATE)
-def test_iterations_converge_to_the_solution_of_ipopt(centroidal: Make, push: str, qp_solver: str) -> None:
+@pytest.fixture(scope="module", params=PUSHES)
+def pushed(centroidal: Make, request: pytest.FixtureRequest) -> tuple[ShootingProblem, Trajectory, Solution]:
+    """A problem, a guess and the solution of ipopt."""
     problem = centroidal()
     problem.view("contact_flags")[8:12, 2] = 0.0
     problem.view("external_wrench")[:6] = [0.0, 4.0, 0.0, 0.1, 0.0, 0.0]
-    problem.set_initial_state(problem.x0 + PUSHES[push])
+    problem.set_initial_state(problem.x0 + PUSHES[request.param])
     guess = standing(problem)
     reference = NlpSolver(problem, NlpSettings(tolerance=1e-10)).solve(guess)
     assert reference.status is Status.CONVERGED
+    return problem, guess, reference
+
+
+@pytest.mark.parametrize("qp_solver", ACCURATE)
+def test_iterations_converge_to_the_solution_of_ipopt(
+    pushed: tuple[ShootingProblem, Trajectory, Solution], qp_solver: str
+) -> None:
+    problem, guess, reference = pushed
     solver = RealTimeSqp(problem, ACCURATE[qp_solver])
     solver.set_guess(guess)
     for _ in range(30):

@@ -110,7 +110,7 @@ def test_a_sweep_continues_bit_for_bit(first: int, closed: bool) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("flags", ["-DLANES=1", "-DLANES=2", "-DLANES=8"])
+@pytest.mark.parametrize("flags", ["-DLANES=1", pytest.param("-DLANES=2", marks=pytest.mark.slow), "-DLANES=8"])
 def test_any_number_of_lanes_gives_the_same_sweep(flags: str, monkeypatch: pytest.MonkeyPatch) -> None:
     f = Numbers(4, 13, 5)
     assert make_sweep(f).run(1e-6, closed=False)

@@ -11,12 +11,6 @@ from lgmpc.wbc import Gain, NumericTask, SymbolicTask, TickStatus, WholeBodyCont
 from lgmpc.wbc.library import ComTask
 
 
-@pytest.fixture
-def interpreted(monkeypatch):
-    """For a few ticks on several robots; what machine code computes is compared with it below."""
-    monkeypatch.setenv("LGMPC_JIT", "0")
-
-
 def contact_jacobian(robot, q):
     """Of the material points in contact: the frame's velocity and omega x (-r e_z)."""
     model, data = robot.model, robot.create_data()

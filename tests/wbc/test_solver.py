@@ -112,9 +112,9 @@ def draw(wbc, rng):
     wbc.qp.update()
 
 
-def test_a_warm_start_that_leads_nowhere_is_followed_by_a_cold_one(solo12, monkeypatch):
+@pytest.mark.usefixtures("interpreted")
+def test_a_warm_start_that_leads_nowhere_is_followed_by_a_cold_one(solo12):
     """Some of these tick pairs converge from cold alone: ProxQP returns their solution in the same tick."""
-    monkeypatch.setenv("LGMPC_JIT", "0")
     wbc = WholeBodyController(solo12, WholeBodySettings(joint_horizon_s=0.05))
     solver, rescued = wbc.solver, 0
     for seed in (15, 55, 119, 701, 769):
@@ -170,6 +170,7 @@ def test_no_tick_of_a_push_is_left_to_proxqp(solo12, measures):
     assert hard > 5 and steps > 100
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_active_sets_solve_whatever_proxqp_does(robot):
     """From the active limits of another state, and from none; what they do not solve contradicts itself."""
     wbc, rng = WholeBodyController(robot, WholeBodySettings()), np.random.default_rng(32)

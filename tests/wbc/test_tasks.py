@@ -218,6 +218,7 @@ def test_ones_own_task_in_three_lines(solo12, random_state, rows_of):
         np.testing.assert_array_equal(weight, 2.0)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_controller_follows_ones_own_task(solo12):
     """Lift a foot by its height alone, while the others carry the weight."""
     settings = WholeBodySettings().replace({"weights.swing": 0.0})

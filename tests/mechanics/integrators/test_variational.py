@@ -109,6 +109,7 @@ def reference(case: Case, duration: float) -> np.ndarray:
     return solve_ivp(rate, (0.0, duration), case.row(), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     ("method", "case", "order"),
     [

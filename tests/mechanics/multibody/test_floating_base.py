@@ -13,7 +13,8 @@ from lgmpc.mechanics.multibody.articulated import ArticulatedBody
 from lgmpc.mechanics.multibody.centroidal import centroidal_terms, wrench_about
 from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
 
-NAMES = ("two_link", "solo12", "talos_arm", "talos")
+TALOS = pytest.param("talos", marks=pytest.mark.slow)
+NAMES = ("two_link", "solo12", "talos_arm", TALOS)
 
 
 def two_link() -> pin.Model:
@@ -182,7 +183,7 @@ def test_lifting_a_leg_pushes_the_trunk() -> None:
     assert recoil[2] < 0 and recoil[4] != 0
 
 
-@pytest.mark.parametrize("name", ["two_link", "solo12", "talos"])
+@pytest.mark.parametrize("name", ["two_link", "solo12", TALOS])
 def test_centroidal_terms_are_pinocchios(name: str) -> None:
     model = two_link() if name == "two_link" else load(name).model
     dynamics, data = FloatingBaseDynamics(model), model.createData()
@@ -211,7 +212,7 @@ def test_rows_of_c_give_the_rate_only_after_multiplication_by_v() -> None:
     assert np.abs(rows - terms.rate).max() > 1e-3
 
 
-@pytest.mark.parametrize("name", ["solo12", "talos"])
+@pytest.mark.parametrize("name", ["solo12", TALOS])
 def test_momentum_changes_by_all_external_wrenches(name: str) -> None:
     """Exercise 1 of chapter 4.8: known forces on two feet or hands, and gravity; the joints' torques do not matter."""
     model = load(name).model

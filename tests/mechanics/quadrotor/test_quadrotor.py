@@ -109,10 +109,10 @@ def test_a_start_on_the_trajectory_stays_on_it() -> None:
 def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
     """``J theta'' = -k_R sin theta - k_Omega theta'``, which scipy solves to 1e-12."""
     starts, inertia = np.radians([30.0, 178.0, 179.99]), QUADROTOR.inertia[0, 0]
-    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 2.0)
+    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 1.0)
     exact = solve_ivp(
         lambda _, y: np.r_[y[3:], (-GAINS.rotation * np.sin(y[:3]) - GAINS.rate * y[3:]) / inertia],
-        (0.0, 2.0),
+        (0.0, 1.0),
         np.r_[starts, np.zeros(3)],
         "DOP853",
         flight.times,
@@ -126,7 +126,7 @@ def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
 
 def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_grows() -> None:
     """Half a turn is an equilibrium, unstable: a start beside it leaves at the rate of the linearisation."""
-    flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 1.0)
+    flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 0.2)
     psi, _ = attitude_error(flight.states.rotation, np.eye(3))
     assert np.all(psi == 2.0) and np.all(flight.moments == 0.0)
 
@@ -142,7 +142,9 @@ def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_gro
 UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0], [2.5, 1.5, 3.0])
 
 
-@pytest.mark.parametrize("gains", [GAINS, UNEVEN], ids=["alike", "per axis"])
+@pytest.mark.parametrize(
+    "gains", [pytest.param(GAINS, id="alike", marks=pytest.mark.slow), pytest.param(UNEVEN, id="per axis")]
+)
 def test_the_lyapunov_function_never_rises(gains: GeometricGains) -> None:
     """``1/2 Omega^T J Omega + Psi`` has the derivative ``-Omega . k_Omega Omega``."""
     rotations = Rotation.random(50, random_state=4).as_matrix()

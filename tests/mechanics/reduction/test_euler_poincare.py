@@ -25,6 +25,7 @@ from lgmpc.mechanics import (
     translations,
 )
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 INERTIA = np.array([[1.0, 0.1, -0.2], [0.1, 2.0, 0.15], [-0.2, 0.15, 2.5]])
 START = so3.exp([0.4, -0.3, 0.9])
 SPIN = np.array([0.7, -1.1, 0.5])

@@ -21,6 +21,7 @@ from lgmpc.mechanics import (
     torque_free_body,
 )
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 SPACES = (SO3_DUAL, SE3_DUAL, SEMIDIRECT_DUAL, extended_poses_dual(2), LiePoisson(SO3, SO3_DUAL.casimirs, sign=1))
 by_name = pytest.mark.parametrize("space", SPACES, ids=lambda space: f"{space.group.name}{space.sign:+d}")
 

@@ -71,7 +71,7 @@ def action(kind: str) -> Action:
     if kind in ("forward", "inverse"):
         dynamics = (ContactForwardDynamics if kind == "forward" else ContactInverseDynamics)(model, CONTACTS)
         return MultibodyAction(kind, dynamics, costs(dynamics.state, True), high)
-    integrator = {"free": None, "runge_kutta": RungeKutta4(), "variational": Variational(8)}[kind]
+    integrator = {"free": None, "runge_kutta": RungeKutta4(), "variational": Variational(4)}[kind]
     items = [
         *costs(free.state, False),
         CostItem("x", StateError(free.state, free.state.neutral())),

@@ -103,7 +103,7 @@ def test_contradictory_bounds_and_nan_are_known_at_once(cart: ShootingProblem) -
         AugmentedLagrangianSettings(penalty_factor=1.0)
 
 
-@pytest.mark.parametrize(("low", "high"), [(1.0, 6.0), (2.0, 5.0), (3.0, 4.5)])
+@pytest.mark.parametrize(("low", "high"), [(1.0, 6.0), pytest.param(2.0, 5.0, marks=pytest.mark.slow), (3.0, 4.5)])
 def test_a_guess_within_all_bounds_takes_few_iterations(low: float, high: float) -> None:
     """A quadrotor that hovers far from where it must be: a hundred iterations, and two from the solution."""
     model = pin.Model()

@@ -85,11 +85,11 @@ def test_a_solution_satisfies_the_conditions_by_differences_of_values(
     satellite: Make, name: str, bounded: bool
 ) -> None:
     """Independent of the solvers' derivatives and residuals."""
-    problem = satellite(bounded=bounded, nodes=5)
+    problem = satellite(bounded=bounded, nodes=3)
     solution = SOLVERS[name](problem).solve(problem.hold())
     assert solution.status is Status.CONVERGED
     assert lagrangian_slope(solution) < 2e-5
-    for k in range(5):
+    for k in range(3):
         point = problem.evaluate(k, solution.xs[k], solution.us[k])
         np.testing.assert_allclose(problem.state.diff(solution.xs[k + 1], point.x_next), 0.0, atol=1e-8)
         if not bounded:

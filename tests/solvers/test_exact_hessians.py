@@ -111,6 +111,7 @@ def test_with_bounds_the_solution_is_that_of_gauss_newton() -> None:
         assert found.cost == pytest.approx(slow.cost, rel=1e-8)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_steps_descend_where_they_are_not_convex() -> None:
     """Around an arm that is stretched out the other way the cost is concave in the joints."""
     problem = beyond_reach()

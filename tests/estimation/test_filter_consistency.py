@@ -152,6 +152,7 @@ def test_innovations_of_consistent_errors_are_chi_square_distributed() -> None:
     np.testing.assert_array_equal(rejected, np.array(squares) > chi2.isf(0.01, 3))
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_a_sliding_foot_does_not_correct_a_filter_with_a_gate() -> None:
     """One foot slides ahead at 0.5 m/s in its first stance; ungated, it draws the estimate along."""
     walk = simulate_trot(np.random.default_rng(5), NOISE, duration=0.29, slip=SLIP)

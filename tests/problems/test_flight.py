@@ -18,6 +18,7 @@ from lgmpc.problems.recovery import RecoverySettings, build_recovery
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, FddpSettings, Solution, Status
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 ROTORS = MultirotorSettings(
     frames=tuple(f"iris__rotor_{i}" for i in range(4)),
     turning=("ccw", "ccw", "cw", "cw"),
@@ -50,11 +51,8 @@ def iris() -> Robot:
 
 @lru_cache
 def loop() -> tuple[Solution, dict[str, float]]:
-    """Interpreted: one solution takes less than compiling."""
     scenario = build_flight(iris(), LOOP)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LGMPC_JIT", "0")
-        solution = BoxFddp(scenario.problem).solve(scenario.guess)
+    solution = BoxFddp(scenario.problem).solve(scenario.guess)
     return solution, dict(scenario.figures(solution.trajectory))
 
 
@@ -69,6 +67,7 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
     solution, figures = loop()
     assert solution.status is Status.CONVERGED
     assert figures["waypoint_error_m"] < 1e-3 and figures["waypoint_rotation_error_deg"] < 0.1
+    assert figures["integration_error_m"] < 1e-3  # by an independent integrator
     assert figures["inverted_tilt_deg"] > 179.9 and figures["final_tilt_deg"] < 0.1
     assert (figures["least_thrust_ratio"], figures["peak_thrust_ratio"]) == (0.0, 1.0)  # it takes all there is
     # Once round and no more: the nose's angle in the plane of the loop, counted up from node to node.
@@ -78,6 +77,7 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
     assert solution.residual().largest < 1e-4 * max(1.0, np.abs(solution.costates).max())
 
 
+@pytest.mark.slow
 def test_an_independent_integrator_confirms_runge_kutta_but_not_semi_implicit_steps() -> None:
     """Why the default is Runge and Kutta's method: same grid, same solver."""
     assert loop()[1]["integration_error_m"] < 1e-3
@@ -149,6 +149,7 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
         np.testing.assert_allclose(state.diff(moved(theirs), x), 0.0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_recovers_from_random_attitudes() -> None:
     rng = np.random.default_rng(5)
     problem = build_recovery(iris(), RecoverySettings(rotors=ROTORS)).problem
@@ -168,6 +169,7 @@ def test_recovers_from_random_attitudes() -> None:
         assert figures["attitude_step_deg"] < 45.0
 
 
+@pytest.mark.slow
 def test_from_upside_down_at_rest_it_turns_in_the_sense_of_the_guess() -> None:
     """Without a guess that turns it is a saddle: no thrust is better than another, and a solver stays there."""
     scenario = build_recovery(

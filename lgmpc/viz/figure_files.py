@@ -64,7 +64,7 @@ class Plots(dict[str, "Picture"]):
             raise RunFolderError(f"cannot create {folder}: {reason_of(error)}") from error
         for name, figure in self.items():
             with atomic_write(folder / f"{name}.png") as file:
-                figure.savefig(file, format="png")
+                figure.write_png(file)
         return tuple(folder / f"{name}.png" for name in self)
 
     def _repr_html_(self) -> str:

@@ -39,7 +39,7 @@ def mark_figure(figure: Figure) -> str:
         ``c<number>`` of a curve and ``@<x>,<y>``, the anchor of a text; ``key c<number>`` of an entry of the legend.
     """
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # saving would repeat the layout, with slightly different results
+    figure.set_layout_engine(None)  # saving would repeat the layout, with slightly different results
     height = figure.bbox.height
     names: dict[str, int] = {}
     found = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import IO
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -15,10 +16,14 @@ class Picture(Figure):
 
     def __init__(self) -> None:
         super().__init__(layout="constrained")
-        FigureCanvasAgg(self)
+        self._agg = FigureCanvasAgg(self)
+
+    def write_png(self, stream: IO[bytes]) -> None:
+        """Write the content of a PNG file. It is drawn once; ``savefig`` draws twice when the layout is constrained."""
+        self._agg.print_png(stream)
 
     def _repr_png_(self) -> bytes:
         """Return the content of a PNG file."""
         stream = io.BytesIO()
-        self.savefig(stream, format="png")
+        self.write_png(stream)
         return stream.getvalue()

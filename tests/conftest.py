@@ -1,13 +1,21 @@
 """Settings of all tests: reproducible property tests, one thread a process, Ctrl-C that works."""
 
+from __future__ import annotations
+
 import os
 import signal
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from lgmpc.sweeps.pool import Pool
 
 settings.register_profile("lgmpc", deadline=None, derandomize=True)
 settings.load_profile("lgmpc")
@@ -33,3 +41,20 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("LGMPC_CACHE_DIR", str(folder))
     return folder
+
+
+@pytest.fixture(scope="session")
+def worker() -> Iterator[Pool]:
+    """A worker process of sweeps, started for the first test that uses it."""
+    from lgmpc.sweeps.pool import Pool
+    from lgmpc.sweeps.trial import start_worker
+
+    with Pool(1, start_worker, time_limit_s=300.0) as pool:
+        yield pool
+
+
+@pytest.fixture
+def one_worker(worker: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweeps of a test compute in a process that exists already, because a new one imports everything anew."""
+    for module in ("execution", "study"):
+        monkeypatch.setattr(f"lgmpc.sweeps.{module}.Pool", lambda *_: nullcontext(worker))

@@ -8,6 +8,7 @@ import pytest
 from .conftest import Invoke
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_parts_are_taken_away_in_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke) -> None:
     monkeypatch.chdir(tmp_path)
     shorter = ("--set", "duration_s=0.3", "--set", "mpc.enabled=false", "--set", "gate={max_tilt_deg: 2.0}")

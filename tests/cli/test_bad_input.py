@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from .conftest import BALANCE, Invoke, Result
+from lgmpc.cli.app import app
+
+from .conftest import BALANCE, Invoke
 
 FIXED_BASE_ARM = """\
 <robot name="arm">
@@ -110,19 +113,20 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(invoke: Invok
     assert_one_screen(output)
 
 
-def test_a_file_that_is_no_config_is_refused(result: Result, tmp_path: Path) -> None:
+def test_a_file_that_is_no_config_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "broken.yaml").write_text("name: x\nrobot: [\n", encoding="utf-8")
-    finished = result("run", "broken.yaml")
-    assert finished.returncode == 2
+    finished = CliRunner().invoke(app, ["run", "broken.yaml"])
+    assert finished.exit_code == 2
     assert finished.stderr.startswith("error: broken.yaml:3: got broken YAML")
     assert finished.stdout == ""
     assert_one_screen(finished.stderr)
 
 
-def test_a_missing_config_names_its_neighbour(result: Result) -> None:
-    finished = result("check", str(BALANCE).replace("balance", "balence"))
-    assert finished.returncode == 2
-    assert "no such file" in finished.stderr and f"Did you mean {BALANCE}" in finished.stderr
+def test_a_missing_config_names_its_neighbour(invoke: Invoke) -> None:
+    code, output = invoke("check", str(BALANCE).replace("balance", "balence"))
+    assert code == 2
+    assert "no such file" in output and f"Did you mean {BALANCE}" in output
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.shipped import shipped_configs, shipped_sweeps
 
-from .conftest import Invoke, Result
+from .conftest import Invoke
 
 
 @pytest.fixture(autouse=True)
@@ -75,7 +75,3 @@ def test_bad_arguments_write_nothing(arguments: list[str], message: str, invoke:
     assert code == 2
     assert message in output
     assert list(Path().iterdir()) == []
-
-
-def test_a_name_works_in_a_process_of_its_own(result: Result) -> None:
-    assert result("check", "solo12_stand").returncode == 0

@@ -20,7 +20,7 @@ SHORT = ("--set", "duration_s=0.2", "mpc.enabled=false", "gate={max_tilt_deg: 5,
 def test_a_run_that_keeps_its_gate_exits_with_0_and_can_be_repeated(
     result: Result, invoke: Invoke, tmp_path: Path
 ) -> None:
-    finished = result("run", STAND, *SHORT)
+    finished = result("run", "solo12_stand", *SHORT)
     assert (finished.returncode, "PASS  solo12_stand" in finished.stdout) == (0, True), finished.stderr
     assert "tilt / deg" in finished.stdout and "simulating 0.2 s" in finished.stderr
     (folder,) = (tmp_path / "runs").iterdir()
@@ -58,8 +58,8 @@ def test_the_plant_can_be_chosen(plant: str, invoke: Invoke, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
-)  # a closed terminal sends the third in the next test
+    "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGHUP))]
+)  # a closed terminal sends the third in the next test; the second has the same handler
 def test_a_signal_saves_the_partial_run_and_exits_with_128_and_its_number(
     start: Start, tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -12,6 +12,8 @@ from .conftest import Invoke
 
 pytest.importorskip("optuna")
 
+pytestmark = pytest.mark.usefixtures("one_worker")
+
 SHORT = ("--set", "duration_s=0.3", "--set", "mpc.enabled=false", "--set", "gate={}", "--seeds", "1", "--workers", "1")
 TUNE = ("tune", "solo12_stand", "--keys", "wbc.gains.com.kp=1:200:log", "--objective", "com_rms_error_m", *SHORT)
 

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -252,6 +252,7 @@ def test_a_config_stores_the_sources_of_its_values(small: str) -> None:
 finite = st.floats(1e-6, 1e6)
 
 
+@settings(max_examples=40)  # whole configs; 100 texts of any data are read back in test_yaml_text.py
 @given(
     friction=st.floats(1e-6, 10.0),
     impulse=st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from documents import ARM
 from matplotlib.figure import Figure
 
 import lgmpc
@@ -43,9 +44,10 @@ def test_a_runs_figures_are_matplotlibs_and_saved_where_they_are_wanted(
 
 
 def test_a_solved_problem_is_shown_too(tmp_path: Path) -> None:
-    solved = solve_config(load_solve_config("panda_reach"), tmp_path)
+    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
+    solved = solve_config(load_solve_config(tmp_path / "arm.yaml"), tmp_path)
     page = show(solved, tmp_path / "reach.html")
-    assert page is not None and "panda" in page.read_text(encoding="utf-8")
+    assert page is not None and "arm \u00b7 lgmpc replay" in page.read_text(encoding="utf-8")
     assert solved.show(tmp_path / "again.html") is not None
     assert {"joints", "controls"} <= set(solved.plot()) == set(plot(solved.folder.path))
 

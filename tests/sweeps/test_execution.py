@@ -32,6 +32,7 @@ logs: {keep: 1}
 """
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_points_are_what_lgmpc_run_computes_and_resuming_repeats_none(tmp_path: Path, parse: Parse) -> None:
     sweep = parse(TWO)
     seen: list[SweepProgress] = []
@@ -67,6 +68,7 @@ def test_points_are_what_lgmpc_run_computes_and_resuming_repeats_none(tmp_path: 
     assert (tmp_path / "out" / "results.jsonl").read_bytes() == before
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_what_raises_is_a_row_with_its_reason_and_the_sweep_goes_on(tmp_path: Path, parse: Parse) -> None:
     text = """
 factors: [{key: robot.posture, kind: values, values: [nowhere, standing]}]
@@ -81,6 +83,7 @@ factors: [{key: robot.posture, kind: values, values: [nowhere, standing]}]
     assert "posture: nowhere" in config.read_text()
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_a_signal_leaves_no_point_half_claimed_or_half_saved(
     tmp_path: Path, parse: Parse, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,6 +215,7 @@ def test_what_exhausts_its_memory_is_a_row_with_its_reason(tmp_path: Path) -> No
     assert "MemoryError" in hour.reasons[0] and "allocate" in hour.reasons[0]
 
 
+@pytest.mark.usefixtures("one_worker")
 def test_points_that_another_process_computes_are_left_to_it(tmp_path: Path, parse: Parse) -> None:
     sweep = parse("factors: [{key: seed, kind: values, values: [1, 2]}]")
     folder = SweepFolder.open(tmp_path / "out", sweep, resume=False)

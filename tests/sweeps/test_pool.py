@@ -9,24 +9,11 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import pytest
+from workers import act, nothing
 
 from lgmpc.config.interrupts import stop_signals
 from lgmpc.errors import Interrupted
 from lgmpc.sweeps.pool import Died, Hung, Pool
-
-
-def act(task: str) -> str:
-    if task == "raise":
-        raise ValueError("no such luck")
-    if task == "hang":
-        time.sleep(600.0)
-    if task == "die":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return f"{task} in {os.getpid()}"
-
-
-def nothing() -> None:
-    pass
 
 
 def test_each_task_pays_for_itself_only() -> None:

@@ -11,8 +11,8 @@ from matplotlib.image import imread
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Recorder
 from lgmpc.viz import plots
+from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.plots import plot_run
-from lgmpc.viz.style import figure_maker
 
 ORANGE = (213, 94, 0)
 
@@ -31,9 +31,15 @@ def only(monkeypatch, *names: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def figures(pushed_run, tmp_path_factory):
-    out = tmp_path_factory.mktemp("figures")
-    return {path.stem: path for path in plot_run(pushed_run).save(out)}
+def drawn(pushed_run):
+    """The figures of the pushed run."""
+    return plot_run(pushed_run)
+
+
+@pytest.fixture(scope="module")
+def figures(drawn, tmp_path_factory):
+    """Their files. Afterwards all positions are settled."""
+    return {path.stem: path for path in drawn.save(tmp_path_factory.mktemp("figures"))}
 
 
 def test_all_figures_are_drawn(figures) -> None:
@@ -55,44 +61,29 @@ def test_the_push_is_shaded_where_it_was(figures) -> None:
     assert (shade.max() - left) / (right - left) == pytest.approx(0.5 / 1.2, abs=0.02)
 
 
-@pytest.fixture
-def drawn(pushed_run):
-    """Draw one figure; return it with all positions settled."""
-
-    def draw(name: str):
-        with figure_maker("a test") as make:
-            figure = make()
-            assert plots.FIGURES[name](figure, pushed_run.log)
-            figure.canvas.draw()
-        return figure
-
-    return draw
-
-
 @pytest.mark.parametrize("name", ["torques", "forces", "joints", "attitude", "base"])
-def test_labels_of_pushes_are_above_curves_and_limits(drawn, name) -> None:
-    figure = drawn(name)
-    labels = [(axes, text) for axes in figure.axes for text in axes.texts if "N.s" in text.get_text()]
+def test_labels_of_pushes_are_above_curves_and_limits(drawn, figures, name) -> None:
+    labels = [(axes, text) for axes in drawn[name].axes for text in axes.texts if "N.s" in text.get_text()]
     assert labels
     for axes, label in labels:
         lowest = axes.transData.inverted().transform(label.get_window_extent())[0, 1]
         assert lowest > max(np.nanmax(np.asarray(line.get_ydata(), dtype=float)) for line in axes.lines)
 
 
-def test_the_legend_of_the_timing_is_beside_its_lines(drawn) -> None:
-    for axes in drawn("timing").axes:
+def test_the_legend_of_the_timing_is_beside_its_lines(drawn, figures) -> None:
+    for axes in drawn["timing"].axes:
         assert not axes.get_legend().get_window_extent().overlaps(axes.get_window_extent())
 
 
 def test_joints_and_attitude_are_those_of_the_log(drawn, pushed_run) -> None:
     log = pushed_run.log
-    position, velocity = drawn("joints").axes[2:4]
+    position, velocity = drawn["joints"].axes[2:4]
     joint = log.joint_names.tolist().index("HL_HFE")
     (curve,) = (line for line in position.lines if line.get_label() == "HL")
     np.testing.assert_array_equal(curve.get_ydata(), log.q[:, 7 + joint])
     (curve,) = (line for line in velocity.lines if line.get_label() == "HL")
     np.testing.assert_array_equal(curve.get_ydata(), log.v[:, 6 + joint])
-    angles, rates = drawn("attitude").axes
+    angles, rates = drawn["attitude"].axes
     rolls = [pin.rpy.matrixToRpy(pin.Quaternion(q[3:7]).toRotationMatrix())[0] for q in log.q]
     np.testing.assert_allclose(angles.lines[0].get_ydata(), np.degrees(rolls), atol=1e-9)
     np.testing.assert_array_equal(rates.lines[2].get_ydata(), log.v[:, 5])
@@ -127,7 +118,9 @@ def test_a_run_that_blew_up_is_drawn(pushed_run, tmp_path) -> None:
     arrays = {name: getattr(log, name).copy() for name in ("q", "v", "com", "tau", "contact_forces")}
     for array in arrays.values():
         array[300:] = np.nan
-    assert len(plot_run(replace(pushed_run, log=replace(log, **arrays))).save(tmp_path)) == 7
+    plots = plot_run(replace(pushed_run, log=replace(log, **arrays)))
+    assert len(plots) == 7
+    assert Plots({"com": plots["com"]}, "").save(tmp_path)[0].stat().st_size > 0
 
 
 def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkeypatch) -> None:

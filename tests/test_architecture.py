@@ -11,6 +11,7 @@ The arrows:
 from __future__ import annotations
 
 import ast
+import functools
 import graphlib
 import subprocess
 import sys
@@ -117,12 +118,19 @@ def modules(package: Path) -> Iterator[tuple[str, Path]]:
         yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
 
 
+@functools.cache
+def import_statements(path: Path, written_ns: int) -> list[ast.Import | ast.ImportFrom]:
+    """All imports of a file as last written, at any depth."""
+    tree = ast.parse(path.read_text(encoding="utf-8"), str(path))
+    return [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
+
+
 def imports(module: str, path: Path, package: str) -> Iterator[tuple[int, str]]:
     """Line and absolute dotted name of everything that a module imports, wherever in it, for types only included."""
     folder = f"{package}.{module}".rstrip(".").split(".")
     if path.name != "__init__.py":
         folder = folder[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    for node in import_statements(path, path.stat().st_mtime_ns):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -84,7 +84,8 @@ def test_a_robot_shows_mass_feet_and_limits() -> None:
     assert {"2.500 kg", "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT", "1.8 N.m", "30 rad/s"} <= set(shown)
 
 
-def test_a_problem_and_its_solution_show_their_size_and_outcome() -> None:
+def test_a_problem_and_its_solution_show_their_size_and_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")  # five nodes: less than compiling takes
     body = RigidBody(1.0, np.diag([0.1, 0.2, 0.3]))
     effort = lgmpc.CostItem("effort", lgmpc.Control(6), 0.1)
     problem = lgmpc.ShootingProblem(RigidBodyAction("hover", body, [effort]), 5)

@@ -92,7 +92,7 @@ def test_a_short_trot_follows_its_command_and_ends_standing(plant: str) -> None:
     assert float(np.abs(np.diff(log.command[:, 0])).max()) <= 1.0001e-3  # 1 m/s2
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)])
 def test_decided_footholds_trot_as_accurately(plant: str) -> None:
     overrides = (*TROT, f"plant.kind={plant}", "mpc.model=centroidal_footholds")
     log, metrics, walking = walked(session_of(*overrides))

@@ -20,7 +20,7 @@ class Picture(Figure):
 
     def write_png(self, stream: IO[bytes]) -> None:
         """Write the content of a PNG file. It is drawn once; ``savefig`` draws twice when the layout is constrained."""
-        self._agg.print_png(stream)
+        self._agg.print_png(stream)  # type: ignore[no-untyped-call]
 
     def _repr_png_(self) -> bytes:
         """Return the content of a PNG file."""

@@ -8,6 +8,7 @@ import resource
 import signal
 import threading
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
@@ -63,8 +64,13 @@ def _end_with_parent() -> None:
 
 
 def warm(config: Config) -> None:
-    """Build the session of a config, so that its compiled functions are in the cache."""
-    prepare(config)
+    """Build the session of a config, so that its compiled functions are in the cache.
+
+    What cannot be built is the reason of its points' rows. An exception would be pickled, which not all can be: the
+    process would end.
+    """
+    with suppress(Exception):
+        prepare(config)
 
 
 def compute(task: Task) -> Row:

@@ -212,7 +212,7 @@ def test_every_qp_solver_holds_the_robot_and_agrees() -> None:
         pytest.param("plant.mass_scale=1.15", marks=pytest.mark.slow),
         pytest.param("plant.base_added_mass_kg=0.5", marks=pytest.mark.slow),
         "plant.base_com_offset_m=[0.02, 0.01, 0.0]",
-        "plant.joint_friction_nm=0.05",
+        pytest.param("plant.joint_friction_nm=0.05", marks=pytest.mark.slow),
         pytest.param("plant.joint_damping_nms=0.02", marks=pytest.mark.slow),
     ],
 )

@@ -121,7 +121,7 @@ def fuzz(path: Path, count: int) -> None:
 
 
 def test_damaged_configs_are_refused_or_checked(shipped: Path) -> None:
-    fuzz(shipped, 20)
+    fuzz(shipped, 10)
 
 
 @pytest.mark.slow

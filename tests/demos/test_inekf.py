@@ -22,6 +22,7 @@ def test_it_is_log_linear_consistent_and_converges() -> None:
 
 
 def test_noise_beyond_what_the_filter_assumes_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")  # short runs: less than compiling takes
     monkeypatch.setattr(inekf, "RUNS", 4)
     monkeypatch.setattr(inekf, "DURATION", 0.6)
     simulate = inekf.simulate_trot

@@ -230,7 +230,7 @@ class _Session:
         self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]], half: str
     ) -> dict[int, list[Row]]:
         """Return the rows of all points of each trial, in order."""
-        settings, scratch = sweep.settings, self._folder / "scratch"
+        settings, scratch = sweep.settings, (self._folder / "scratch").resolve()  # as in a sweep
         wanted: dict[str, tuple[int, int]] = {}
         tasks = []
         for number, (i, point) in itertools.product(values, enumerate(sweep.points)):

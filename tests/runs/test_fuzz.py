@@ -143,11 +143,11 @@ def use(path: Path) -> None:
         compare(run.result.metrics, run.result.metrics)
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(5000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(2000, marks=pytest.mark.slow)])
 def test_a_damaged_closed_loop_is_read_or_refused(closed_loop: Path, count: int) -> None:
     fuzz(closed_loop, use, count)
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(5000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(2000, marks=pytest.mark.slow)])
 def test_a_damaged_solve_is_read_or_refused(solved: Path, count: int) -> None:
     fuzz(solved, use, count)

@@ -143,8 +143,14 @@ def unicycle() -> ShootingProblem:
 
 
 @pytest.fixture
-def satellite() -> Callable[..., ShootingProblem]:
-    return satellite_problem
+def satellite(monkeypatch: pytest.MonkeyPatch) -> Callable[..., ShootingProblem]:
+    """Makes the problem of a satellite, and has its functions interpreted: compiling them takes seconds."""
+
+    def make(bounded: bool, nodes: int = 10) -> ShootingProblem:
+        monkeypatch.setenv("LGMPC_JIT", "0")
+        return satellite_problem(bounded, nodes)
+
+    return make
 
 
 @pytest.fixture

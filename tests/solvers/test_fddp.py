@@ -67,6 +67,12 @@ def dense_lq(problem: ShootingProblem) -> tuple[np.ndarray, np.ndarray]:
     return z[: nx * (n + 1)].reshape(n + 1, nx), us
 
 
+@pytest.fixture
+def linear(linear: Callable[..., Action], interpreted: None) -> Callable[..., Action]:
+    """Makes a linear action; many small ones, which are not worth compiling."""
+    return linear
+
+
 def linear_problem(linear: Callable[..., Action], mixed: bool) -> ShootingProblem:
     rng = np.random.default_rng(3)
 
@@ -238,6 +244,7 @@ def test_regularisation_makes_the_active_set_converge(linear: Callable[..., Acti
     assert solution.residual().largest < 1e-4
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("effort", [2.0, 1.2, 0.8])
 @pytest.mark.parametrize("rolled_out", [False, True])
 def test_stiff_bounded_problems_take_as_few_iterations_as_the_sqp(effort: float, rolled_out: bool) -> None:

@@ -74,6 +74,7 @@ def test_every_way_finds_the_same(
     np.testing.assert_allclose(solution.multipliers, reference.multipliers, atol=1e-5)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_intervals_may_differ(linear: Callable[..., Action]) -> None:
     rng = np.random.default_rng(0)
     one, other, jump = (

@@ -11,8 +11,6 @@ from lgmpc.ocp import ShootingFunctions, ShootingProblem
 from lgmpc.solvers.compiled_sweep import CompiledSweep, make_sweep
 from lgmpc.solvers.sweep import BackwardSweep
 
-Make = Callable[..., ShootingProblem]
-
 needs_compiler = pytest.mark.skipif(
     all(shutil.which(name) is None for name in ("cc", "gcc", "clang")), reason="no C compiler is installed"
 )
@@ -30,9 +28,8 @@ def expanded(problem: ShootingProblem) -> ShootingFunctions:
 
 
 @pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("which", ["satellite", "unicycle"])
-def test_machine_code_and_numpy_agree(satellite: Make, unicycle: ShootingProblem, which: str, closed: bool) -> None:
-    functions = expanded(satellite(bounded=False) if which == "satellite" else unicycle)
+def test_machine_code_and_numpy_agree(unicycle: ShootingProblem, closed: bool) -> None:
+    functions = expanded(unicycle)
     if closed:
         functions.gaps[...] = 0.0
     plain, compiled = BackwardSweep(functions), make_sweep(functions)

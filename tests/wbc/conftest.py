@@ -62,7 +62,7 @@ def solo12_spec() -> RobotSpec:
     return SPECS["solo12"]
 
 
-@pytest.fixture(scope="session", params=list(SPECS))
+@pytest.fixture(scope="session", params=["solo12", pytest.param("anymal_c", marks=pytest.mark.slow), "stilts"])
 def robot(request: pytest.FixtureRequest) -> Robot:
     """A light quadruped, a heavy one, and one on three legs that slide."""
     return robot_named(request.param)

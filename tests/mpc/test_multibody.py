@@ -26,7 +26,6 @@ from lgmpc.mpc.full_body import holding_efforts
 from lgmpc.mpc.multibody import contact_point_model
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STANCE = np.ones(4, dtype=bool)
 
@@ -48,8 +47,10 @@ def made(model: str) -> MultibodyMpc:
 
 
 @pytest.fixture(params=[pytest.param("full_body", marks=pytest.mark.slow), "kinodynamic"])
-def mpc(request: pytest.FixtureRequest) -> MultibodyMpc:
-    """One of the models, as new."""
+def mpc(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> MultibodyMpc:
+    """One of the models, as new; the one of the fast tests is interpreted."""
+    if request.param == "kinodynamic":
+        monkeypatch.setenv("LGMPC_JIT", "0")
     found = made(request.param)
     found.reset()
     return found
@@ -97,8 +98,9 @@ def test_standing_still_needs_the_weight_and_no_motion(mpc: MultibodyMpc) -> Non
     assert_standing(update(mpc))
 
 
-def test_the_full_body_model_stands_and_keeps_its_torques() -> None:
-    """Of the model that takes longest to evaluate."""
+@pytest.mark.usefixtures("interpreted")
+def test_the_full_body_model_stands_and_keeps_its_torques_interpreted() -> None:
+    """Of the model that takes longest to compile."""
     mpc = FullBodyMpc(solo(), FullBodyMpcSettings())
     assert_standing(update(mpc))
     assert_torques_kept(mpc)

@@ -37,10 +37,10 @@ from lgmpc.solvers import (
 )
 from lgmpc.state import StateVector
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 Make = Callable[..., ShootingProblem]
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("which", ["cart", "satellite"])
 def test_it_finds_the_solution_of_ipopt_with_its_multipliers(
     cart: ShootingProblem, satellite: Make, which: str
@@ -85,12 +85,14 @@ def test_the_penalised_action_is_the_augmented_lagrangian(cart: ShootingProblem)
     np.testing.assert_array_equal(found.x_next, point.x_next)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_without_constraints_it_is_fddp(unicycle: ShootingProblem) -> None:
     solution, reference = AugmentedLagrangianFddp(unicycle).solve(), Fddp(unicycle).solve()
     assert solution.status is Status.CONVERGED
     np.testing.assert_allclose(solution.us, reference.us, atol=1e-5)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_contradictory_bounds_and_nan_are_known_at_once(cart: ShootingProblem) -> None:
     solver = AugmentedLagrangianFddp(cart)
     cart.set("limit", [-2.0, 0.6, 1.5])
@@ -103,6 +105,7 @@ def test_contradictory_bounds_and_nan_are_known_at_once(cart: ShootingProblem) -
         AugmentedLagrangianSettings(penalty_factor=1.0)
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(("low", "high"), [(1.0, 6.0), pytest.param(2.0, 5.0, marks=pytest.mark.slow), (3.0, 4.5)])
 def test_a_guess_within_all_bounds_takes_few_iterations(low: float, high: float) -> None:
     """A quadrotor that hovers far from where it must be: a hundred iterations, and two from the solution."""
@@ -160,6 +163,7 @@ class Spread(Action):
         return Bounded(u, -3.0, 3.0)
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_bounds_may_be_all_that_gives_the_cost_a_minimum() -> None:
     problem = ShootingProblem(Spread(), 4)
     guess = Trajectory(np.zeros((5, 1)), np.array([[1.0], [-1.0], [1.0], [-1.0]]))
@@ -182,6 +186,7 @@ class Loop(Constrained):
         )
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_the_sqp_continues_where_its_steps_fail(cart: ShootingProblem) -> None:
     problem = ShootingProblem(Loop(cart.action), 8)
     problem.parameters[...], problem.x0[...] = cart.parameters, cart.x0

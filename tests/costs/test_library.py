@@ -105,7 +105,7 @@ def build(residual: Residual) -> Compiled:
     inputs = list(m.values())
     value = ca.Function("value", inputs, [expression(m["x"])])
     dx = ca.SX.sym("dx", state.ndx)
-    moved = expression(state.integrate_symbolic(m["x"], dx))
+    moved = value(state.integrate_symbolic(m["x"], dx), *inputs[1:])
     slopes = [ca.jacobian(moved, variable) for variable in (dx, *inputs[1:6])]
     jacobian = ca.Function("jacobian", inputs, ca.substitute(slopes, [dx], [ca.SX.zeros(state.ndx)]))
     return Compiled(layout, lambda *args: value(*args).full().ravel(), jacobian)

@@ -33,10 +33,10 @@ FIGURES: dict[str, dict[str, float]] = {}
 PREDICT_LIMIT, CORRECT_LIMIT = 20.0, 60.0  # us
 
 
-def timed(call: Callable[[], object], calls: int = CALLS) -> Array:
+def timed(call: Callable[[], object]) -> Array:
     """Return the duration of each of many calls, us."""
-    times = np.empty(calls)
-    for i in range(calls):
+    times = np.empty(CALLS)
+    for i in range(CALLS):
         start = perf_counter()
         call()
         times[i] = perf_counter() - start

@@ -26,10 +26,11 @@ def test_configs_are_listed_one_a_line(invoke: Invoke) -> None:
     assert hint.startswith("next: ")
 
 
-def test_commands_take_a_name(invoke: Invoke) -> None:
+def test_commands_take_a_name(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     assert invoke("check", "solo12_stand")[0] == 0
     code, output = invoke("run", "solo12_stand", "duration_s=0.5", "--quiet")
     assert (code, output.split()[0]) == (0, "PASS")
+    monkeypatch.setenv("LGMPC_JIT", "0")  # a few iterations: less than compiling takes
     code, output = invoke("solve", "panda_reach", "--quiet")
     assert (code, output.split()[0]) == (0, "PASS")
 

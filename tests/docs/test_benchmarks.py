@@ -62,6 +62,7 @@ def test_a_scripts_json_has_what_the_tables_show(
     name: str, module: Any, short: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(module, short, 30)
+    monkeypatch.setenv("LGMPC_JIT", "0")  # 30 calls: less than compiling takes
     file = tmp_path / "record.json"
     script, *options = benchmarks.GROUPS[name].quick.split()
     monkeypatch.setattr(sys, "argv", [script, *options, "--json", str(file)])

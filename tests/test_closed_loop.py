@@ -283,7 +283,7 @@ def test_a_delay_that_is_compensated_costs_little(plant: str) -> None:
     late = ["plant.link.command_latency_s=0.011", "plant.link.measurement_latency_s=0.004"]
     known = ["delays.command_s=0.011", "delays.measurement_s=0.004"]
     prompt, unaware, aware = (
-        run("solo12_balance", f"plant.kind={plant}", "duration_s=2.0", push, *more).metrics
+        run("solo12_balance", f"plant.kind={plant}", "duration_s=1.5", push, *more).metrics
         for more in ([], late, [*late, *known])
     )
     assert prompt is not None and unaware is not None and aware is not None
@@ -318,7 +318,7 @@ def test_a_payload_is_observed_as_its_weight(plant: str) -> None:
 def test_known_joint_friction_costs_nothing(plant: str) -> None:
     """3.8 N.s sideways: unknown friction of 0.05 N.m moves the feet by centimetres, or fells the robot."""
     push = "pushes=[{body: base_link, time_s: 0.3, duration_s: 0.2, impulse_ns: [0.0, 3.8, 0.0]}]"
-    common = (f"plant.kind={plant}", "duration_s=2.0", push)
+    common = (f"plant.kind={plant}", "duration_s=1.5", push)
     smooth, unknown, known = (
         run("solo12_balance", *common, *more).metrics for more in ([], [ROUGH], [ROUGH, "robot.joint_friction_nm=0.05"])
     )

@@ -168,6 +168,22 @@ class TestInBrowser:
         assert note.is_hidden() and tab.locator(".cursor").first.is_hidden()
         tab.close()
 
+    def test_the_page_fits_a_phone_and_loads_its_replay(self, browser: Any, report_file: Path) -> None:
+        tab = browser.new_page(viewport={"width": 420, "height": 800}, color_scheme="dark")
+        errors: list[str] = []
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(report_file.as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 420
+        background = tab.evaluate("getComputedStyle(document.body).backgroundColor")
+        ink = tab.evaluate("getComputedStyle(document.querySelector('figure text')).fill")
+        assert (background, ink) == ("rgb(18, 23, 28)", "rgb(228, 233, 238)")
+        tab.click(".replay button")
+        frame = tab.frame_locator(".replay iframe")
+        frame.locator("#name").wait_for(timeout=30_000)
+        assert frame.locator("#name").inner_text() == "solo12_pushed"
+        tab.close()
+        assert errors == []
+
     def test_points_of_a_sweeps_figures_have_their_values(self, browser: Any, tmp_path: Path) -> None:
         curve = [(math.radians(angle), 2.0 + angle / 90) for angle in range(0, 360, 90)]
         drawings = {

@@ -6,13 +6,9 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import pytest
-
-from lgmpc.chromium import find_chromium
 from lgmpc.viz import report_page
 from lgmpc.viz.figure_files import svg_figures
 from lgmpc.viz.report import Code, Figure, Folded, Report, Section, Table, Words
-from lgmpc.viz.snapshot import headless_chromium
 from lgmpc.viz.style import INK
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -95,22 +91,3 @@ def test_the_report_of_a_run_is_whole_and_self_contained(report_file: Path) -> N
     assert all(each.startswith("#") for each in outline.references)
     used = set(re.findall(r"url\(#([^)$]+)\)", text)) | {each[1:] for each in outline.references}
     assert used <= set(re.findall(r'id="([^"]+)"', text))
-
-
-@pytest.mark.browser
-@pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
-def test_the_page_fits_a_phone_and_loads_its_replay(report_file: Path) -> None:
-    with headless_chromium() as browser:
-        tab = browser.new_page(viewport={"width": 420, "height": 800}, color_scheme="dark")
-        errors: list[str] = []
-        tab.on("pageerror", lambda error: errors.append(str(error)))
-        tab.goto(report_file.as_uri())
-        assert tab.evaluate("document.documentElement.scrollWidth") <= 420
-        background = tab.evaluate("getComputedStyle(document.body).backgroundColor")
-        ink = tab.evaluate("getComputedStyle(document.querySelector('figure text')).fill")
-        assert (background, ink) == ("rgb(18, 23, 28)", "rgb(228, 233, 238)")
-        tab.click(".replay button")
-        frame = tab.frame_locator(".replay iframe")
-        frame.locator("#name").wait_for(timeout=30_000)
-        assert frame.locator("#name").inner_text() == "solo12_pushed"
-        assert errors == []

@@ -1,4 +1,4 @@
-"""Figures of a report under a cursor, in a browser: values are the log's, time is shared, curves can be hidden."""
+"""A report in a browser: values at the cursor are the log's, time is shared, curves can be hidden; on a phone too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report pages: content, colours that follow the page's, no reference to anything outside, small and large screens."""
+"""Report pages: content, colours that follow the page's, no reference to anything outside."""
 
 from __future__ import annotations
 

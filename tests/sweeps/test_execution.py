@@ -19,7 +19,8 @@ from lgmpc.errors import InputError
 from lgmpc.runs import RunFolder, flat_metrics
 from lgmpc.sweeps import Ending, SweepProgress, parse_sweep, run_sweep
 from lgmpc.sweeps.folder import SweepFolder
-from lgmpc.sweeps.pool import Died, Hung
+from lgmpc.sweeps.pool import Died, Hung, Pool
+from lgmpc.sweeps.trial import warm
 
 from .conftest import STAND, Parse
 
@@ -81,6 +82,12 @@ factors: [{key: robot.posture, kind: values, values: [nowhere, standing]}]
     assert good.ending is Ending.PASS
     (config,) = (tmp_path / "out" / "logs").glob("broken-*.yaml")
     assert "posture: nowhere" in config.read_text()
+
+
+def test_a_config_that_cannot_be_built_ends_no_process(worker: Pool, parse: Parse) -> None:
+    (point,) = parse("factors: [{key: robot.posture, kind: values, values: [nowhere]}]").points
+    ((_, result),) = worker.map(warm, [point.config])
+    assert result is None
 
 
 @pytest.mark.usefixtures("one_worker")

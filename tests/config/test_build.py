@@ -24,6 +24,7 @@ def test_by_default_the_state_is_the_simulators() -> None:
     assert build_estimator(config, build_robot(config)) is None
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_the_contact_forces_scale_with_the_mass() -> None:
     config = load_config(PLAIN, ["estimator.kind=inekf"])
     robot = build_robot(config)

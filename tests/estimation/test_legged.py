@@ -129,6 +129,7 @@ def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
     assert estimator.failures == 5 and len(caplog.records) == 1
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_the_start_is_the_given_pose(solo12: Robot) -> None:
     start = np.array([1.0, -2.0, 0.5, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])
     estimator = LeggedEstimator(solo12, PERIOD, LeggedEstimatorSettings(form="left"), start)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ pytestmark = [
 ]
 
 SIZE = (640, 480)
+WITH_PANELS = {"width": 800, "height": 570}
 BEFORE, PUSHED = 0.1, 0.46
 
 
@@ -87,30 +90,40 @@ def test_the_robot_has_moved_under_the_push(pictures) -> None:
     assert moved.sum() > 0.05 * before.robot.sum()
 
 
-def test_the_robots_pixels_vanish_with_the_robot(browser, page) -> None:
-    """Without the robot hardly any of its pixels remain; the page makes no network request."""
+@pytest.fixture(scope="module")
+def tab(browser, page) -> Iterator[Any]:
+    """The page, opened once for the tests that operate it; it makes no network request and no error."""
     asked: list[str] = []
-    tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+    problems: list[str] = []
+    tab = browser.new_page(viewport=WITH_PANELS)
     tab.on("request", lambda request: asked.append(request.url))
+    tab.on("pageerror", lambda error: problems.append(str(error)))
     tab.goto(f"{page.as_uri()}#t={BEFORE}")
     tab.evaluate("lgmpc.ready")
+    yield tab
+    tab.close()
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert problems == []
+
+
+SHOW_ROBOT = (
+    "shown => { lgmpc.viewer.scene_tree.find(['robot']).object.visible = shown; lgmpc.viewer.set_dirty();"
+    " return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done))); }"
+)
+
+
+def test_the_robots_pixels_vanish_with_the_robot(tab) -> None:
+    tab.evaluate("lgmpc.seek", BEFORE)
     tab.evaluate("document.body.classList.add('clean')")
     robot = Picture.of(tab.screenshot()).robot.sum()
-    tab.evaluate(
-        "() => { lgmpc.viewer.scene_tree.find(['robot']).object.visible = false; lgmpc.viewer.set_dirty();"
-        " return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done))); }"
-    )
+    tab.evaluate(SHOW_ROBOT, False)
     assert Picture.of(tab.screenshot()).robot.sum() < 0.1 * robot
-    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
-    tab.close()
+    tab.evaluate(SHOW_ROBOT, True)
+    tab.evaluate("document.body.classList.remove('clean')")
 
 
-def test_the_panels_work(browser, page) -> None:
-    tab = browser.new_page(viewport={"width": 800, "height": 570})
-    problems: list[str] = []
-    tab.on("pageerror", lambda error: problems.append(str(error)))
-    tab.goto(f"{page.as_uri()}#t=0.2")
-    tab.evaluate("lgmpc.ready")
+def test_the_panels_work(tab) -> None:
+    tab.evaluate("lgmpc.seek", 0.2)
     assert tab.inner_text("#now") == "0.20"
     assert tab.inner_text("#name") == "solo12_pushed"
     assert tab.inner_text("#verdict").lower() == "pass"
@@ -134,10 +147,9 @@ def test_the_panels_work(browser, page) -> None:
     assert not tab.evaluate(hidden, ["overlay", "planned"])
     tab.get_by_text("planned forces").click()
     assert tab.evaluate(hidden, ["overlay", "planned"])
-    assert problems == []
-    tab.close()
 
 
+@pytest.mark.slow
 def test_camera_and_light_follow_a_robot_that_leaves(browser, solo12, pushed_run, tmp_path) -> None:
     """Camera and key light keep their places over the robot, so that it is lit, and its shadow below it, everywhere."""
     q = pushed_run.log.q.copy()
@@ -160,16 +172,14 @@ def test_camera_and_light_follow_a_robot_that_leaves(browser, solo12, pushed_run
     tab.close()
 
 
-def test_a_phone_has_a_time_line_of_its_whole_width(browser, page) -> None:
-    tab = browser.new_page(viewport={"width": 420, "height": 800})
-    tab.goto(f"{page.as_uri()}#t=0.2")
-    tab.evaluate("lgmpc.ready")
+def test_a_phone_has_a_time_line_of_its_whole_width(tab) -> None:
+    tab.set_viewport_size({"width": 420, "height": 800})
     line, bar, card = (tab.locator(each).bounding_box() for each in ("#timeline", "#bar", "#card"))
     assert line["width"] > 340
     for box in (bar, card):
         assert 0 <= box["x"] and box["x"] + box["width"] <= 420
     assert bar["y"] + bar["height"] <= 800
-    tab.close()
+    tab.set_viewport_size(WITH_PANELS)
 
 
 def test_a_page_that_is_no_replay_is_refused(browser, tmp_path) -> None:

@@ -64,8 +64,9 @@ def browser() -> Iterator[Any]:
         yield chromium
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def tab(browser: Any, report_file: Path) -> Iterator[Any]:
+    """The report, opened once; tests leave its figures as they were."""
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -33,6 +33,7 @@ def folder(pushed_run, tmp_path) -> RunFolder:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
 def test_the_picture_shows_the_push_and_the_calm_after_it(folder, tmp_path, monkeypatch, capsys) -> None:

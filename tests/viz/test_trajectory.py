@@ -216,6 +216,7 @@ def test_the_figures_that_there_are_data_for_are_drawn(
             assert (np.ptp(image, axis=2) > 0.2).sum() > 300, f"{path.stem} has no coloured line"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
 def test_a_browser_shows_the_arm_moving_and_its_place(arm_page: str, tmp_path: Path) -> None:

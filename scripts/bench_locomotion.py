@@ -63,10 +63,10 @@ class Motion:
 
 
 MOTIONS = (
-    Motion(0.3), Motion(0.5), Motion(1.0), Motion(1.5), Motion(0.0, 0.2), Motion(0.0, 0.5),
-    Motion(yaw_rate=1.0), Motion(yaw_rate=2.0), Motion(1.0, 0.0, 1.0),
+    Motion(0.3), Motion(0.5), Motion(1.0), Motion(1.5), Motion(0.0, 0.2), Motion(0.0, 0.5), Motion(0.0, 0.8),
+    Motion(yaw_rate=1.0), Motion(yaw_rate=2.0), Motion(yaw_rate=3.0), Motion(1.0, 0.0, 1.0),
 )  # fmt: skip
-QUICK_MOTIONS = (Motion(0.5), Motion(1.0), Motion(0.0, 0.2), Motion(yaw_rate=1.0))
+QUICK_MOTIONS = (Motion(0.5), Motion(1.0), Motion(0.0, 0.8), Motion(yaw_rate=3.0))
 
 
 class Bench:

@@ -236,9 +236,14 @@ class Player {
     g.fillRect(x(this.time) - 1, 0, 2, bottom);
     if (width < 400) return;
     g.textAlign = "right";
+    g.strokeStyle = "rgba(247, 248, 250, .9)";  // a rim: curves pass behind the words
+    g.lineWidth = 4;
+    g.lineJoin = "round";
     series.curves.forEach((c, row) => {
+      const words = `${c.label}, up to ${Math.max(...c.values).toFixed(c.digits)}${c.unit}`;
+      g.strokeText(words, width - 4, 24 + 12 * row);
       g.fillStyle = c.color;
-      g.fillText(`${c.label}, up to ${Math.max(...c.values).toFixed(c.digits)}${c.unit}`, width - 4, 24 + 12 * row);
+      g.fillText(words, width - 4, 24 + 12 * row);
     });
   }
 }

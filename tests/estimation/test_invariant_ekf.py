@@ -61,6 +61,7 @@ def make(form: ErrorForm, feet: tuple[int, ...] = (0, 1, 2), rolls: bool = True)
     return ekf
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_without_noise_and_biases_the_right_invariant_error_is_exactly_log_linear() -> None:
     """xi(t) = expm(A t) xi(0), for half a turn and metres, along a wild motion."""
     rng = np.random.default_rng(1)

@@ -17,7 +17,7 @@ from lgmpc.problems import Scenario, build_problem
 from lgmpc.problems.kinematics import com_positions, contact_positions
 from lgmpc.runs import Outcome, SolveGate, TrajectoryLog, Verdict, judge_figures
 from lgmpc.runs.figures import unknown_bounds
-from lgmpc.solvers import Progress, Solution, Solver, Status, make_solver
+from lgmpc.solvers import Progress, Solution, Solver, Status, check_method, make_solver
 
 __all__ = ["SolveSession", "build_scenario", "check_scenario", "is_finite", "prepare_solve", "trajectory_log"]
 
@@ -123,22 +123,23 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
     """
     notify("building the problem")
     scenario, _ = check_scenario(config)
+    return SolveSession(scenario, make_solver(scenario.problem, config.solver, notify), config.gate)
+
+
+def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
+    """Build the problem, raise for a method or bounds that do not suit it, and return it with all figures' names.
+
+    Raises:
+        LgmpcError: a problem that cannot be built; a method that does not support its constraints; bounds on unknown
+            figures, naming the nearest.
+    """
+    scenario = build_scenario(config)
     try:
-        solver = make_solver(scenario.problem, config.solver, notify)
+        check_method(scenario.problem, config.solver)
     except InputError as error:
         bounds = "" if config.solver.method == "box_fddp" else "box_fddp (bounds on controls), "
         got = f"{config.solver.method} for {error.got}"
         raise config.error("solver.method", got, f"{bounds}al_fddp, sqp, ipopt or fatrop") from error
-    return SolveSession(scenario, solver, config.gate)
-
-
-def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
-    """Build the problem, raise for bounds on figures that it does not have, and return it with all figures' names.
-
-    Raises:
-        LgmpcError: a problem that cannot be built; bounds on unknown figures, naming the nearest.
-    """
-    scenario = build_scenario(config)
     names = (*scenario.figures(scenario.guess), *_SOLVER_FIGURES)
     got, expected = "a bound on an unknown figure", "max_ or min_ and a figure of this problem"
     found = [

@@ -6,7 +6,7 @@ from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings
-from lgmpc.solvers.methods import AnySolverSettings, Solver, make_solver
+from lgmpc.solvers.methods import AnySolverSettings, Solver, check_method, make_solver
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.real_time_sqp import RealTimeResult, RealTimeSqp, RealTimeStatus, RealTimeTimings
 from lgmpc.solvers.solution import Solution, Status, Timings
@@ -37,5 +37,6 @@ __all__ = [
     "SolverSettings",
     "Status",
     "Timings",
+    "check_method",
     "make_solver",
 ]

@@ -30,7 +30,7 @@ from lgmpc.solvers.solution import Solution, Status, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.typing import Array
 
-__all__ = ["Fddp"]
+__all__ = ["Fddp", "check_unconstrained"]
 
 _UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
@@ -74,10 +74,7 @@ class Fddp(IterativeSolver):
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
 
     def _check_constraints(self) -> None:
-        for k, action in enumerate(self.problem.actions):
-            if action.path_rows:
-                expected = "an action without constraints (BoxFddp takes bounds on controls; the NLP and SQP take all)"
-                raise InputError(f"actions[{k}]", f"'{action.name}', which has path constraints", expected)
+        check_unconstrained(self.problem)
 
     def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep | BoxSweep:
         return make_sweep(self.functions, progress)
@@ -311,6 +308,18 @@ class Fddp(IterativeSolver):
         f = self.functions
         f.measure_move()
         return -bilinear(f.gaps, self.sweep.value_hessian, f.moved)
+
+
+def check_unconstrained(problem: ShootingProblem) -> None:
+    """Raise if a problem has path constraints.
+
+    Raises:
+        InputError: it names the first action that has.
+    """
+    for k, action in enumerate(problem.actions):
+        if action.path_rows:
+            expected = "an action without constraints (BoxFddp takes bounds on controls; the NLP and SQP take all)"
+            raise InputError(f"actions[{k}]", f"'{action.name}', which has path constraints", expected)
 
 
 def _sum(costs: Array) -> float:

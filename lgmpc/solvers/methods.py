@@ -13,15 +13,16 @@ from pydantic import Discriminator, Tag
 
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
+from lgmpc.solvers.box import control_bounds
 from lgmpc.solvers.box_fddp import BoxFddp
-from lgmpc.solvers.fddp import Fddp
+from lgmpc.solvers.fddp import Fddp, check_unconstrained
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.solution import Solution
 
-__all__ = ["AnySolverSettings", "Solver", "make_solver"]
+__all__ = ["AnySolverSettings", "Solver", "check_method", "make_solver"]
 
 
 class Solver(Protocol):
@@ -45,6 +46,23 @@ _METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {
     "ipopt": (NlpSettings, NlpSolver),
     "fatrop": (NlpSettings, NlpSolver),
 }
+
+
+_CONSTRAINTS: Mapping[str, Callable[[ShootingProblem], object]] = {
+    "fddp": check_unconstrained,
+    "box_fddp": control_bounds,
+}
+"""Raise for path constraints that a method does not support; the other methods support any."""
+
+
+def check_method(problem: ShootingProblem, settings: SolverSettings) -> None:
+    """Raise what :func:`make_solver` raises, without building a solver.
+
+    Raises:
+        InputError: the method does not support the problem's path constraints.
+    """
+    if settings.method in _CONSTRAINTS:
+        _CONSTRAINTS[settings.method](problem)
 
 
 def make_solver(

@@ -118,7 +118,7 @@ def test_names_and_numbers_of_a_gate_are_refused_together() -> None:
 
 def test_a_method_that_cannot_take_the_constraints_names_those_that_can() -> None:
     with pytest.raises(ConfigError, match=r"solver\.method: got fddp for .*; expected box_fddp .*al_fddp, sqp, ipopt"):
-        prepare_solve(arm("solver.method=fddp"))
+        check_scenario(arm("solver.method=fddp"))
 
 
 @pytest.fixture(scope="module")

@@ -198,6 +198,18 @@ def test_walking_is_repeatable_bit_by_bit() -> None:
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
+def test_the_gait_stand_is_a_command_without_velocity() -> None:
+    """Velocity, which the entry does not name, is left over from the trot."""
+    begin = "{at_s: 0.1, velocity_m_s: [0.5, 0.0, 0.0], yaw_rate_rad_s: 0.2, height_m: -0.01, gait: trot}"
+    rest = "velocity_m_s: [0.0, 0.0, 0.0], yaw_rate_rad_s: 0.0"
+    named, plain = (
+        walked(session_of(f"commands=[{begin}, {{at_s: 0.7, {end}}}]", "duration_s=1.8"))[0]
+        for end in ("gait: stand", rest)
+    )
+    assert named.stance is not None and np.any(named.stance == 0) and np.all(named.stance[-1] == 1)
+    np.testing.assert_array_equal(named.q, plain.q)
+
+
 class Faulty:
     """The controller of a session with a fault switched on and off; collects what it returns.
 

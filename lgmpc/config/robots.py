@@ -83,7 +83,8 @@ def _unusable_motions(config: Config, robot: Robot) -> Iterator[InputError]:
     except InputError as error:
         yield error
     else:
-        yield from infeasible_commands(config.commands, gaits, config.locomotion.limits, legs)
+        limits, share = config.locomotion.limits, config.modes.fall.height_share
+        yield from infeasible_commands(config.commands, gaits, limits, legs, share)
     try:
         initial_state(robot, config.plant)
     except InputError as error:

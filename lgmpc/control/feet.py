@@ -103,11 +103,20 @@ class Feet:
         """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
         return self.events.steady(self.clock.time - _SETTLED_S)
 
+    def gait(self, command: MotionCommand) -> Gait:
+        """Return the gait of a command.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        return find_gait(self._gaits, command.gait)
+
     def follow(self, time: float, command: MotionCommand) -> None:
-        """Follow the gait of a command; without velocity, stand."""
+        """Follow the gait of a command; without velocity, stand. To stand, come to rest in the present gait."""
         self._may_stretch = True
         if command.moves:
-            self.clock.follow(time, find_gait(self._gaits, command.gait), True)
+            gait = self.gait(command)
+            self.clock.follow(time, self.clock.gait if gait.stands else gait, True)
         else:
             self.clock.stop(time)
 

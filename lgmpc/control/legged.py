@@ -292,6 +292,8 @@ class LeggedController:
         lifting = self.modes.mode in _LIFTING
         if lifting or request.mode != "stand":
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
+        elif request.moves and feet.gait(request).stands:
+            request = replace(request, vx=0.0, vy=0.0, yaw_rate=0.0)  # whatever velocity is left from another gait
         if steps.active or steps.deciding:
             request = steps.way_back(request)
         friction = self.floor.coefficient

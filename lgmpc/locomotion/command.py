@@ -89,8 +89,8 @@ class CommandFunction:
         if not isinstance(command, MotionCommand):
             raise InputError("command", type(command).__name__, "a MotionCommand")
         for name in ("vx", "vy", "yaw_rate", "height", "pitch", "roll"):
-            if not math.isfinite(getattr(command, name)):
-                raise InputError(f"command.{name}", getattr(command, name), "a finite number")
+            if not _is_finite(value := getattr(command, name)):
+                raise InputError(f"command.{name}", value, "a finite number")
         if command.mode not in get_args(ModeRequest):
             raise InputError("command.mode", command.mode, "a mode to request", get_args(ModeRequest))
         return command
@@ -163,7 +163,8 @@ class CommandTimeline:
         gaits: the names of gaits that exist; any, if omitted.
 
     Raises:
-        InputError: entries out of order, or a gait that does not exist; it names the entry.
+        InputError: entries out of order, or a gait that does not exist (also one that an entry with a velocity does not
+            name); it names the entry.
     """
 
     def __init__(
@@ -178,9 +179,11 @@ class CommandTimeline:
         for i, entry in enumerate(entries):
             if self._times and entry.at_s < self._times[-1]:
                 raise InputError(f"commands.{i}.at_s", f"{entry.at_s:g}", f"a time from {self._times[-1]:g} s on")
-            if entry.gait is not None and gaits is not None and entry.gait not in gaits:
-                raise InputError(f"commands.{i}.gait", entry.gait, "the name of a gait", tuple(gaits))
             command = entry.change(command)
+            named = entry.gait is not None
+            if (named or command.moves) and gaits is not None and command.gait not in gaits:
+                got = command.gait if named else f"no name, and so {command.gait}"
+                raise InputError(f"commands.{i}.gait", got, "the name of a gait", tuple(gaits), word=command.gait)
             self._times.append(entry.at_s)
             self._commands.append(command)
         self._position = 0
@@ -289,6 +292,13 @@ class CommandLimiter:
             command.mode,
         )
         return self.command
+
+
+def _is_finite(value: object) -> bool:
+    try:
+        return math.isfinite(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
 
 
 def _approach(value: float, target: float, step: float) -> float:

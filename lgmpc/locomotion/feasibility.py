@@ -32,29 +32,39 @@ def top_speed(legs: LegGeometry, gait: Gait, height: float = 0.0) -> float:
 
 
 def infeasible_commands(
-    entries: Sequence[CommandEntry], gaits: Mapping[str, Gait], limits: CommandLimits, legs: LegGeometry
+    entries: Sequence[CommandEntry],
+    gaits: Mapping[str, Gait],
+    limits: CommandLimits,
+    legs: LegGeometry,
+    height_share: float,
 ) -> Iterator[InputError]:
     """Yield an error for each entry of a timeline that commands more than its limits or the legs allow.
 
     Args:
-        entries: the timeline, whose gaits exist.
+        entries: the timeline; gaits of moving commands exist.
         gaits: gaits by name.
         limits: section ``locomotion.limits``.
         legs: legs of the robot.
+        height_share: share of the standing height at which the robot counts as fallen.
     """
     command = MotionCommand()
     stretch = float((legs.length - (legs.hips[:, 2] - legs.feet[:, 2])).min())
+    lowest = (height_share - 1.0) * legs.height
     for i, entry in enumerate(entries):
         command = entry.change(command)
         speed, where = math.hypot(command.vx, command.vy), f"commands.{i}"
-        if entry.height_m is not None and entry.height_m >= stretch:
-            expected = f"less than {stretch:.3g} m, at which the legs are stretched"
+        if entry.height_m is not None and not lowest < entry.height_m < stretch:
+            expected = (
+                f"less than {stretch:.3g} m, at which the legs are stretched"
+                if entry.height_m >= stretch
+                else f"more than {lowest:.3g} m, at which the robot counts as fallen (modes.fall.height_share)"
+            )
             yield InputError(f"{where}.height_m", f"{entry.height_m:g} m", expected)
             continue
         if entry.yaw_rate_rad_s is not None and abs(entry.yaw_rate_rad_s) > limits.yaw_rate_rad_s:
             expected = f"at most {limits.yaw_rate_rad_s:g} rad/s (locomotion.limits.yaw_rate_rad_s)"
             yield InputError(f"{where}.yaw_rate_rad_s", f"{entry.yaw_rate_rad_s:g} rad/s", expected)
-        if entry.velocity_m_s is None and entry.gait is None and entry.height_m is None:
+        if not command.moves or (entry.velocity_m_s is None and entry.gait is None and entry.height_m is None):
             continue
         most, gait = top_speed(legs, gaits[command.gait], command.height), gaits[command.gait]
         key = f"{where}.velocity_m_s" if entry.velocity_m_s is not None else where

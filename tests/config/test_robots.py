@@ -61,10 +61,12 @@ MOTIONS = {
     "plant.initial_posture={FL_HFX: 1.0}": ["plant.initial_posture: got FL_HFX; .* Did you mean FL_HFE"],
     "locomotion.gaits=[{name: hop, period_s: 0.3, duty: 0.5, offsets: [0.0, 0.5]}]": ["gaits.0.offsets: .* expected 4"],
     "commands=[{at_s: 1, gait: trott}]": ["commands.0.gait: got trott; .* Did you mean trot?"],
-    "commands=[{at_s: 1, velocity_m_s: [0, 9, 0]}, {at_s: 2, height_m: 0.5}, {at_s: 3, yaw_rate_rad_s: -9}]": [
+    "commands=[{at_s: 1, velocity_m_s: [0, 9, 0]}, {at_s: 2, height_m: 0.5}, {at_s: 3, height_m: -0.15}, "
+    "{at_s: 4, yaw_rate_rad_s: -9}]": [
         r"commands.0.velocity_m_s: got 9 m/s; expected at most 3 m/s \(locomotion.limits.speed_m_s\)",
         "commands.1.height_m: got 0.5 m; .* stretched",
-        r"commands.2.yaw_rate_rad_s: got -9 rad/s; expected at most 4 rad/s \(locomotion.limits.yaw_rate_rad_s\)",
+        r"commands.2.height_m: got -0.15 m; .* fallen \(modes.fall.height_share\)",
+        r"commands.3.yaw_rate_rad_s: got -9 rad/s; expected at most 4 rad/s \(locomotion.limits.yaw_rate_rad_s\)",
     ],
     "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: walk}]": ["commands.0.velocity_m_s: .* the stance lasts 0.4"],
     "commands=[{at_s: 1, velocity_m_s: [2, 0, 0], gait: trot}, {at_s: 2, gait: walk}]": ["commands.1: got 2 m/s"],
@@ -99,5 +101,8 @@ def test_three_contact_points_on_one_line_are_refused_and_others_are_not(tmp_pat
     straight.write_text(bent.read_text().replace('xyz="-0.2 0.2 0"', 'xyz="-0.2 0 0"').replace("-0.2 -0.2 0", "0 0 0"))
     text = "name: x\nrobot: {urdf: %s, contact_frames: [foot_a, foot_b, foot_c], posture: {'slide_*': 0.2}}\n"
     assert build_robot(parse_config(text % bent)).nc == 3
+    assert build_robot(parse_config(text % bent + "commands: [{at_s: 0, height_m: -0.01}]\n")).nc == 3
+    with pytest.raises(ConfigError, match=r"commands\.0\.gait: got no name, and so trot; .* Valid: stand"):
+        build_robot(parse_config(text % bent + "commands: [{at_s: 0, velocity_m_s: [0.1, 0, 0]}]\n"))
     with pytest.raises(ConfigError, match=r"got 3 contact points on one line \(foot_a, foot_b, foot_c\)"):
         build_robot(parse_config(text % straight))

@@ -75,11 +75,19 @@ def test_an_unknown_gait_names_its_entry_and_the_nearest() -> None:
     assert caught.value.argument == "commands.1.gait"
 
 
+def test_a_velocity_without_a_gait_needs_the_default_one() -> None:
+    entries = [CommandEntry(at_s=0.0, height_m=-0.01), CommandEntry(at_s=1.0, yaw_rate_rad_s=0.1)]
+    assert CommandTimeline(entries[:1], gaits=("stand", "ripple")).at(0.5).height == -0.01
+    with pytest.raises(InputError, match=r"commands\.1\.gait: got no name, and so trot; .* Valid: stand, ripple"):
+        CommandTimeline(entries, gaits=("stand", "ripple"))
+
+
 def test_a_function_is_a_source() -> None:
     source = CommandFunction(lambda t: MotionCommand(vx=t))
     assert source.at(0.3).vx == 0.3
-    with pytest.raises(InputError, match="command.yaw_rate"):
-        CommandFunction(lambda t: MotionCommand(yaw_rate=math.nan)).at(0.0)
+    for bad in (math.nan, None, "0.1"):
+        with pytest.raises(InputError, match=f"command.yaw_rate: got {bad}; expected a finite number"):
+            CommandFunction(lambda t, bad=bad: MotionCommand(yaw_rate=bad)).at(0.0)  # type: ignore[misc]
     with pytest.raises(InputError, match="a MotionCommand"):
         CommandFunction(lambda t: (0.5, 0.0)).at(0.0)  # type: ignore[arg-type, return-value]
 

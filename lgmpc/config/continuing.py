@@ -119,7 +119,8 @@ def run_from(
     ):
         if parts[:-1]:
             folder.write_before(_before(parts[:-1]))
-        session, anew = _advanced(parts, recorded, tick, period, announce, advance, verify=bool(changes))
+        announced, advanced = stop.checked(announce), stop.checked(advance)
+        session, anew = _advanced(parts, recorded, tick, period, announced, advanced, verify=bool(changes))
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             result = session.run(report)

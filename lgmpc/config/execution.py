@@ -152,7 +152,7 @@ def run_session(
         new_folder(config, out, stop) as folder,
         reports(notify, progress, simulated) as (announce, advance),
     ):
-        session = prepare(announce)
+        session = prepare(stop.checked(announce))
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             result = session.run(report)
@@ -226,7 +226,7 @@ def solve_config(
         new_folder(config, out, stop) as folder,
         reports(notify, progress, _iterated) as (announce, advance),
     ):
-        session = prepare_solve(config, notify=announce)
+        session = prepare_solve(config, notify=stop.checked(announce))
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             announce("solving")

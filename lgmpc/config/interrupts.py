@@ -43,6 +43,19 @@ class StopSignals:
         if not again and not self._deferred:
             raise Interrupted(self.received)
 
+    def checked(self, report: Callable[[T], None]) -> Callable[[T], None]:
+        """Return a report that calls ``report``, and raises Interrupted if there is a signal.
+
+        What :meth:`on_signal` raises is lost where it comes while CasADi's C++ calls Python: it is raised again here.
+        """
+
+        def checked(now: T) -> None:
+            self._raise_received()  # before anything is printed: after SIGHUP the terminal may be closed
+            report(now)
+            self._raise_received()
+
+        return checked
+
     @contextmanager
     def deferred(self, progress: Callable[[T], None]) -> Iterator[Callable[[T], None]]:
         """Defer signals to the next call of a progress report, which raises Interrupted.
@@ -50,15 +63,9 @@ class StopSignals:
         Yields:
             The report to use in the block; it calls ``progress``.
         """
-
-        def report(now: T) -> None:
-            self._raise_received()  # before progress is printed: after SIGHUP the terminal may be closed
-            progress(now)
-            self._raise_received()
-
         self._deferred = True
         try:
-            yield report
+            yield self.checked(progress)
         finally:
             self._deferred = False
 

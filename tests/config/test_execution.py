@@ -5,14 +5,15 @@ import shutil
 import signal
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from lgmpc.config import Config, load_config
 from lgmpc.config.build import prepare
-from lgmpc.config.execution import FinishedRun, run_config
-from lgmpc.config.session import Progress
+from lgmpc.config.execution import FinishedRun, run_config, run_session
+from lgmpc.config.session import Notify, Progress, Session
 from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.runs import Outcome, RunFolder, RunLog
 from lgmpc.runs.log import CHANNELS, MPC_CHANNELS, STEP_CHANNELS
@@ -126,6 +127,21 @@ def test_a_signal_before_the_simulation_leaves_no_folder(short: Config, tmp_path
     with pytest.raises(Interrupted) as caught:
         run_config(short, tmp_path / "a" / "b", notify=lambda message: signal.raise_signal(number))
     assert caught.value.exit_code == 128 + number
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("default_signals")
+def test_a_signal_whose_exception_is_lost_acts_in_the_next_report(short: Config, tmp_path: Path) -> None:
+    """As where CasADi's C++ calls Python, and clears what that raises."""
+
+    def build(announce: Notify) -> Session:
+        with suppress(Interrupted):
+            signal.raise_signal(signal.SIGTERM)
+        announce("building")
+        raise AssertionError("it was lost for good")
+
+    with pytest.raises(Interrupted):
+        run_session(short, build, tmp_path / "a")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -36,8 +36,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     """Run ``command`` and convert every exception to a message and an exit code.
 
     The message of an :class:`LgmpcError` is printed, with its exit code; a signal gives 128 + its number, 130 for
-    Ctrl-C; a closed terminal is no error. The traceback of any other exception is saved to a file, which the message
-    names, and the exit code is 70.
+    Ctrl-C; a closed terminal is no error; a full disk is an error of the input. The traceback of any other exception is
+    saved to a file, which the message names, and the exit code is 70.
     """
 
     @functools.wraps(command)
@@ -62,6 +62,10 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             if _came_of_ctrl_c(error):
                 show_interrupted()
                 raise typer.Exit(EXIT_INTERRUPTED) from error
+            if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+                show_error(LgmpcError(f"cannot write {error.filename or 'the output'}: no space left on device"))
+                _silence(sys.stdout)
+                raise typer.Exit(LgmpcError.exit_code) from error
             show_crash(error, _save_traceback())
             raise typer.Exit(EXIT_CRASH) from error
 

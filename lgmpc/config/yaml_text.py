@@ -182,5 +182,6 @@ def _syntax_error(error: yaml.MarkedYAMLError, name: str) -> ConfigError:
         detail = "a tab, where YAML is indented by spaces"
     if mark is None:
         return ConfigError(name, "", f"broken YAML ({detail})", "valid YAML")
-    place = f"{name}:{mark.line + 1}"
-    return ConfigError(place, "", f"broken YAML ({detail})", f"valid YAML\n{mark.get_snippet(indent=4, max_length=90)}")
+    snippet = mark.get_snippet(indent=4, max_length=90) or ""
+    excerpt = f"\n{snippet}" if snippet.strip(" ^\n") else ""  # empty at the end of the text
+    return ConfigError(f"{name}:{mark.line + 1}", "", f"broken YAML ({detail})", f"valid YAML{excerpt}")

@@ -156,3 +156,12 @@ def test_a_closed_pipe_is_no_error() -> None:
     finished = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert finished.stderr == ""
     assert finished.returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_device_as_output_is_one_error() -> None:
+    finished = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m lgmpc configs > /dev/full"], capture_output=True, text=True
+    )
+    assert finished.stderr == "error: cannot write the output: no space left on device\n"
+    assert finished.returncode == 2

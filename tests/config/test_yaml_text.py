@@ -83,6 +83,7 @@ def test_broken_text_names_its_line(text: str, line: int, words: str) -> None:
         parse_yaml(text, "f.yaml")
     assert str(caught.value).startswith(f"f.yaml:{line}:")
     assert words in str(caught.value)
+    assert all(row.strip() for row in str(caught.value).splitlines())
 
 
 @pytest.mark.parametrize("value", ["!!int abc", "!!bool maybe", "!!timestamp soon", "!!float ''"])

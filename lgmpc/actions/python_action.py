@@ -220,15 +220,16 @@ class PythonAction(Action):
     def _sizes(self) -> dict[str, int]:
         """Sizes of residual, terminal residual and limits."""
         x, u, p = self.state.neutral(), np.zeros(self.nu), self.parameters.default.copy()
-        self._array("step", self.step(x, u, p), (self.state.nx,))
-        limits = self.limits(x, u, p)
+        try:
+            reached, limits = self.step(x, u, p), self.limits(x, u, p)
+            columns = {"residual": self.residual(x, u, p), "terminal_residual": self.terminal_residual(x, p)}
+        except Exception as error:
+            expected = "results in the neutral state at zero controls, which determine their sizes"
+            raise InputError(f"action '{self.name}'", f"{type(error).__name__}: {error}", expected) from error
+        self._array("step", reached, (self.state.nx,))
         if not isinstance(limits, Limits):
             raise InputError(f"limits of '{self.name}'", type(limits).__name__, "Limits(value, lower, upper)")
-        columns = {
-            "residual": self.residual(x, u, p),
-            "terminal_residual": self.terminal_residual(x, p),
-            "limits": limits.value,
-        }
+        columns["limits"] = limits.value
         for name, column in columns.items():
             if np.ndim(column) != 1:
                 raise InputError(f"{name} of '{self.name}'", f"shape {np.shape(column)}", "an array with one index")

@@ -16,7 +16,7 @@ from lgmpc.config.loading import dump_config
 from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.config.session import IterationReport, Notify, ProgressReport, Session, SessionResult, SolveOutcome
 from lgmpc.config.solving import prepare_solve
-from lgmpc.errors import Interrupted
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
 from lgmpc.runs.origin import Origin
@@ -135,6 +135,8 @@ def run_config(
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the simulation begins.
     """
+    if not isinstance(config, Config):
+        raise InputError("config", type(config).__name__, "a Config, see lgmpc.load_config")
     return run_session(config, lambda announce: prepare(config, notify=announce), out, notify=notify, progress=progress)
 
 
@@ -221,6 +223,8 @@ def solve_config(
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the first iteration.
     """
+    if not isinstance(config, SolveConfig):
+        raise InputError("config", type(config).__name__, "a SolveConfig, see lgmpc.load_solve_config")
     with (
         stop_signals() as stop,
         new_folder(config, out, stop) as folder,

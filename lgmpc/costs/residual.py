@@ -71,6 +71,9 @@ class _Item:
             got = self.residual.__name__ if is_class else type(self.residual).__name__
             expected = f"a residual, as {got}(...)" if is_class else "a Residual, see lgmpc.costs.library"
             raise InputError(f"residual of '{self.name}'", got, expected)
+        rows = getattr(self.residual, "nr", None)
+        if not isinstance(rows, int | np.integer) or rows < 0:
+            raise InputError(f"{type(self.residual).__name__}.nr of '{self.name}'", rows, "its number of entries")
         for field, _ in self.own:
             try:
                 values = np.asarray(getattr(self, field), dtype=np.float64)
@@ -135,6 +138,12 @@ class CostItem(_Item):
     activation: Activation = Quadratic()
     own = (("weight", "weights of the residual's entries"),)
     sign = "not negative"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.activation, Activation):
+            got = type(self.activation).__name__
+            raise InputError(f"activation of '{self.name}'", got, "an Activation, as lgmpc.costs.Huber()")
+        super().__post_init__()
 
     @property
     def _rows(self) -> int:

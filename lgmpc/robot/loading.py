@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import ModelError
+from lgmpc.errors import InputError, ModelError
 from lgmpc.robot import checks
 from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values, one_side
 from lgmpc.robot.collision import check_shapes
@@ -30,6 +30,8 @@ def load_robot(spec: RobotSpec) -> Robot:
         InputError: the robot's name is unknown (the nearest are named), or a file does not exist.
         ModelError: the URDF or SRDF cannot be read, or the model lacks something; all problems are listed.
     """
+    if not isinstance(spec, RobotSpec):
+        raise InputError("spec", type(spec).__name__, "a RobotSpec, as lgmpc.RobotSpec(model='solo12')")
     robot, report = _load(spec)
     if report.problems:
         raise ModelError(report.robot, report.problems)

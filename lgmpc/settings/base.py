@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic._internal._model_construction import ModelMetaclass
 from pydantic_core import PydanticCustomError
 from typing_extensions import Self
@@ -67,6 +67,14 @@ class Settings(BaseModel, metaclass=_SettingsType):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_numpy(cls, data: Any) -> Any:
+        """Return the values with numpy's numbers and arrays as Python's."""
+        if not isinstance(data, Mapping):
+            return data
+        return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in data.items()}
 
     def reduce_to_structure(self) -> tuple[Any, ...]:
         """Reduce to the values (see :mod:`lgmpc.compile.index`), whether they were given or are defaults."""

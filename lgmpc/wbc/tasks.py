@@ -34,7 +34,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.costs import Parameter, ParameterLayout, StageSymbols
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, LgmpcError
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 from lgmpc.wbc.settings import Gain
@@ -190,10 +190,16 @@ class SymbolicTask(Task):
         s = symbols.within(self.name)
         parts = {}
         for part in ("velocity", "error", "rate", "acceleration", "drift", "active"):
-            column = parts[part] = getattr(self, part)(s)
+            what, expected = f"{part} of task '{self.name}'", f"a CasADi column of shape ({self.dim}, 1) for its dim"
+            try:
+                column = parts[part] = ca.SX(getattr(self, part)(s))
+            except LgmpcError:
+                raise
+            except Exception as error:  # of any kind: CasADi's, or of the user's own code
+                reason = str(error).partition("\n")[0]
+                raise InputError(what, f"{type(error).__name__}: {reason}", expected) from error
             if column.shape != (self.dim, 1):
-                expected = f"shape ({self.dim}, 1), as its dim says"
-                raise InputError(f"{part} of task '{self.name}'", f"shape {column.shape}", expected)
+                raise InputError(what, f"shape {column.shape}", expected)
         rhs = parts["acceleration"] + s["kp"] * parts["error"] + s["kd"] * parts["rate"] - parts["drift"]
         active = parts["active"]
         return TaskRows(self.jacobian(s), ca.if_else(active, rhs, 0.0), ca.if_else(active, s["weight"], 0.0))

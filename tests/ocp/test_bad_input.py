@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc import load_config, load_robot, run_config, solve_config
 from lgmpc.actions import Action, Bounded, Cost, CostTerm, FreeForwardDynamics, MultibodyAction, RungeKutta4
 from lgmpc.costs import ConstraintItem, CostItem, ParameterLayout, Residual
 from lgmpc.costs.library import CoMPosition, Control, FrameTranslation
@@ -116,6 +117,23 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "residual's class": (
         lambda: CostItem("com", CoMPosition),  # type: ignore[arg-type]
         r"residual of 'com': got CoMPosition; expected a residual, as CoMPosition\(...\)",
+    ),
+    "activation's name": (
+        lambda: CostItem("u", Control(6), 1.0, "huber"),  # type: ignore[arg-type]
+        "activation of 'u': got str; expected an Activation",
+    ),
+    "negative rows": (lambda: own(lambda s: s.q, -1), "Own.nr of 'mine': got -1; expected its number of entries"),
+    "robot's name": (
+        lambda: load_robot("solo12"),  # type: ignore[arg-type]
+        "spec: got str; expected a RobotSpec",
+    ),
+    "config's name": (
+        lambda: run_config("solo12_balance"),  # type: ignore[arg-type]
+        "config: got str; expected a Config, see lgmpc.load_config",
+    ),
+    "config of another kind": (
+        lambda: solve_config(load_config("solo12_balance")),  # type: ignore[arg-type]
+        "config: got Config; expected a SolveConfig, see lgmpc.load_solve_config",
     ),
     "no item": (lambda: arm([Control(6)]), r"costs\[0\]: got Control; expected a CostItem"),
     "constraint as cost": (lambda: arm([LIMITS]), r"costs\[0\]: got ConstraintItem; expected a CostItem"),

@@ -200,6 +200,13 @@ def test_what_python_raises_is_named_with_the_node() -> None:
         assert isinstance(raised.value.__cause__, ValueError)
     assert Fddp(problem).solve().status is Status.CONVERGED  # the next solve is not affected
 
+    class Broken(Python):
+        def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+            return x / {}["mass"]
+
+    with pytest.raises(InputError, match="action 'body_python': got KeyError: 'mass'; expected results in the neutral"):
+        Fddp(problem_of(*[Broken()] * 2))
+
 
 def test_results_of_the_wrong_shape_are_named() -> None:
     class Short(Python):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 from pydantic import Discriminator, Field, ValidationError
 
@@ -62,6 +63,14 @@ def test_replace_changes_nested_values_and_leaves_the_original() -> None:
     assert changed.weights == _Weights(com=(1.0, 2.0, 3.0), force=2e-3)
     assert (changed.node_s, changed.points) == (0.01, ((1.0, 0.0, 0.0),))
     assert settings == _Mpc(weights=_Weights(force=2e-3))
+
+
+def test_numbers_and_arrays_of_numpy_are_values() -> None:
+    mpc = _Mpc(points=np.ones((2, 3))).replace({"node_s": np.float32(0.5), "weights.com": np.arange(3.0)})
+    assert (mpc.points, mpc.node_s, mpc.weights.com) == (((1.0,) * 3,) * 2, 0.5, (0.0, 1.0, 2.0))
+    assert type(mpc.node_s) is float
+    with pytest.raises(InputError, match=r"node_s: got the list .*; expected a number"):
+        mpc.replace({"node_s": np.ones(2)})
 
 
 def test_replace_within_default_settings_keeps_the_other_defaults() -> None:

@@ -284,10 +284,21 @@ class Nothing(SymbolicTask):
     dim = 1
 
 
+class NoColumn(SymbolicTask):
+    dim = 1
+
+    def position(self, s):
+        return None
+
+
 def test_tasks_that_are_not_written_right_are_refused(solo12):
-    with pytest.raises(InputError, match=r"velocity of task 'WrongSize': got shape \(3, 1\); expected shape \(2, 1\)"):
+    with pytest.raises(
+        InputError, match=r"velocity of task 'WrongSize': got shape \(3, 1\); expected .* shape \(2, 1\)"
+    ):
         WholeBodyController(solo12, WholeBodySettings(), [WrongSize(STIFF, 1.0)])
     with pytest.raises(InputError, match="task 'Nothing': got neither position nor velocity"):
         WholeBodyController(solo12, WholeBodySettings(), [Nothing(STIFF, 1.0)])
+    with pytest.raises(InputError, match="velocity of task 'NoColumn': got NotImplementedError: .* a CasADi column"):
+        WholeBodyController(solo12, WholeBodySettings(), [NoColumn(STIFF, 1.0)])
     with pytest.raises(InputError, match="two called 'com'"):
         WholeBodyController(solo12, WholeBodySettings(), [ComTask(STIFF, 1.0), ComTask(STIFF, 2.0)])

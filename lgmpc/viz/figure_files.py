@@ -14,7 +14,7 @@ from lgmpc.errors import RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
 from lgmpc.viz.interaction import classes_from_names, mark_figure
-from lgmpc.viz.style import LIMIT, SOFT, THEMED, figure_maker
+from lgmpc.viz.style import EXTRA, LIMIT, SOFT, THEMED, X, Y, Z, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,9 @@ __all__ = [
     "draw_limits",
     "figure_title",
     "joint_kinds",
+    "joint_style",
     "legend_above",
+    "legend_of_joints",
     "svg_figures",
 ]
 
@@ -151,7 +153,7 @@ def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
     kinds: dict[str, list[int]] = {}
     for joint, name in enumerate(names):
         kinds.setdefault(name.partition("_")[2], []).append(joint)
-    alike = len(kinds) <= 4 and "" not in kinds and all(2 <= len(joints) <= 4 for joints in kinds.values())
+    alike = len(kinds) <= 4 and "" not in kinds and all(2 <= len(joints) <= 8 for joints in kinds.values())
     return kinds if alike else {}
 
 
@@ -159,6 +161,19 @@ def legend_above(*all_axes: Axes) -> None:
     """Place the legend of each axes above its right end."""
     for axes in all_axes:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)
+
+
+def legend_of_joints(axes: Axes, count: int) -> None:
+    """Place the legend of ``count`` joints above the axes, or beside them where there are many; none for a crowd."""
+    if count <= 4:
+        legend_above(axes)
+    elif count <= 24:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, handlelength=2.0)
+
+
+def joint_style(i: int) -> dict[str, str]:
+    """Return colour and dashes of the i-th joint in the same axes."""
+    return {"color": (X, Y, Z, EXTRA)[i % 4], "ls": ("-", "--", ":", "-.")[i // 4 % 4]}
 
 
 def draw_limits(axes: Axes, low: float, high: float, text: str) -> None:

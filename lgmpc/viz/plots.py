@@ -12,7 +12,17 @@ from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_kinds, legend_above
+from lgmpc.viz.figure_files import (
+    Drawing,
+    Plots,
+    draw_figures,
+    draw_limits,
+    figure_title,
+    joint_kinds,
+    joint_style,
+    legend_above,
+    legend_of_joints,
+)
 from lgmpc.viz.log_axes import finish, friction_words, label_modes, label_pushes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
 from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
@@ -157,7 +167,7 @@ def _joints(figure: Figure, log: RunLog) -> bool:
     scalar = log.q.shape[1] - first == len(names)  # a joint may have more coordinates than degrees of freedom
     for (position, velocity), (kind, joints) in zip(grid, rows.items(), strict=True):
         for count, joint in enumerate(joints):
-            style = {"color": (X, Y, Z, EXTRA)[count % 4], "lw": 1.1, "label": _joint_label(names[joint], kinds)}
+            style = {**joint_style(count), "lw": 1.1, "label": _joint_label(names[joint], kinds)}
             position.plot(log.time, log.q[:, first + joint] if scalar else np.full(log.ticks, np.nan), **style)
             velocity.plot(log.time, log.joint_velocity[:, joint], **style)
         position.set(title=f"Position{kind and ', '}{kind}", ylabel="rad")
@@ -167,8 +177,7 @@ def _joints(figure: Figure, log: RunLog) -> bool:
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
     label_pushes(log, *grid[0])
-    if len(names) <= 12:
-        legend_above(grid[0, 1])
+    legend_of_joints(grid[0, 1], len(next(iter(rows.values()))))
     return True
 
 
@@ -186,8 +195,8 @@ def _torques(figure: Figure, log: RunLog) -> bool:
         limits = log.effort_limit_over_time[:, joints]
         scale = np.ones_like(limits) if alike else limits
         for count, joint in enumerate(joints):
-            color, label = (X, Y, Z, EXTRA)[count % 4], _joint_label(names[joint], kinds)
-            axes.plot(log.time, log.tau[:, joint] / scale[:, count], color=color, lw=1.1, label=label)
+            style = {**joint_style(count), "lw": 1.1, "label": _joint_label(names[joint], kinds)}
+            axes.plot(log.time, log.tau[:, joint] / scale[:, count], **style)
         for limit in np.unique(limits / scale, axis=1).T:
             _draw_effort_limit(axes, log.time, limit, " {:g} N.m" if alike else "")
         axes.set_ylabel("N.m" if alike else "fraction of the limit")
@@ -195,8 +204,7 @@ def _torques(figure: Figure, log: RunLog) -> bool:
         finish(log, axes)
     all_axes[-1].set_xlabel("time, s")
     label_pushes(log, all_axes[0])
-    if len(names) <= 12:
-        legend_above(all_axes[0])
+    legend_of_joints(all_axes[0], len(next(iter(rows.values()))))
     return True
 
 

@@ -12,7 +12,17 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_kinds, legend_above
+from lgmpc.viz.figure_files import (
+    Drawing,
+    Plots,
+    draw_figures,
+    draw_limits,
+    figure_title,
+    joint_kinds,
+    joint_style,
+    legend_above,
+    legend_of_joints,
+)
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
@@ -122,12 +132,13 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
         all_axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (kind, chosen) in zip(all_axes, kinds.items(), strict=True):
             for count, i in enumerate(chosen):
-                _steps(axes, log, log.us[:, i], _line(count)[0], names[i].partition("_")[0])
+                style = {**joint_style(count), "label": names[i].partition("_")[0], "lw": 1.2}
+                axes.stairs(log.us[:, i], log.times, baseline=None, **style)
             if known:
                 low, high = float(log.control_lower[chosen].min()), float(log.control_upper[chosen].max())
                 draw_limits(axes, low, high, f"limit {high:g} {log.control_unit}")
             axes.set(title=f"Control, {kind}", ylabel=log.control_unit)
-        legend_above(all_axes[0])
+        legend_of_joints(all_axes[0], len(next(iter(kinds.values()))))
     else:
         figure.set_size_inches(8.0, 4.2)
         all_axes = np.array([figure.subplots()])

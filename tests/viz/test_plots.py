@@ -130,6 +130,22 @@ def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkey
     assert count(pixels(path), ORANGE) > 200
 
 
+@pytest.mark.parametrize(("names", "rows"), [("leg{0}_hip leg{0}_knee", 2), ("hip{0} knee{0}", 1)])
+def test_joints_of_six_legs_are_told_apart(pushed_run, monkeypatch, names, rows) -> None:
+    only(monkeypatch, "joints", "torques")
+    joints = np.array([name for leg in range(6) for name in names.format(leg).split()])
+    figures = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=joints)))
+    for name, columns in (("joints", 2), ("torques", 1)):
+        figure = figures[name]
+        assert len(figure.axes) == rows * columns
+        legend = figure.axes[columns - 1].get_legend()
+        labels = [text.get_text() for text in legend.get_texts()]
+        curves = [line for line in figure.axes[columns - 1].lines if line.get_label() in labels]
+        assert len({(line.get_color(), line.get_linestyle()) for line in curves}) == len(labels) == 12 / rows
+        figure.canvas.draw()
+        assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
 def test_errors_of_drawing_and_writing_are_reported(pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "forces")
     file = tmp_path / "file"

@@ -71,13 +71,15 @@ def check_contact_frames(model: pin.Model, frames: Sequence[str]) -> list[str]:
 
 
 def check_joints(model: pin.Model, root_added: bool) -> list[str]:
-    """Return a problem for each joint of an unsupported kind, and for each free-flyer other than the base's.
+    """Return a problem for each joint of an unsupported kind, for each free-flyer other than the base's, or for none.
 
     Args:
         model: the model.
         root_added: whether joint 1 is a free-flyer that is not in the URDF.
     """
     problems: list[str] = []
+    if model.nv == 0:
+        return ["nothing moves: its base is fixed and it has no joints (floating_base: true)"]
     try:
         configuration_blocks(model)
     except ModelError as error:

@@ -44,6 +44,12 @@ def test_zero_limits_forbid_motion() -> None:
     assert second.startswith("the URDF's velocity limit of joint1, joint2 forbids all motion")
 
 
+def test_a_fixed_base_without_joints_is_refused(tmp_path) -> None:
+    (tmp_path / "block.urdf").write_text('<robot name="block"><link name="block"/></robot>')
+    (problem,) = problems(RobotSpec(urdf=tmp_path / "block.urdf", floating_base=False))
+    assert problem == "nothing moves: its base is fixed and it has no joints (floating_base: true)"
+
+
 def test_infinite_limits(tmp_path, data_dir) -> None:
     path = tmp_path / "endless.urdf"
     text = (data_dir / "tripod.urdf").read_text()

@@ -22,7 +22,7 @@ class Results:
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._read = 0
+        self._read = self._lines = 0
         self._rows: dict[str, Row] = {}
 
     def rows(self) -> dict[str, Row]:
@@ -42,9 +42,11 @@ class Results:
         except OSError as error:
             raise RunFolderError(f"cannot read {self._file}: {reason_of(error)}") from error
         whole = added[: added.rfind(b"\n") + 1]
-        for line in whole.splitlines():
-            row = Row.from_json(line.decode("utf-8", "replace"), str(self._file))
+        lines = whole.splitlines()
+        for number, line in enumerate(lines, self._lines + 1):
+            row = Row.from_json(line.decode("utf-8", "replace"), f"{self._file}:{number}")
             self._rows[row.key] = row
+        self._lines += len(lines)
         self._read += len(whole)
         return self._rows
 

@@ -79,9 +79,13 @@ Results(Path({str(file)!r})).append(Row("b", Ending.PASS))
 
 
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:
-    (tmp_path / "results.jsonl").write_text("{}\n")
-    with pytest.raises(RunFolderError, match=r"results\.jsonl is not a row of a sweep: KeyError"):
-        Results(tmp_path / "results.jsonl").rows()
+    results = Results(tmp_path / "results.jsonl")
+    results.append(Row("a", Ending.PASS))
+    assert set(results.rows()) == {"a"}
+    with (tmp_path / "results.jsonl").open("a") as file:
+        file.write("{}\n")
+    with pytest.raises(RunFolderError, match=r"results\.jsonl:2 is not a row of a sweep: KeyError"):
+        results.rows()
 
 
 def test_an_existing_folder_is_opened_only_on_request_and_only_by_its_sweep(tmp_path: Path, parse: Parse) -> None:

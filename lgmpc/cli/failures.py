@@ -11,12 +11,12 @@ import traceback
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import ParamSpec, TextIO
+from typing import ParamSpec
 
 import typer
 
 from lgmpc import __version__
-from lgmpc.cli.screen import show_crash, show_error, show_interrupted
+from lgmpc.cli.screen import show_crash, show_error, show_interrupted, silence
 from lgmpc.errors import Interrupted, LgmpcError
 
 __all__ = ["EXIT_CRASH", "EXIT_HANGUP", "EXIT_INTERRUPTED", "guarded"]
@@ -51,20 +51,20 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             show_interrupted()
             raise typer.Exit(error.exit_code if isinstance(error, Interrupted) else EXIT_INTERRUPTED) from error
         except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
-            _silence(sys.stdout)
+            silence(sys.stdout)
         except typer.Exit:
             raise
         except Exception as error:
             if _terminal_is_gone():
-                _silence(sys.stdout)
-                _silence(sys.stderr)
+                silence(sys.stdout)
+                silence(sys.stderr)
                 raise typer.Exit(EXIT_HANGUP) from error
             if _came_of_ctrl_c(error):
                 show_interrupted()
                 raise typer.Exit(EXIT_INTERRUPTED) from error
             if isinstance(error, OSError) and error.errno == errno.ENOSPC:
                 show_error(LgmpcError(f"cannot write {error.filename or 'the output'}: no space left on device"))
-                _silence(sys.stdout)
+                silence(sys.stdout)
                 raise typer.Exit(LgmpcError.exit_code) from error
             show_crash(error, _save_traceback())
             raise typer.Exit(EXIT_CRASH) from error
@@ -86,11 +86,6 @@ def _terminal_is_gone() -> bool:
     except OSError as error:
         return error.errno == errno.EIO
     return False
-
-
-def _silence(stream: TextIO) -> None:
-    """Discard further output to ``stream``, including that at the exit of Python."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _save_traceback() -> Path | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from rich.console import Console
 from rich.table import Table
@@ -26,6 +28,7 @@ __all__ = [
     "show_interrupted",
     "show_next",
     "show_verdict",
+    "silence",
 ]
 
 MOST_PROBLEMS = 10
@@ -37,9 +40,23 @@ MOST_LINES = 20
 ISSUES_URL = "the project's issue tracker"
 
 
+def silence(stream: TextIO) -> None:
+    """Discard further output to ``stream``, including that at the exit of Python."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _ResultsConsole(Console):
+    """A console whose reader, such as ``head``, may close the pipe: the command and its exit code stay the same."""
+
+    def on_broken_pipe(self) -> None:
+        """Discard what follows; rich would exit with code 1, a broken gate's."""
+        self.quiet = True
+        silence(sys.stdout)
+
+
 def out() -> Console:
     """Return the console for results (a new one, which writes to the current stdout)."""
-    return Console(highlight=False, soft_wrap=True)
+    return _ResultsConsole(highlight=False, soft_wrap=True)
 
 
 def err() -> Console:

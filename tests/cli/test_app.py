@@ -151,8 +151,9 @@ def test_the_schema_goes_to_stdout_or_a_file(invoke: Invoke, tmp_path: Path) -> 
     assert file.read_text(encoding="utf-8") == output
 
 
-def test_a_closed_pipe_is_no_error() -> None:
-    command = f"set -o pipefail; {sys.executable} -m lgmpc schema | true"
+@pytest.mark.parametrize("output", ["schema", "configs"])  # in one write, and by lines
+def test_a_closed_pipe_is_no_error(output: str) -> None:
+    command = f"set -o pipefail; {sys.executable} -m lgmpc {output} | true"
     finished = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert finished.stderr == ""
     assert finished.returncode == 0

@@ -133,6 +133,7 @@ class DesiredMotion:
         return BaseMotion(
             x, y, terms.px / mass, terms.py / mass, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
             x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw), command.height, friction,
+            float(terms.rotation[2, 0]), float(terms.rotation[2, 1]),
         )  # fmt: skip
 
     def write_targets(self, tasks: Mapping[str, Task], time: float, ground: float) -> None:

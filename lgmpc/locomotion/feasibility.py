@@ -14,6 +14,8 @@ from lgmpc.locomotion.legs import LegGeometry
 
 __all__ = ["infeasible_commands", "top_speed"]
 
+_PLANAR = 1e-6
+
 
 def top_speed(legs: LegGeometry, gait: Gait, height: float = 0.0) -> float:
     """Return the largest speed at which the feet are within reach from touchdown to lift-off, m/s; 0 for standing.
@@ -64,6 +66,9 @@ def infeasible_commands(
         if entry.yaw_rate_rad_s is not None and abs(entry.yaw_rate_rad_s) > limits.yaw_rate_rad_s:
             expected = f"at most {limits.yaw_rate_rad_s:g} rad/s (locomotion.limits.yaw_rate_rad_s)"
             yield InputError(f"{where}.yaw_rate_rad_s", f"{entry.yaw_rate_rad_s:g} rad/s", expected)
+        sideways = _sideways(where, entry, legs)
+        if sideways is not None:
+            yield sideways
         if not command.moves or (entry.velocity_m_s is None and entry.gait is None and entry.height_m is None):
             continue
         most, gait = top_speed(legs, gaits[command.gait], command.height), gaits[command.gait]
@@ -74,3 +79,20 @@ def infeasible_commands(
         elif speed > most and not gait.stands:
             expected = f"at most {most:.3g} m/s: in gait {gait.name} the stance lasts {gait.stance_s:.3g} s"
             yield InputError(key, f"{speed:g} m/s", f"{expected}, and the legs reach no further")
+
+
+def _sideways(where: str, entry: CommandEntry, legs: LegGeometry) -> InputError | None:
+    """Return the error of a motion for which planar legs cannot place their feet, if there is one."""
+    normals = legs.normals[legs.normals.any(axis=1)]
+    if not len(normals):
+        return None
+    if entry.velocity_m_s is not None and np.abs(normals @ entry.velocity_m_s).max() > _PLANAR:
+        key, (ahead, left) = "velocity_m_s", entry.velocity_m_s[:2]
+        got = f"[{ahead:g}, {left:g}, 0] m/s"
+        straight = np.abs(normals[:, 0]).max() < _PLANAR
+        expected = f"a velocity {'straight ahead or back' if straight else 'in the plane of the legs'}"
+    elif entry.yaw_rate_rad_s:
+        key, got, expected = "yaw_rate_rad_s", f"{entry.yaw_rate_rad_s:g} rad/s", "0 rad/s"
+    else:
+        return None
+    return InputError(f"{where}.{key}", got, f"{expected}: no joint moves the feet sideways")

@@ -35,9 +35,10 @@ class FootholdMargins:
         self._planner = planner
 
     def write(self, horizon: ContactHorizon, motion: BaseMotion, dt: float, fixed: BoolArray) -> None:
-        """Write ``horizon.margins`` from its flags and points: zero for feet that stand.
+        """Write ``horizon.margins`` from its flags and points: zero for feet that stand, and for those of planar legs.
 
-        A nominal foothold that violates a bound has a margin of zero towards it.
+        A planar leg reaches a line on the floor, within which a polygon of shifts has no interior. A nominal foothold
+        that violates a bound has a margin of zero towards it.
 
         Args:
             horizon: contacts over intervals of ``dt``.
@@ -55,7 +56,8 @@ class FootholdMargins:
                     begin += 1
                     continue
                 end = column.index(True, begin) if True in column[begin:] else len(column)
-                if end < len(column) and not (begin == 0 and fixed[foot]):
+                planar = any(self._planner.normals[foot])
+                if end < len(column) and not planar and not (begin == 0 and fixed[foot]):
                     margins[begin:end, foot] = self._at(foot, horizon, end, motion, dt * end, begin == 0, normals)
                 begin = end
 

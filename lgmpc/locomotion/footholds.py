@@ -14,6 +14,9 @@ locomotion via whole-body impulse control and model predictive control", 2019, h
 
 The mean velocity of a robot on two feet is determined by its footholds alone: a horizontal force only tilts it about
 the line between the feet. Therefore the position error of the centre of mass shifts footholds too.
+
+Legs without abduction move their feet in a plane. A sideways shift becomes one ahead or back that leaves the line
+between two feet where it should be: a trot, with two lines in turn, then controls both components of the velocity.
 """
 
 from __future__ import annotations
@@ -35,6 +38,8 @@ from lgmpc.typing import Array
 __all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
 
 _GRAVITY = 9.81
+_STEEPEST = 0.1
+"""Sine of the least angle between a line of feet and the plane of a leg for which one is moved along the line."""
 
 Point = tuple[float, float]
 
@@ -88,6 +93,8 @@ class BaseMotion:
         ramp: coming change of the commanded velocity, world axes.
         height: commanded, of the base relative to the reference posture, m.
         friction: Coulomb coefficient of the floor.
+        rise_ahead: sine of the angle by which the base's x axis points upwards.
+        rise_left: the same of its y axis.
     """
 
     x: float
@@ -103,6 +110,8 @@ class BaseMotion:
     ramp: Ramp = Ramp()
     height: float = 0.0
     friction: float = math.inf
+    rise_ahead: float = 0.0
+    rise_left: float = 0.0
 
 
 class FootholdPlanner:
@@ -122,6 +131,7 @@ class FootholdPlanner:
         hips: (nc,) of (x, y), the same.
         sides: (nc,) smallest lateral distance of a foot on its own side, base axes, with the sign of the side, m.
         spacing: smallest distance between two feet, m.
+        normals: (nc,) of (x, y), directions in which legs cannot move their feet, axes of the base; zeros for others.
     """
 
     def __init__(
@@ -144,6 +154,8 @@ class FootholdPlanner:
             (s.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
         ]
         self.spacing = s.spacing_share * float(legs.length.min())
+        self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]
+        self._towards = [_oblique(*pair) for pair in zip(self.normals, self._walking, strict=True)]
 
     def place(
         self,
@@ -234,10 +246,16 @@ class FootholdPlanner:
             bx, by = bx * most / shift, by * most / shift
         x = com[0] + fx + neutral * nx + bx - rolled * wx + outward * wy + s.position_feedback * ax
         y = com[1] + fy + neutral * ny + by - rolled * wy - outward * wx + s.position_feedback * ay
-        return self._bound(foot, (x, y), com, motion.yaw + turned, self.reach(foot, motion.height), others)
+        return self._bound(foot, (x, y), com, motion.yaw + turned, motion, others)
 
-    def _bound(self, foot: int, point: Point, com: Point, yaw: float, reach: float, others: Sequence[Point]) -> Point:
-        """Return the point within reach of the hip, on the foot's own side of the base and clear of the other feet."""
+    def _bound(
+        self, foot: int, point: Point, com: Point, yaw: float, motion: BaseMotion, others: Sequence[Point]
+    ) -> Point:
+        """Return the point within reach of the hip, on the foot's own side of the base and clear of the other feet.
+
+        A planar leg has it in its plane, where the line to the middle of the feet meets that plane: on a diagonal of
+        feet, only the distance of the centre of mass from their line determines how the robot falls.
+        """
         x, y = point
         for other in others:
             dx, dy = x - other[0], y - other[1]
@@ -253,9 +271,16 @@ class FootholdPlanner:
         y = max(y, self.sides[foot]) if left > 0.0 else min(y, self.sides[foot]) if left < 0.0 else y
         hx, hy = self.hips[foot]
         dx, dy = x - hx, y - hy
-        distance = math.hypot(dx, dy)
+        distance, reach = math.hypot(dx, dy), self.reach(foot, motion.height)
         if distance > reach:
             x, y = hx + dx * reach / distance, hy + dy * reach / distance
+        nx, ny = self.normals[foot]
+        if nx or ny:
+            (fx, fy), (tx, ty) = self.feet[foot], self._towards[foot]
+            # The plane tilts with the base, and meets the ground beside the centre of mass.
+            tilted = (self.height + motion.height) * (nx * motion.rise_ahead + ny * motion.rise_left)
+            out = nx * (x - fx) + ny * (y - fy) - tilted
+            x, y = x - out * tx, y - out * ty
         x, y = _turn(x, y, yaw)
         return com[0] + x, com[1] + y
 
@@ -300,6 +325,14 @@ class FootholdPlanner:
         if isinstance(self.terrain, FlatGround):
             return self.terrain.level
         return float(self.terrain.height(np.array([[x, y]]))[0])
+
+
+def _oblique(normal: Point, line: Point) -> Point:
+    """Return the vector along ``line`` with a unit along ``normal``; the normal itself if they are at right angles."""
+    across = normal[0] * line[0] + normal[1] * line[1]
+    if abs(across) < _STEEPEST * math.hypot(*line):
+        return normal
+    return line[0] / across, line[1] / across
 
 
 def _turn(x: float, y: float, angle: float) -> Point:

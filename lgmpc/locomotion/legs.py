@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot, leg_joints
+from lgmpc.robot import Robot, leg_chain, leg_normals
 from lgmpc.typing import Array
 
 __all__ = ["LegGeometry"]
@@ -24,10 +24,12 @@ class LegGeometry:
 
     Attributes:
         feet: (nc, 3) contact points, m.
-        hips: (nc, 3) hips: positions of each leg's second joint (the first one is the abduction), m.
+        hips: (nc, 3) hips: positions of each leg's second joint (the first one is the abduction), or of the first one
+            of a leg with two joints, m.
         length: (nc,) largest distance from hip to contact frame within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
+        normals: (nc, 3) unit vectors along which legs cannot move their feet (see :func:`~lgmpc.robot.leg_normals`).
     """
 
     feet: Array
@@ -35,6 +37,7 @@ class LegGeometry:
     length: Array
     base: Array
     radius: float
+    normals: Array
 
     @cached_property
     def height(self) -> float:
@@ -56,13 +59,13 @@ class LegGeometry:
         base = pin.XYZQUATToSE3(q[:7])
         feet, hips, lengths = [], [], []
         for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
-            joints = leg_joints(robot, frame)
+            joints = leg_chain(robot, frame)
             if not joints:
                 raise InputError("contact_frames", name, "a frame that a joint of the leg moves")
             tip = data.oMf[frame].translation
-            hip = joints[min(1, len(joints) - 1)]
+            hip = joints[0]
             hips.append(data.oMi[hip].translation.copy())
-            lengths.append(_longest(robot, hip, joints[2:], frame))
+            lengths.append(_longest(robot, hip, joints[1:], frame))
             feet.append(tip - np.array([0.0, 0.0, robot.contact_radius]))
         turn = base.rotation
         return cls(
@@ -71,6 +74,7 @@ class LegGeometry:
             np.array(lengths),
             (base.translation - com) @ turn,
             robot.contact_radius,
+            leg_normals(robot),
         )
 
 

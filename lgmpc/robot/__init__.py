@@ -3,7 +3,7 @@
 from lgmpc.robot.checks import ModelReport
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
-from lgmpc.robot.legs import leg_clearances, leg_joints
+from lgmpc.robot.legs import leg_chain, leg_clearances, leg_joints, leg_normals
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
@@ -23,8 +23,10 @@ __all__ = [
     "Swing",
     "available_models",
     "check_model",
+    "leg_chain",
     "leg_clearances",
     "leg_joints",
+    "leg_normals",
     "load_robot",
     "place_shape",
     "shape_of",

@@ -10,7 +10,13 @@ import pinocchio as pin
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["leg_clearances", "leg_joints"]
+__all__ = ["leg_chain", "leg_clearances", "leg_joints", "leg_normals"]
+
+_SWUNG = (-0.4, 0.0, 0.4)
+"""rad from the reference posture: no leg is stretched in all three."""
+
+_PLANAR = 1e-6
+"""Motion out of the plane, as a share of that within it, below which a leg is planar."""
 
 
 def leg_joints(robot: Robot, frame: int) -> list[int]:
@@ -19,11 +25,46 @@ def leg_joints(robot: Robot, frame: int) -> list[int]:
     return [joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1]
 
 
+def leg_chain(robot: Robot, frame: int) -> list[int]:
+    """Return the joints of a leg from its hip, the joint that lifts the foot together with those after it.
+
+    That is the second joint, after the abduction; the first one of a leg with two joints, which has none.
+    """
+    joints = leg_joints(robot, frame)
+    return joints[1:] if len(joints) > 2 else joints
+
+
+def leg_normals(robot: Robot) -> Array:
+    """Return the directions in which legs cannot move their feet, because all of their axes are parallel to them.
+
+    Args:
+        robot: with a floating base.
+
+    Returns:
+        (nc, 3) unit vectors, axes of the base; zeros for a leg that moves its foot in all directions.
+    """
+    model, data = robot.model, robot.create_data()
+    normals = np.zeros((robot.nc, 3))
+    for foot, frame in enumerate(robot.contact_ids):
+        joints = leg_joints(robot, frame)
+        columns = [model.joints[joint].idx_v + i for joint in joints for i in range(model.joints[joint].nv)]
+        motions = []
+        for angle in _SWUNG:
+            v = np.zeros(model.nv)
+            v[columns] = angle
+            q = pin.integrate(model, robot.q_reference, v)
+            jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
+            motions.append(data.oMi[1].rotation.T @ jacobian[:3, columns])
+        axes, sizes, _ = np.linalg.svd(np.hstack(motions))
+        if sizes[2] < _PLANAR * sizes[0]:
+            normals[foot] = axes[:, 2]
+    return normals
+
+
 def leg_clearances(robot: Robot, q: Array) -> Array:
     """Return the least distance between two legs, negative where they overlap.
 
-    A leg is a chain of capsules from its second joint, the hip, over its other joints to its contact frame, all of the
-    feet's radius.
+    A leg is a chain of capsules from its hip over its other joints to its contact frame, all of the feet's radius.
 
     Args:
         robot: with a floating base and at least two contact frames.
@@ -35,8 +76,7 @@ def leg_clearances(robot: Robot, q: Array) -> Array:
     model, data = robot.model, robot.create_data()
     chains = []
     for frame in robot.contact_ids:
-        joints = leg_joints(robot, frame)
-        chains.append((joints[min(1, len(joints) - 1) :], frame))
+        chains.append((leg_chain(robot, frame), frame))
     paths = [np.empty((len(q), len(joints) + 1, 3)) for joints, _ in chains]
     for k, configuration in enumerate(q):
         pin.framesForwardKinematics(model, data, configuration)

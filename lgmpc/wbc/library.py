@@ -11,10 +11,10 @@ import pinocchio as pin
 
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_normals
 from lgmpc.wbc import contact_points as points
 from lgmpc.wbc.settings import Gain, WholeBodySettings
-from lgmpc.wbc.tasks import SymbolicTask, Task
+from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
 from lgmpc.wbc.terms import WholeBodyTerms
 
 __all__ = [
@@ -242,10 +242,16 @@ class StanceTask(_FeetTask):
 class SwingTask(_FeetTask):
     """The lowest points of the feet in the air follow their targets, world axes: the point moves as the centre does.
 
+    Where a leg moves its foot in a plane only, the rows have no part normal to that plane: the base would have to move.
+
     Targets: ``position`` (nc, 3) m, ``velocity`` (nc, 3) m/s, ``acceleration`` (nc, 3) m/s2.
     """
 
     name = "swing"
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        super().__init__(robot, gain, weight)
+        self._normals = tuple(tuple(normal) for normal in leg_normals(robot).tolist())
 
     def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
         """Return position, velocity and acceleration of every foot."""
@@ -270,6 +276,16 @@ class SwingTask(_FeetTask):
     def active(self, s: StageSymbols) -> Any:
         """Return which feet are in the air."""
         return 1 - self._in_contact(s)
+
+    def rows(self, symbols: StageSymbols) -> TaskRows:
+        """Return the rows, of planar legs without the part that is normal to their plane."""
+        rows = super().rows(symbols)
+        if not any(map(any, self._normals)):
+            return rows
+        turn = symbols.robot.joint_placement(symbols.q, 1).rotation
+        normals = [ca.mtimes(turn, ca.SX(normal)) for normal in self._normals]
+        within = ca.diagcat(*(ca.SX.eye(3) - ca.mtimes(normal, normal.T) for normal in normals))
+        return TaskRows(ca.mtimes(within, rows.jacobian), ca.mtimes(within, rows.rhs), rows.weight)
 
     def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
         """Hold every foot at its present position."""

@@ -15,6 +15,7 @@ from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.robot.friction import facet_normals
+from tests.support.samples import solo8
 
 DT = 0.02
 
@@ -141,3 +142,9 @@ def test_a_swing_that_ends_beyond_the_horizon_has_no_margin(legs: LegGeometry) -
             last = air[np.flatnonzero(np.diff(air, prepend=-9) > 1)[-1] :]
             assert (horizon.margins[last, foot] == 0.0).all()
     assert horizon.margins.max() > 0.05
+
+
+def test_footholds_of_planar_legs_have_no_margin() -> None:
+    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.6, commanded_vx=0.4)
+    _, horizon = written(LegGeometry.of(solo8()), motion, "trot", 0.03, 12)
+    np.testing.assert_array_equal(horizon.margins, 0.0)

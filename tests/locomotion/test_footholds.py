@@ -18,6 +18,7 @@ from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import FlatGround
 from lgmpc.robot import Robot
+from tests.support.samples import solo8
 
 TROT = quadruped_gaits()["trot"]
 speed = st.floats(-3.0, 3.0)
@@ -269,3 +270,55 @@ def test_flat_ground_is_flat() -> None:
     assert ground.friction(points).tolist() == [0.4] * 3
     assert ground.normal(points).tolist() == [[0.0, 0.0, 1.0]] * 3
     assert ground.steppable(points).all()
+
+
+def test_legs_without_abduction_are_measured_from_their_first_joint() -> None:
+    """Two links of 160 mm from the thigh's joint."""
+    robot = solo8()
+    legs, data = LegGeometry.of(robot), robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, robot.q_reference)
+    com = pin.centerOfMass(robot.model, robot.create_data(), robot.q_reference)
+    for foot, name in enumerate(("FL", "FR", "HL", "HR")):
+        hip = data.oMi[robot.model.getJointId(f"{name}_HFE")].translation
+        np.testing.assert_allclose(legs.hips[foot], hip - com, atol=1e-9)
+    np.testing.assert_allclose(legs.length, 0.32, atol=5e-3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_planar_legs_keep_the_line_of_support_of_legs_that_move_sideways(yaw: float) -> None:
+    """The line through both feet of a diagonal, in the air at the same time, has the same distance from any point."""
+    legs = LegGeometry.of(solo8())
+    free = FootholdPlanner(replace(legs, normals=np.zeros((4, 3))), FootholdSettings(reach_share=1.0))
+    planar = FootholdPlanner(legs, FootholdSettings(reach_share=1.0))
+    c, s = math.cos(yaw), math.sin(yaw)
+    motion = BaseMotion(0.1, 0.2, 0.3 * c - 0.06 * s, 0.3 * s + 0.06 * c, yaw, 0.0, 0.3 * c, 0.3 * s)
+    for pair in ((0, 3), (1, 2)):
+        wanted, found = (
+            np.array([planner.place(foot, motion, 0.05, TROT.stance_s) for foot in pair]) for planner in (free, planar)
+        )
+        assert np.abs(wanted - found).max() > 0.005
+        along = (wanted[1] - wanted[0]) / np.linalg.norm(wanted[1] - wanted[0])
+        across = np.array([-along[1], along[0]])
+        np.testing.assert_allclose((found - wanted) @ across, 0.0, atol=1e-3)
+        com = planar.expected(motion, 0.05, present=True)
+        for foot, place in zip(pair, found, strict=True):
+            left = -s * (place[0] - com[0]) + c * (place[1] - com[1])
+            assert left == pytest.approx(legs.feet[foot, 1], abs=1e-9)
+
+
+def test_the_plane_of_a_planar_leg_tilts_with_the_base() -> None:
+    """Where it meets the ground is where the leg of the rolled robot puts its foot when it is stretched that far."""
+    robot, roll = solo8(), 0.06
+    legs, data = LegGeometry.of(robot), robot.create_data()
+    q = robot.q_reference.copy()
+    q[3:7] = pin.Quaternion(pin.exp3(np.array([roll, 0.0, 0.0]))).coeffs()
+    com = pin.centerOfMass(robot.model, data, q).copy()
+    pin.framesForwardKinematics(robot.model, data, q)
+    planner = FootholdPlanner(legs, FootholdSettings(reach_share=1.0))
+    motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0, rise_left=math.sin(roll))
+    for foot, frame in enumerate(robot.contact_ids):
+        place = np.array([*planner.place(foot, motion, 0.0, TROT.stance_s), -legs.height])
+        normal = data.oMi[1].rotation[:, 1]
+        contact = data.oMf[frame].translation - legs.radius * data.oMi[1].rotation[:, 2] - com
+        assert normal @ (place - contact) == pytest.approx(0.0, abs=1e-3)  # second order in the roll
+        assert abs(place[1] - contact[1]) < 0.02

@@ -1,4 +1,4 @@
-"""Distances between legs: against coal's capsules, and legs that cross."""
+"""Legs: their chains and planes, and the distances between them against coal's capsules."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.robot import Robot, RobotSpec, leg_clearances, load_robot
+from lgmpc.robot import Robot, RobotSpec, leg_chain, leg_clearances, leg_normals, load_robot
+from tests.support.samples import solo8
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +33,12 @@ def capsule(radius: float, one: np.ndarray, other: np.ndarray) -> tuple[coal.Cap
     return coal.Capsule(radius, float(np.linalg.norm(along))), coal.Transform3s(turn, 0.5 * (one + other))
 
 
-def test_distances_are_those_of_capsules(robot: Robot) -> None:
+@pytest.mark.parametrize("planar", [False, True], ids=["solo12", "solo8"])
+def test_distances_are_those_of_capsules(robot: Robot, planar: bool) -> None:
+    robot = solo8() if planar else robot
     rng, data = np.random.default_rng(0), robot.create_data()
     q = np.tile(robot.q_reference, (200, 1))
-    q[:, 7:] += rng.normal(size=(200, 12))
+    q[:, 7:] += rng.normal(size=(200, robot.nu))
     expected = []
     for each in q:
         pin.framesForwardKinematics(robot.model, data, each)
@@ -51,3 +54,30 @@ def test_distances_are_those_of_capsules(robot: Robot) -> None:
     apart = found > 1e-3  # of overlapping shapes coal gives the depth, which is another measure
     np.testing.assert_allclose(found[apart], np.array(expected)[apart], atol=1e-6)
     np.testing.assert_array_equal(found < 0.0, np.array(expected) < 0.0)
+
+
+def names(robot: Robot, joints: list[int]) -> list[str]:
+    return [robot.model.names[joint] for joint in joints]
+
+
+def test_a_leg_begins_with_the_joint_that_swings_it_ahead(robot: Robot) -> None:
+    assert names(robot, leg_chain(robot, robot.contact_ids[0])) == ["FL_HFE", "FL_KFE"]
+    planar = solo8()
+    assert names(planar, leg_chain(planar, planar.contact_ids[3])) == ["HR_HFE", "HR_KFE"]
+
+
+def test_planar_legs_have_the_normal_of_their_plane(robot: Robot) -> None:
+    """No motion of their joints, however large, moves the feet along it."""
+    np.testing.assert_array_equal(leg_normals(robot), np.zeros((4, 3)))
+    planar, rng = solo8(), np.random.default_rng(1)
+    normals, data = leg_normals(planar), planar.create_data()
+    np.testing.assert_allclose(np.abs(normals), np.tile([0.0, 1.0, 0.0], (4, 1)), atol=1e-9)
+    turned = np.concatenate([[0.3, -0.2, 0.5], pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()])
+    for _ in range(10):
+        q = np.concatenate([turned, rng.uniform(-2.0, 2.0, 8)])
+        pin.framesForwardKinematics(planar.model, data, q)
+        for normal, frame in zip(normals, planar.contact_ids, strict=True):
+            pin.framesForwardKinematics(planar.model, data, q)
+            moved = data.oMi[1].actInv(data.oMf[frame].translation)
+            pin.framesForwardKinematics(planar.model, data, planar.q_reference)
+            assert normal @ (moved - data.oMi[1].actInv(data.oMf[frame].translation)) == pytest.approx(0.0, abs=1e-9)

@@ -30,6 +30,23 @@ def solo() -> Robot:
     return load_robot(spec)
 
 
+@lru_cache
+def solo8() -> Robot:
+    """Solo8 on its feet: planar legs of two joints."""
+    return load_robot(
+        RobotSpec(
+            model="solo8",
+            contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+            contact_radius_m=0.016,
+            posture="standing",
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad={"*_HFE": (-1.45, 1.45), "*_KFE": (-2.8, 2.8)},
+            armature_kg_m2=3.6e-4,
+        )
+    )
+
+
 class Unicycle(Action):
     """Crocoddyl's: position and heading, driven by speed and turning rate, interval 0.1 s."""
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
+from lgmpc.robot import leg_normals
 from lgmpc.wbc import Gain, SymbolicTask, WholeBodyController, WholeBodySettings, standard_tasks
 from lgmpc.wbc.library import (
     AngularMomentumTask,
@@ -15,6 +16,7 @@ from lgmpc.wbc.library import (
     StanceTask,
     SwingTask,
 )
+from tests.support.samples import solo8
 
 H = 1e-4
 NONE = Gain(kp=0.0)
@@ -62,6 +64,16 @@ TASKS = {
 }
 
 
+def planes(robot, name, q):
+    """What a task has of its quantity: of the feet of planar legs, such as the stilts' second, only what is within."""
+    if name != "swing":
+        return 1.0
+    within = np.eye(3 * robot.nc)
+    for foot, normal in enumerate(leg_normals(robot) @ pin.Quaternion(q[3:7]).matrix().T):
+        within[3 * foot : 3 * foot + 3, 3 * foot : 3 * foot + 3] -= np.outer(normal, normal)
+    return within
+
+
 def rate_of(robot, quantity, q, v, a):
     ahead, behind = (quantity(robot, pin.integrate(robot.model, q, t * v), v + t * a) for t in (H, -H))
     return (ahead - behind) / (2 * H)
@@ -84,7 +96,7 @@ def test_without_gains_the_residual_is_the_task_acceleration(robot, random_state
         q, v = random_state(rng, robot)
         a = rng.normal(0, 5, robot.nv)
         jacobian, rhs, _ = rows(q, v, stance)
-        expected = numerical_acceleration(robot, quantity, order, q, v, a)
+        expected = np.dot(planes(robot, name, q), numerical_acceleration(robot, quantity, order, q, v, a))
         np.testing.assert_allclose(jacobian @ a - rhs, expected, atol=3e-5 * max(1.0, np.abs(expected).max()))
 
 
@@ -159,7 +171,7 @@ def test_feedback_points_to_the_target_and_damps(robot, random_state, rows_of, n
     added = rows_of(robot, fed)(q, v, stance)[1] - rows_of(robot, free)(q, v, stance)[1]
     expected = 3.0 * (fed.target.position.ravel() - quantity(robot, q, v))
     expected += 7.0 * (fed.target.velocity.ravel() - rate_of(robot, quantity, q, v, np.zeros(robot.nv)))
-    np.testing.assert_allclose(added, expected, atol=1e-5)
+    np.testing.assert_allclose(added, np.dot(planes(robot, name, q), expected), atol=1e-5)
 
 
 def test_momentum_and_contact_velocity_feedback(robot, random_state, rows_of):
@@ -302,3 +314,24 @@ def test_tasks_that_are_not_written_right_are_refused(solo12):
         WholeBodyController(solo12, WholeBodySettings(), [NoColumn(STIFF, 1.0)])
     with pytest.raises(InputError, match="two called 'com'"):
         WholeBodyController(solo12, WholeBodySettings(), [ComTask(STIFF, 1.0), ComTask(STIFF, 2.0)])
+
+
+def test_swings_of_planar_legs_demand_nothing_normal_to_their_plane(rows_of, random_state):
+    """Of any target, the rows contain the part in the plane: with it, the foot's acceleration is as without legs."""
+    robot, rng = solo8(), np.random.default_rng(16)
+    task = SwingTask(robot, STIFF, 1.0)
+    q, v = random_state(rng, robot)
+    task.target.position[...] = lowest_points(robot, q, v).reshape(4, 3) + rng.normal(0, 0.1, (4, 3))
+    jacobian, rhs, weight = rows_of(robot, task)(q, v, False)
+    across = pin.Quaternion(q[3:7]).matrix()[:, 1]
+    for foot in range(4):
+        rows = slice(3 * foot, 3 * foot + 3)
+        np.testing.assert_allclose(across @ jacobian[rows], 0.0, atol=1e-12)
+        assert across @ rhs[rows] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_array_equal(weight, 1.0)
+    a = rng.normal(0, 5, robot.nv)
+    free = SwingTask(robot, NONE, 1.0)
+    residual = (lambda j, r, _: j @ a - r)(*rows_of(robot, free)(q, v, False)).reshape(4, 3)
+    expected = numerical_acceleration(robot, lowest_points, 2, q, v, a).reshape(4, 3)
+    within = np.eye(3) - np.outer(across, across)
+    np.testing.assert_allclose(residual, expected @ within, atol=3e-5 * np.abs(expected).max())

@@ -3,7 +3,7 @@
 from lgmpc.robot.checks import ModelReport
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
-from lgmpc.robot.legs import leg_chain, leg_clearances, leg_joints, leg_normals
+from lgmpc.robot.legs import carried_joints, leg_chain, leg_clearances, leg_joints, leg_normals
 from lgmpc.robot.loading import check_model, load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
@@ -22,6 +22,7 @@ __all__ = [
     "RobotSpec",
     "Swing",
     "available_models",
+    "carried_joints",
     "check_model",
     "leg_chain",
     "leg_clearances",

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
-from lgmpc.robot import Robot, leg_normals
+from lgmpc.robot import Robot, carried_joints, leg_normals
 from lgmpc.wbc import contact_points as points
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
@@ -22,6 +22,7 @@ __all__ = [
     "AngularMomentumTask",
     "BaseOrientationTask",
     "BasePositionTask",
+    "CarriedJointsTask",
     "ComTask",
     "PostureTask",
     "StanceTask",
@@ -184,6 +185,34 @@ class PostureTask(SymbolicTask):
         self.hold(robot.q_reference[robot.joint_q])
 
 
+class CarriedJointsTask(SymbolicTask):
+    """Positions of the joints that move no foot, such as an arm's on the base, rad (m).
+
+    Contacts leave them free: with the small weight of the posture alone, they would move to shift momentum.
+    """
+
+    name = "carried_joints"
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        joints = [robot.model.joints[joint] for joint in carried_joints(robot)]
+        self._q = [int(joint.idx_q) for joint in joints]
+        self._v = [int(joint.idx_v) for joint in joints]
+        self.dim = len(joints)
+        super().__init__(gain, weight)
+
+    def position(self, s: StageSymbols) -> Any:
+        """Return the joint positions."""
+        return s.q[self._q]
+
+    def velocity(self, s: StageSymbols) -> Any:
+        """Return the joint rates."""
+        return s.v[self._v]
+
+    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
+        """Hold the reference posture."""
+        self.hold(robot.q_reference[self._q])
+
+
 class _FeetTask(SymbolicTask):
     """Three rows for each foot, active in stance or in swing."""
 
@@ -298,6 +327,7 @@ TASKS: dict[str, Callable[[Robot, WholeBodySettings], Task]] = {
     "com": lambda r, s: ComTask(s.gains.com, s.weights.com),
     "base_orientation": lambda r, s: BaseOrientationTask(s.gains.base_orientation, s.weights.base_orientation),
     "posture": lambda r, s: PostureTask(r, s.gains.posture, s.weights.posture),
+    "carried_joints": lambda r, s: CarriedJointsTask(r, s.gains.posture, s.weights.carried_joints),
     "base_position": lambda r, s: BasePositionTask(s.gains.base_position, s.weights.base_position),
     "angular_momentum": lambda r, s: AngularMomentumTask(
         Gain(kp=0.0, kd=s.gains.angular_momentum), s.weights.angular_momentum
@@ -307,6 +337,9 @@ TASKS: dict[str, Callable[[Robot, WholeBodySettings], Task]] = {
 
 
 def standard_tasks(robot: Robot, settings: WholeBodySettings) -> list[Task]:
-    """Return the built-in tasks with the weights and gains of ``settings``, not yet scaled by the robot's mass."""
+    """Return the built-in tasks with the weights and gains of ``settings``, not yet scaled by the robot's mass.
+
+    Those of joints or feet that the robot lacks are left out.
+    """
     scaled = settings.scaled(robot)
-    return [make(robot, scaled) for make in TASKS.values()]
+    return [task for make in TASKS.values() if (task := make(robot, scaled)).dim]

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.robot import Robot, RobotSpec, leg_chain, leg_clearances, leg_normals, load_robot
-from tests.support.samples import solo8
+from lgmpc.robot import Robot, RobotSpec, carried_joints, leg_chain, leg_clearances, leg_normals, load_robot
+from tests.support.samples import b1_with_arm, solo8
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +81,9 @@ def test_planar_legs_have_the_normal_of_their_plane(robot: Robot) -> None:
             moved = data.oMi[1].actInv(data.oMf[frame].translation)
             pin.framesForwardKinematics(planar.model, data, planar.q_reference)
             assert normal @ (moved - data.oMi[1].actInv(data.oMf[frame].translation)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_joints_of_an_arm_are_on_no_leg(robot: Robot) -> None:
+    assert carried_joints(robot) == []
+    both = b1_with_arm()
+    assert names(both, carried_joints(both)) == [*(f"joint{i}" for i in range(1, 7)), "jointGripper"]

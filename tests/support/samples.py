@@ -47,6 +47,13 @@ def solo8() -> Robot:
     )
 
 
+@lru_cache
+def b1_with_arm() -> Robot:
+    """B1 on its feet with a Z1 arm on its back: seven joints that move no foot."""
+    feet = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+    return load_robot(RobotSpec(model="b1_z1", contact_frames=feet, contact_radius_m=0.04))
+
+
 class Unicycle(Action):
     """Crocoddyl's: position and heading, driven by speed and turning rate, interval 0.1 s."""
 

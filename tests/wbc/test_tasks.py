@@ -11,12 +11,13 @@ from lgmpc.wbc.library import (
     AngularMomentumTask,
     BaseOrientationTask,
     BasePositionTask,
+    CarriedJointsTask,
     ComTask,
     PostureTask,
     StanceTask,
     SwingTask,
 )
-from tests.support.samples import solo8
+from tests.support.samples import b1_with_arm, solo8
 
 H = 1e-4
 NONE = Gain(kp=0.0)
@@ -335,3 +336,17 @@ def test_swings_of_planar_legs_demand_nothing_normal_to_their_plane(rows_of, ran
     expected = numerical_acceleration(robot, lowest_points, 2, q, v, a).reshape(4, 3)
     within = np.eye(3) - np.outer(across, across)
     np.testing.assert_allclose(residual, expected @ within, atol=3e-5 * np.abs(expected).max())
+
+
+def test_joints_that_move_no_foot_have_a_task_of_their_own(solo12, rows_of, random_state):
+    robot, rng = b1_with_arm(), np.random.default_rng(17)
+    settings = WholeBodySettings()
+    assert "carried_joints" not in {task.name for task in standard_tasks(solo12, settings)}
+    (task,) = (task for task in standard_tasks(robot, settings) if task.name == "carried_joints")
+    task.stand(robot, None)
+    q, v = random_state(rng, robot)
+    jacobian, rhs, weight = rows_of(robot, task)(q, v)
+    np.testing.assert_array_equal(jacobian, np.eye(25)[18:])
+    np.testing.assert_allclose(rhs, 100.0 * (robot.q_reference - q)[19:] - 20.0 * v[18:], atol=1e-9)
+    np.testing.assert_array_equal(weight, 10.0)
+    assert isinstance(task, CarriedJointsTask)

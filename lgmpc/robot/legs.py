@@ -47,7 +47,7 @@ def leg_normals(robot: Robot) -> Array:
         robot: with a floating base.
 
     Returns:
-        (nc, 3) unit vectors, axes of the base; zeros for a leg that moves its foot in all directions.
+        (nc, 3) unit vectors, axes of the base; zeros for a leg that moves its foot in all directions, or in one only.
     """
     model, data = robot.model, robot.create_data()
     normals = np.zeros((robot.nc, 3))
@@ -62,7 +62,7 @@ def leg_normals(robot: Robot) -> Array:
             jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
             motions.append(data.oMi[1].rotation.T @ jacobian[:3, columns])
         axes, sizes, _ = np.linalg.svd(np.hstack(motions))
-        if sizes[2] < _PLANAR * sizes[0]:
+        if sizes[2] < _PLANAR * sizes[0] < sizes[1]:
             normals[foot] = axes[:, 2]
     return normals
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -81,6 +82,13 @@ def test_planar_legs_have_the_normal_of_their_plane(robot: Robot) -> None:
             moved = data.oMi[1].actInv(data.oMf[frame].translation)
             pin.framesForwardKinematics(planar.model, data, planar.q_reference)
             assert normal @ (moved - data.oMi[1].actInv(data.oMf[frame].translation)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_leg_that_only_slides_is_not_planar(data_dir: Path) -> None:
+    """Two directions are normal to its motion."""
+    feet = ("foot_a", "foot_b", "foot_c")
+    robot = load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=feet, posture={"slide_*": 0.2}))
+    np.testing.assert_array_equal(leg_normals(robot), np.zeros((3, 3)))
 
 
 def test_joints_of_an_arm_are_on_no_leg(robot: Robot) -> None:

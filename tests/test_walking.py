@@ -24,11 +24,14 @@ from lgmpc.mpc import MpcStatus
 from lgmpc.runs import Metrics, RunLog, WalkingMetrics
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.simulation.mujoco import MujocoPlant
+from lgmpc.sweeps import Point, load_sweep
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
+QUADRUPEDS = {point.variant: point for point in load_sweep("quadrupeds", ["factors.0.values=[mujoco]"]).points}
+"""One run of each robot of example-robot-data; the sweep has passed in Pinocchio's plant too."""
 ON_BOTH_PLANTS = [
     "solo12_velocity",
     "solo12_velocity_inekf",
@@ -46,8 +49,10 @@ IN_MUJOCO = [
     "solo12_random_commands",
     "solo12_economical",
     "anymal_velocity",
+    "go1_velocity",
     "go2_velocity",
     "hyq_velocity",
+    "solo8_velocity",
 ]
 """These have passed in Pinocchio's plant too; nine configs there are evidence enough for every change."""
 
@@ -115,6 +120,46 @@ def test_decided_footholds_trot_as_accurately(plant: str) -> None:
 def test_shipped_configs_that_walk_pass_their_gates(name: str, plant: str) -> None:
     result = session_of(f"plant.kind={plant}", name=name).run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
+
+
+def test_legs_without_abduction_trot_on_their_line_through_a_push_from_the_side() -> None:
+    """Solo8 steps ahead and back instead of sideways; with footholds beside its planes it tilted by 18 deg."""
+    ahead, stop = "{at_s: 0.2, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}", "{at_s: 2.6, velocity_m_s: [0.0, 0.0, 0.0]}"
+    push = "pushes=[{body: base_link, time_s: 1.9, duration_s: 0.2, impulse_ns: [0.0, 0.8, 0.0]}]"
+    session = session_of(f"commands=[{ahead}, {stop}]", push, "duration_s=3.8", name="solo8_velocity")
+    log, metrics, walking = walked(session)
+    assert not metrics.fell and metrics.solver_failures == 0 and metrics.leg_collisions == 0
+    assert walking.velocity_rmse_m_s is not None and walking.velocity_rmse_m_s < 0.005
+    assert walking.recovery_time_s is not None and walking.recovery_time_s < 0.3
+    assert walking.walking_tilt_deg < 8.0
+    assert walking.height_std_m is not None and walking.height_std_m < 0.002
+    assert walking.ends_standing
+    assert walking.final_foot_error_m is not None and walking.final_foot_error_m < 0.003
+    assert np.abs(log.base_pose[:, 1]).max() < 0.04
+    quaternion = log.base_pose[-1, 3:]
+    assert abs(2.0 * np.arctan2(quaternion[2], quaternion[3])) < np.radians(1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("point", QUADRUPEDS.values(), ids=list(QUADRUPEDS))
+def test_every_quadruped_of_example_robot_data_walks_with_default_weights(point: Point) -> None:
+    session = prepare(point.config)
+    assert isinstance(session, ClosedLoopSession)
+    result = session.run(lambda progress: None)
+    assert result.verdict.passed, result.verdict.reasons
+    assert result.certificate is not None and result.certificate.certified
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ANYmal B with Kinova", "B1 with Z1"])
+def test_an_arm_on_the_back_stays_in_its_posture(name: str) -> None:
+    """Measured 0.01 and 0.03 rad. With the weight of the posture alone the arms swung by 1.5 and 0.5 rad."""
+    config = QUADRUPEDS[name].config
+    session = prepare(config.replace({"duration_s": 5.0, "commands": config.commands[:2]}))
+    assert isinstance(session, ClosedLoopSession)
+    log, metrics, _ = walked(session)
+    assert not metrics.fell
+    assert np.abs(log.q[:, 19:] - log.q[0, 19:]).max() < 0.05
 
 
 @pytest.mark.slow

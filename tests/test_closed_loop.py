@@ -245,11 +245,12 @@ def test_a_floor_more_slippery_than_assumed_is_detected_by_sliding(mpc: str, dur
     assert metrics.final_position_error_m < 0.003
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "feet", "limits"),
     [
-        pytest.param("a1", "FL_foot, FR_foot, RL_foot, RR_foot", "", marks=pytest.mark.slow),
-        pytest.param("hyq", "lf_foot, rf_foot, lh_foot, rh_foot", "", marks=pytest.mark.slow),
+        ("a1", "FL_foot, FR_foot, RL_foot, RR_foot", ""),
+        ("hyq", "lf_foot, rf_foot, lh_foot, rh_foot", ""),
         ("anymal_c", "LF_FOOT, RF_FOOT, LH_FOOT, RH_FOOT", 'position_limit_rad: {"*": [-3, 3]}'),
     ],
 )

@@ -30,8 +30,12 @@ from lgmpc.wbc import TickStatus
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
-QUADRUPEDS = {point.variant: point for point in load_sweep("quadrupeds", ["factors.0.values=[mujoco]"]).points}
-"""One run of each robot of example-robot-data; the sweep has passed in Pinocchio's plant too."""
+QUADRUPEDS = {
+    point.variant: point
+    for point in load_sweep("quadrupeds", ["factors.0.values=[mujoco]"]).points
+    if point.variant not in ("Solo12", "Solo8", "Go1", "Go2", "ANYmal C", "HyQ")
+}
+"""Robots without a config of their own, which is tested; the sweep has passed in Pinocchio's plant too."""
 ON_BOTH_PLANTS = [
     "solo12_velocity",
     "solo12_velocity_inekf",
@@ -142,24 +146,12 @@ def test_legs_without_abduction_trot_on_their_line_through_a_push_from_the_side(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("point", QUADRUPEDS.values(), ids=list(QUADRUPEDS))
-def test_every_quadruped_of_example_robot_data_walks_with_default_weights(point: Point) -> None:
-    session = prepare(point.config)
-    assert isinstance(session, ClosedLoopSession)
-    result = session.run(lambda progress: None)
+def test_quadrupeds_of_example_robot_data_walk_with_default_weights(point: Point) -> None:
+    result = prepare(point.config).run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
     assert result.certificate is not None and result.certificate.certified
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["ANYmal B with Kinova", "B1 with Z1"])
-def test_an_arm_on_the_back_stays_in_its_posture(name: str) -> None:
-    """Measured 0.01 and 0.03 rad. With the weight of the posture alone the arms swung by 1.5 and 0.5 rad."""
-    config = QUADRUPEDS[name].config
-    session = prepare(config.replace({"duration_s": 5.0, "commands": config.commands[:2]}))
-    assert isinstance(session, ClosedLoopSession)
-    log, metrics, _ = walked(session)
-    assert not metrics.fell
-    assert np.abs(log.q[:, 19:] - log.q[0, 19:]).max() < 0.05
+    arm = result.log.q[:, 19:]  # on the back of two: 0.03 rad; with the weight of the posture alone up to 1.5 rad
+    assert (np.abs(arm - arm[0]) < 0.05).all()
 
 
 @pytest.mark.slow

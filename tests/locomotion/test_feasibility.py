@@ -44,7 +44,7 @@ def test_speeds_are_inverse_to_the_stance(solo12) -> None:
 def test_legs_without_abduction_neither_step_sideways_nor_turn(solo12, entry, key) -> None:
     entries = [CommandEntry(at_s=0.5, gait="trot"), CommandEntry(at_s=1.0, **entry)]
     legs, gaits = LegGeometry.of(solo8()), quadruped_gaits()
-    found = list(infeasible_commands(entries, gaits, CommandLimits(), legs))
+    found = list(infeasible_commands(entries, gaits, CommandLimits(), legs, 0.7))
     assert [error.argument for error in found] == ([key] if key else [])
     assert all("no joint moves the feet sideways" in str(error) for error in found)
-    assert not list(infeasible_commands(entries, gaits, CommandLimits(), LegGeometry.of(solo12)))
+    assert not list(infeasible_commands(entries, gaits, CommandLimits(), LegGeometry.of(solo12), 0.7))

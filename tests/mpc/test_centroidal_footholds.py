@@ -18,7 +18,7 @@ from lgmpc.mpc import (
     MeasuredState,
     Plan,
 )
-from lgmpc.mpc.centroidal_footholds import FootholdDecisionSettings, Landing, landings
+from lgmpc.mpc.centroidal_footholds import FootholdDecisionSettings
 from lgmpc.robot.friction import facet_normals
 from lgmpc.solvers.qp import QP_SOLVERS
 
@@ -60,10 +60,28 @@ def converged(mpc: CentroidalFootholdMpc, x: np.ndarray, contacts: ContactHorizo
 PUSHED = STANDING + MASS * np.array([0, 0, 0, 0.4, -0.3, 0, 0, 0, 0])
 
 
-def test_the_landings_of_a_horizon_are_found() -> None:
-    flags = np.ones((8, 3), dtype=bool)
-    flags[0:2, 0] = flags[5:6, 0] = flags[4:, 1] = False
-    assert list(landings(flags)) == [Landing(0, 0, 2, 5), Landing(0, 5, 6, 8)]
+def test_only_the_last_interval_of_a_swing_decides() -> None:
+    contacts = trotting()
+    contacts.margins[:6, 3] = 0.0
+    contacts.margins[0, 0] = 0.02
+    mpc = make()
+    update(mpc, 0.0, PUSHED, contacts)
+    units, margins = mpc.problem.view("foothold_unit"), mpc.problem.view("foothold_margin").reshape(-1, 4, FACETS)
+    decided = [(5, 0), (11, 1), (11, 2), (17, 0), (17, 3)]
+    assert list(zip(*np.nonzero(units), strict=True)) == decided
+    unit = units[5, 0]
+    assert unit == np.sqrt(1e-3 / 1e3)  # a shift costs as much as the force in the same place
+    assert margins[5, 0].max() * unit == pytest.approx(0.03)  # the trust region, nearer than the margins
+    assert all(np.ptp(margins[at]) == 0.0 for at in decided)
+
+
+def test_the_trust_region_does_not_change_the_solution() -> None:
+    (near, far), contacts = (make(trust=trust, weight=10.0) for trust in (0.005, 0.1)), trotting()
+    for _ in range(12):
+        plans = [update(each, 0.0, PUSHED, contacts) for each in (near, far)]
+    shift = (plans[1].footholds - contacts.points)[0, 0]
+    assert np.hypot(shift[0], shift[1]) > 0.02
+    np.testing.assert_allclose(plans[0].footholds, plans[1].footholds, atol=1e-6)
 
 
 def test_a_pushed_robot_steps_to_where_it_is_pushed() -> None:
@@ -116,19 +134,17 @@ def test_no_plan_leaves_the_room_or_the_trust_region(
     mpc: CentroidalFootholdMpc, margins: list[float], vx: float, vy: float, first: int
 ) -> None:
     mpc.reset()
-    before: dict[tuple[int, int], np.ndarray] = {}
+    last = np.zeros((NODES, 4, 2))
     x = STANDING + MASS * np.array([0, 0, 0, vx, vy, 0, 0, 0, 0])
     contacts = trotting(first)
     contacts.margins[~contacts.flags] = margins
     for _ in range(4):
         plan = update(mpc, 0.0, x, contacts)
         assert plan.status.fresh and plan.footholds is not None
-        for foot, begin, _, _ in landings(contacts.flags):
-            shift = (plan.footholds - contacts.points)[begin, foot, :2]
-            last = before.get((foot, begin), np.zeros(2))
-            assert (NORMALS @ shift <= np.maximum(margins, 1e-4) + 1e-6).all()
-            assert (NORMALS @ (shift - last) <= 0.02 + 1e-6).all()
-            before[foot, begin] = shift
+        shift = (plan.footholds - contacts.points)[:, :, :2]
+        assert (shift @ NORMALS.T <= np.maximum(margins, 1e-4) + 1e-6).all()
+        assert ((shift - last) @ NORMALS.T <= 0.02 + 1e-6).all()
+        last = shift
 
 
 @pytest.fixture(scope="module")

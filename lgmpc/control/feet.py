@@ -279,7 +279,7 @@ class Feet:
         self._planner.horizon(clock, motion, time, dt, points, horizon.points, self.stance.tolist())
         horizon.friction[:] = friction
         if horizon.margins.size:
-            self._margins.write(horizon, motion, dt, fixed)
+            self._margins.write(horizon, clock, motion, time, dt, fixed)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

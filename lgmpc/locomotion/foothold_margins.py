@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.robot.friction import facet_normals
@@ -34,7 +35,9 @@ class FootholdMargins:
     def __init__(self, planner: FootholdPlanner) -> None:
         self._planner = planner
 
-    def write(self, horizon: ContactHorizon, motion: BaseMotion, dt: float, fixed: BoolArray) -> None:
+    def write(
+        self, horizon: ContactHorizon, clock: GaitClock, motion: BaseMotion, t: float, dt: float, fixed: BoolArray
+    ) -> None:
         """Write ``horizon.margins`` from its flags and points: zero for feet that stand, and for those of planar legs.
 
         A planar leg reaches a line on the floor, within which a polygon of shifts has no interior. A nominal foothold
@@ -42,7 +45,10 @@ class FootholdMargins:
 
         Args:
             horizon: contacts over intervals of ``dt``.
+            clock: the schedule that they are of: a fast robot moves on by centimetres from a touchdown to the
+                beginning of the next interval.
             motion: motion at the beginning of the horizon.
+            t: beginning of the horizon, s.
             dt: duration of the intervals, s.
             fixed: (nc,) feet whose present swing has passed the time at which its target is frozen.
         """
@@ -50,6 +56,7 @@ class FootholdMargins:
         margins[...] = 0.0
         normals = directions(margins.shape[2])
         for foot, column in enumerate(flags.T.tolist()):
+            touchdowns = [swing.touchdown - t for swing in clock.swings(foot, t, t + dt * len(column))]
             begin = 0
             while begin < len(column):
                 if column[begin]:
@@ -58,7 +65,9 @@ class FootholdMargins:
                 end = column.index(True, begin) if True in column[begin:] else len(column)
                 planar = any(self._planner.normals[foot])
                 if end < len(column) and not planar and not (begin == 0 and fixed[foot]):
-                    margins[begin:end, foot] = self._at(foot, horizon, end, motion, dt * end, begin == 0, normals)
+                    scheduled = (each for each in touchdowns if dt * (end - 1) < each <= dt * end)
+                    remaining = next(scheduled, dt * end)
+                    margins[begin:end, foot] = self._at(foot, horizon, end, motion, remaining, begin == 0, normals)
                 begin = end
 
     def _at(

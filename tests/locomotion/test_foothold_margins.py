@@ -51,7 +51,7 @@ def test_a_side_of_the_polygon_loses_nothing() -> None:
 
 def written(
     legs: LegGeometry, motion: BaseMotion, gait: str, t: float, directions: int, fixed: tuple[int, ...] = ()
-) -> tuple[FootholdPlanner, ContactHorizon]:
+) -> tuple[FootholdPlanner, ContactHorizon, GaitClock]:
     """The horizon of a gait that began at time 0, at time ``t``."""
     planner = FootholdPlanner(legs)
     clock = GaitClock(quadruped_gaits()[gait])
@@ -64,8 +64,8 @@ def written(
     planner.horizon(clock, motion, t, DT, contacts, horizon.points)
     held = np.zeros(4, dtype=bool)
     held[list(fixed)] = True
-    FootholdMargins(planner).write(horizon, motion, DT, held)
-    return planner, horizon
+    FootholdMargins(planner).write(horizon, clock, motion, t, DT, held)
+    return planner, horizon, clock
 
 
 @settings(max_examples=30)
@@ -88,7 +88,7 @@ def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_ot
 ) -> None:
     vx, vy, rate = velocity
     motion = BaseMotion(0.3, -0.2, vx, vy, yaw, yaw_rate=rate, commanded_vx=0.5 * vx, height=height)
-    planner, horizon = written(legs, motion, gait, t, directions)
+    planner, horizon, clock = written(legs, motion, gait, t, directions)
     assert (horizon.margins >= 0.0).all()
     assert (horizon.margins[horizon.flags] == 0.0).all()
     for foot in range(4):
@@ -99,7 +99,11 @@ def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_ot
                 begin -= 1
             margins, nominal = horizon.margins[begin, foot], horizon.points[end, foot, :2]
             assert (horizon.margins[begin:end, foot] == margins).all()
-            remaining = DT * end
+            (remaining,) = [
+                swing.touchdown - t
+                for swing in clock.swings(foot, t, t + DT * 20)
+                if DT * (end - 1) < swing.touchdown - t <= DT * end + 1e-9
+            ]
             com = np.array(planner.expected(motion, remaining, present=begin == 0))
             turned = yaw + rate * remaining
             axes = np.array([[math.cos(turned), math.sin(turned)], [-math.sin(turned), math.cos(turned)]])
@@ -125,17 +129,17 @@ def test_footholds_within_margins_are_within_reach_on_their_side_and_clear_of_ot
 
 def test_a_fixed_foot_has_no_margin_in_its_present_swing(legs: LegGeometry) -> None:
     motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, commanded_vx=0.5)
-    _, free = written(legs, motion, "trot", 0.03, 12)
+    _, free, _ = written(legs, motion, "trot", 0.03, 12)
     swinging = np.flatnonzero(~free.flags[0])
     assert swinging.size == 2
-    _, fixed = written(legs, motion, "trot", 0.03, 12, tuple(swinging))
+    _, fixed, _ = written(legs, motion, "trot", 0.03, 12, tuple(swinging))
     end = int(free.flags[:, swinging[0]].argmax())
     assert (fixed.margins[:end, swinging] == 0.0).all() and free.margins[:end, swinging].min() > 0.05
     np.testing.assert_array_equal(fixed.margins[end:], free.margins[end:])
 
 
 def test_a_swing_that_ends_beyond_the_horizon_has_no_margin(legs: LegGeometry) -> None:
-    _, horizon = written(legs, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), "trot", 0.0, 8)
+    _, horizon, _ = written(legs, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), "trot", 0.0, 8)
     for foot in range(4):
         air = np.flatnonzero(~horizon.flags[:, foot])
         if not horizon.flags[-1, foot]:
@@ -146,5 +150,5 @@ def test_a_swing_that_ends_beyond_the_horizon_has_no_margin(legs: LegGeometry) -
 
 def test_footholds_of_planar_legs_have_no_margin() -> None:
     motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.6, commanded_vx=0.4)
-    _, horizon = written(LegGeometry.of(solo8()), motion, "trot", 0.03, 12)
+    _, horizon, _ = written(LegGeometry.of(solo8()), motion, "trot", 0.03, 12)
     np.testing.assert_array_equal(horizon.margins, 0.0)

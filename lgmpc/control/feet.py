@@ -231,19 +231,21 @@ class Feet:
         self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
         self._nominal[foot, 2] = 0.0
         decided = self._decided[foot]
-        self.footholds[foot] = self._nominal[foot] if decided is None else decided
+        self.footholds[foot] = self._nominal[foot] if decided is None else self._nominal[foot] + decided
 
-    def decide(self, plan: Plan, flags: BoolArray) -> None:
-        """Put the feet that are in the air down where a plan for contacts ``flags`` (N, nc) has decided.
+    def decide(self, plan: Plan, contacts: ContactHorizon) -> None:
+        """Put the feet that are in the air down where a plan for these contacts has decided.
 
-        Where it decided nothing, or is not fresh, they go to their nominal footholds.
+        Until the next plan the decided foothold moves with the nominal one. Where the plan decided nothing, or is not
+        fresh, feet go to their nominal footholds.
         """
         self._decided = [None] * len(self.stance)
         if plan.footholds is None or not plan.status.fresh:
             return
-        for foot, column in enumerate(flags.T.tolist()):
+        for foot, column in enumerate(contacts.flags.T.tolist()):
             if not column[0] and True in column:
-                self._decided[foot] = plan.footholds[column.index(True), foot]
+                touchdown = column.index(True)
+                self._decided[foot] = plan.footholds[touchdown, foot] - contacts.points[touchdown, foot]
 
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""

@@ -183,7 +183,7 @@ class LeggedController:
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
             plan = planner.plan_from(time, terms)
-            self.feet.decide(plan, planner.contacts.flags)
+            self.feet.decide(plan, planner.contacts)
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
             self._return_feet(time)
         elif steps.deciding and steps.decide(time, planner):

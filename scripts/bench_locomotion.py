@@ -9,6 +9,7 @@ the command; one that stood stands again, every foot within 2 cm of its place un
     python scripts/bench_locomotion.py --quick                      # a minute or two
     python scripts/bench_locomotion.py                              # 12 directions x 4 phases: tens of minutes
     python scripts/bench_locomotion.py --friction 0.9 --directions 4 --phases 2 --set locomotion.swing.clearance_m=0.04
+    python scripts/bench_locomotion.py --impulses 7 8 --directions 8  # how often a trotting robot falls
 """
 
 from __future__ import annotations
@@ -212,15 +213,12 @@ def pushes(
     bench: Bench, motion: Motion, body: str, directions: int, phases: int, resolution: float
 ) -> dict[str, object]:
     """Print and return the largest impulses by direction and phase, survived and recovered from."""
-    settled = round(motion.reached_s + 1.0, 3)
-    log, _ = bench.run(motion, settled)
-    assert log.gait_period_s is not None
-    period = float(log.gait_period_s[-1])
-    print(f"\npushes of {PUSH_S:g} s while it goes {motion}; gait cycle {period:.3f} s; N.s, by phase of the cycle")
+    times = push_times(bench, motion, phases)
+    print(f"\npushes of {PUSH_S:g} s while it goes {motion}; N.s, by phase of the gait's cycle")
     survived, recovered = np.zeros((2, directions, phases))
     for i, angle in enumerate(2.0 * np.pi * np.arange(directions) / directions):
-        for k in range(phases):
-            runs = Pushes(bench, motion, body, round(settled + k * period / phases, 3), float(angle))
+        for k, time in enumerate(times):
+            runs = Pushes(bench, motion, body, time, float(angle))
             survived[i, k] = largest(runs.survived, resolution)
             recovered[i, k] = largest(runs.recovered, resolution)
         cells = "   ".join(
@@ -233,17 +231,44 @@ def pushes(
     return {"command": str(motion), "survived_ns": survived.tolist(), "recovered_ns": recovered.tolist()}
 
 
+def falls(
+    bench: Bench, motion: Motion, body: str, directions: int, phases: int, impulses: list[float]
+) -> dict[str, object]:
+    """Print and return how often the robot falls after each of several impulses, by direction."""
+    times = push_times(bench, motion, phases)
+    angles = 2.0 * np.pi * np.arange(directions) / directions
+    print(f"\npushes of {PUSH_S:g} s while it goes {motion}: falls in {phases} phases of the cycle, by direction")
+    table = []
+    for impulse in impulses:
+        row = [sum(bench.push(motion, body, t, impulse, float(angle)).fell for t in times) for angle in angles]
+        cells = "  ".join(map(str, row))
+        print(f"  {impulse:4g} N.s   {cells}   together {sum(row)} of {directions * phases}", flush=True)
+        table.append(row)
+    return {"command": str(motion), "impulses_ns": impulses, "phases": phases, "falls": table}
+
+
+def push_times(bench: Bench, motion: Motion, phases: int) -> list[float]:
+    """Return when pushes begin, s: a second after the motion is reached, at evenly spaced phases of the gait."""
+    settled = round(motion.reached_s + 1.0, 3)
+    log, _ = bench.run(motion, settled)
+    assert log.gait_period_s is not None
+    return [round(settled + k * float(log.gait_period_s[-1]) / phases, 3) for k in range(phases)]
+
+
 def main() -> None:
     """Measure and print, as tables and as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", type=Path, default=CONFIG, help="whose robot, plant and controller walk")
     parser.add_argument("--gait", default="trot")
     parser.add_argument("--friction", type=float, help="of floor and controller; as in the config unless given")
-    parser.add_argument("--push-speed", type=float, default=0.5, help="speed ahead while it is pushed, m/s")
+    parser.add_argument(
+        "--push-speed", type=float, default=0.5, help="speed ahead while it is pushed, m/s; 0: stands, with steps"
+    )
     parser.add_argument("--body", default="base_link", help="that is pushed")
     parser.add_argument("--directions", type=int, help="of pushes: 12, or 4 with --quick")
     parser.add_argument("--phases", type=int, help="of the gait at which pushes begin: 4, or 1 with --quick")
     parser.add_argument("--resolution", type=float, help="of impulses, N.s: 0.1, or 0.5 with --quick")
+    parser.add_argument("--impulses", type=float, nargs="+", help="N.s: count the falls, and measure nothing else")
     parser.add_argument("--quick", action="store_true", help="few velocities, few pushes, coarsely")
     parser.add_argument("--skip-pushes", action="store_true")
     add_json_option(parser)
@@ -257,6 +282,14 @@ def main() -> None:
     print_machine()
     print(f"{arguments.config.stem}, {arguments.gait}, " + (", ".join([*same, *arguments.overrides]) or "as it is"))
     quick = arguments.quick
+    if arguments.impulses:
+        cases = arguments.directions or 12, arguments.phases or 4
+        motion = Motion(arguments.push_speed)
+        if not motion.moves:
+            bench = Bench(arguments.config, arguments.gait, [*same, STEPPING, *arguments.overrides])
+        pushed = falls(bench, motion, arguments.body, *cases, arguments.impulses)
+        write_record(arguments.json, pushed)
+        return
     found: dict[str, object] = {"velocities": velocities(bench, QUICK_MOTIONS if quick else MOTIONS)}
     if not arguments.skip_pushes:
         directions, resolution = (

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_locomotion import CONFIG, Bench, Motion, Pushes, largest, tick_ms, velocities
+from bench_locomotion import CONFIG, Bench, Motion, Pushes, falls, largest, tick_ms, velocities
 
 
 @pytest.mark.parametrize("limit", [0.04, 1.9, 3.33, 7.99])
@@ -49,6 +49,19 @@ def test_a_robot_that_stood_has_recovered_once_its_feet_are_back() -> None:
     runs = Pushes(SimpleNamespace(push=push), Motion(), "base_link", 1.0, 0.0)
     assert runs.recovered(1.9) and not runs.recovered(2.1) and not runs.recovered(3.1)
     assert Pushes(SimpleNamespace(push=push), Motion(0.5), "base_link", 1.0, 0.0).recovered(3.1)
+
+
+def test_falls_are_counted_by_direction_over_the_phases() -> None:
+    def push(motion: Motion, body: str, time: float, impulse: float, angle: float) -> SimpleNamespace:
+        return SimpleNamespace(fell=impulse * np.cos(angle) > 4.0 + time)
+
+    def run(motion: Motion, duration: float) -> tuple[SimpleNamespace, None]:
+        return SimpleNamespace(gait_period_s=np.array([0.2, 0.4])), None
+
+    bench = SimpleNamespace(push=push, run=run)
+    assert Motion(0.5).reached_s == 1.0  # pushes at 2.0, 2.1, 2.2 and 2.3 s
+    found = falls(bench, Motion(0.5), "base_link", 4, 4, [5.0, 6.15, 7.0])
+    assert found["falls"] == [[0, 0, 0, 0], [2, 0, 0, 0], [4, 0, 0, 0]]
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -152,3 +153,17 @@ def test_footholds_of_planar_legs_have_no_margin() -> None:
     motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.6, commanded_vx=0.4)
     _, horizon, _ = written(LegGeometry.of(solo8()), motion, "trot", 0.03, 12)
     np.testing.assert_array_equal(horizon.margins, 0.0)
+
+
+@pytest.mark.parametrize(("angle", "error"), [(0.0, 0.8), (math.pi, 1.4)], ids=["ahead", "back"])
+def test_a_pushed_robot_has_little_room_where_it_is_pushed_to(legs: LegGeometry, angle: float, error: float) -> None:
+    """Solo12, 2.5 kg, at 0.5 m/s: 2 N.s ahead and 3.5 N.s back take the heuristic footholds to the reach, 18 cm."""
+    side = round(12 * angle / (2.0 * math.pi))
+    landing = 0.5 * quadruped_gaits()["trot"].period_s
+    rooms = []
+    for share in (0.0, 1.0):
+        motion = BaseMotion(0.0, 0.0, 0.5 + share * error * math.cos(angle), 0.0, 0.0, commanded_vx=0.5, friction=0.6)
+        _, horizon, _ = written(legs, motion, "trot", landing - 0.06, 12)
+        rooms.append(horizon.margins[0, ~horizon.flags[0], side])
+    assert rooms[0].min() > 0.1
+    assert rooms[1].max() < 0.007

@@ -237,7 +237,7 @@ def falls(
     """Print and return how often the robot falls after each of several impulses, by direction."""
     times = push_times(bench, motion, phases)
     angles = 2.0 * np.pi * np.arange(directions) / directions
-    print(f"\npushes of {PUSH_S:g} s while it goes {motion}: falls in {phases} phases of the cycle, by direction")
+    print(f"\npushes of {PUSH_S:g} s while it goes {motion}: falls by direction, of {phases} phases")
     table = []
     for impulse in impulses:
         row = [sum(bench.push(motion, body, t, impulse, float(angle)).fell for t in times) for angle in angles]

@@ -21,16 +21,12 @@ if TYPE_CHECKING:
 settings.register_profile("lgmpc", deadline=None, derandomize=True)
 settings.load_profile("lgmpc")
 
+# Six thousand collected tests are a million objects, which every search for garbage of the oldest generation visits.
+gc.set_threshold(20_000, 20, 50)
+
 # A shell script's `pytest &` ignores SIGINT, and so do the programs that it starts; some tests send it to them.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def pytest_collection_finish() -> None:
-    """Leave what was imported and collected, a million objects, out of every later search for garbage."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,7 @@ class Body:
         return f"/robot/{self.robot.model.names[joint]}"
 
 
+@lru_cache(maxsize=4)  # a notebook or a report shows the same robot several times
 def load_body(robot: Robot) -> Body:
     """Return the robot with the visual meshes of its URDF, or as a stick figure if there are none."""
     parts = _visual_parts(robot)

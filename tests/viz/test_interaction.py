@@ -158,6 +158,7 @@ class TestInBrowser:
         line = "document.querySelector('figure[aria-label=base] .cursor').getAttribute('x1')"
         tab.wait_for_function(f"Math.abs({line} - {left + 0.25 * (right - left)}) < 1")
 
+    @pytest.mark.slow
     def test_a_tap_shows_values_and_paper_no_cursor(self, browser: Any, report_file: Path) -> None:
         tab = browser.new_page(viewport={"width": 420, "height": 800}, has_touch=True)
         tab.goto(report_file.as_uri())
@@ -169,6 +170,7 @@ class TestInBrowser:
         assert note.is_hidden() and tab.locator(".cursor").first.is_hidden()
         tab.close()
 
+    @pytest.mark.slow
     def test_the_page_fits_a_phone_and_loads_its_replay(self, browser: Any, report_file: Path) -> None:
         tab = browser.new_page(viewport={"width": 420, "height": 800}, color_scheme="dark")
         errors: list[str] = []
@@ -185,6 +187,7 @@ class TestInBrowser:
         tab.close()
         assert errors == []
 
+    @pytest.mark.slow
     def test_points_of_a_sweeps_figures_have_their_values(self, browser: Any, tmp_path: Path) -> None:
         curve = [(math.radians(angle), 2.0 + angle / 90) for angle in range(0, 360, 90)]
         drawings = {

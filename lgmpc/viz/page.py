@@ -169,12 +169,11 @@ def serve_page(
     Raises:
         InputError: if the port is taken.
     """
-    with PageServer(page, port) as server:
+    with PageServer(page, port) as server, contextlib.suppress(KeyboardInterrupt):
         notify(f"Replay of {what}: {server.url}  (Ctrl-C ends it)")
         if open_browser:
             webbrowser.open(server.url)
-        with contextlib.suppress(KeyboardInterrupt):
-            threading.Event().wait()
+        threading.Event().wait()
 
 
 class PageServer:

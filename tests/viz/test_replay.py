@@ -164,3 +164,10 @@ def test_serving_prints_the_address_and_ends_with_ctrl_c() -> None:
     serve_page("<html>solo12_pushed</html>", "a run", notify=look_and_press)
     assert len(messages) == 1
     assert b"solo12_pushed" in pages[0]
+
+
+def test_ctrl_c_ends_serving_while_the_address_is_printed_too() -> None:
+    def interrupted(message: str) -> None:
+        raise KeyboardInterrupt
+
+    serve_page("<html>", "a run", notify=interrupted)

@@ -192,6 +192,11 @@ class SweepSettings(Settings):
         default={},
         description="Named changes, each run at all the same points with the same seeds: compared in pairs.",
     )
+    paired: bool = Field(
+        default=True,
+        strict=True,
+        description="Whether the variants are compared with the first one, in pairs: not useful for different robots.",
+    )
     bisect: BisectionSettings | None = Field(default=None, description="A boundary that is searched at every point.")
     gate: Gate | None = Field(default=None, description="Criteria of success; they replace those of the bases.")
     metrics: tuple[str, ...] | None = Field(

@@ -256,7 +256,7 @@ def level_text(level: object) -> str:
 def _pairings(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Pairing]:
     """Yield the paired differences of each variant to the first, over the points where both have a verdict."""
     names = list(sweep.settings.variants)
-    if len(names) < 2:
+    if len(names) < 2 or not sweep.settings.paired:
         return
     by_place: dict[str, dict[str, Row]] = {}
     for point, row in pairs:

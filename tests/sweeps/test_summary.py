@@ -72,6 +72,8 @@ def test_shares_levels_and_pairs(parse: Parse) -> None:
     assert (tilt.variant, tilt.against, tilt.difference.value) == ("b", "a", ((1 - 0) + (9 - 4)) / 2)
     assert found.passed
     assert found.content()["groups"][1]["endings"] == {"fail": 1}
+    unpaired = parse(VARIED + "paired: false\n")
+    assert summarize(unpaired, rows(unpaired, *[Ending.PASS] * 4)).pairings == ()
 
 
 def test_drawn_numbers_are_shown_in_bins_of_equal_count(parse: Parse) -> None:

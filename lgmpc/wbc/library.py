@@ -162,42 +162,11 @@ class AngularMomentumTask(SymbolicTask):
         self.target.momentum[:] = self.target.rate[:] = 0.0
 
 
-class PostureTask(SymbolicTask):
-    """Joint positions, rad (m)."""
+class _JointsTask(SymbolicTask):
+    """Positions of joints, given by their entries of configuration and velocity."""
 
-    name = "posture"
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        self.dim = robot.nu
-        self._q, self._v = robot.joint_q, robot.joint_v
-        super().__init__(gain, weight)
-
-    def position(self, s: StageSymbols) -> Any:
-        """Return the joint positions."""
-        return s.q[self._q]
-
-    def velocity(self, s: StageSymbols) -> Any:
-        """Return the joint rates."""
-        return s.v[self._v]
-
-    def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
-        """Hold the reference posture."""
-        self.hold(robot.q_reference[robot.joint_q])
-
-
-class CarriedJointsTask(SymbolicTask):
-    """Positions of the joints that move no foot, such as an arm's on the base, rad (m).
-
-    Contacts leave them free: with the small weight of the posture alone, they would move to shift momentum.
-    """
-
-    name = "carried_joints"
-
-    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        joints = [robot.model.joints[joint] for joint in carried_joints(robot)]
-        self._q = [int(joint.idx_q) for joint in joints]
-        self._v = [int(joint.idx_v) for joint in joints]
-        self.dim = len(joints)
+    def __init__(self, q: Any, v: Any, dim: int, gain: Gain, weight: float | Sequence[float]) -> None:
+        self._q, self._v, self.dim = q, v, dim
         super().__init__(gain, weight)
 
     def position(self, s: StageSymbols) -> Any:
@@ -211,6 +180,29 @@ class CarriedJointsTask(SymbolicTask):
     def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
         """Hold the reference posture."""
         self.hold(robot.q_reference[self._q])
+
+
+class PostureTask(_JointsTask):
+    """Joint positions, rad (m)."""
+
+    name = "posture"
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        super().__init__(robot.joint_q, robot.joint_v, robot.nu, gain, weight)
+
+
+class CarriedJointsTask(_JointsTask):
+    """Positions of the joints that move no foot, such as an arm's on the base, rad (m).
+
+    Contacts leave them free: with the small weight of the posture alone, they would move to shift momentum.
+    """
+
+    name = "carried_joints"
+
+    def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
+        joints = [robot.model.joints[joint] for joint in carried_joints(robot)]
+        q, v = ([int(getattr(joint, entry)) for joint in joints] for entry in ("idx_q", "idx_v"))
+        super().__init__(q, v, len(joints), gain, weight)
 
 
 class _FeetTask(SymbolicTask):

@@ -3,7 +3,8 @@
 The arrows:
 
     lie -> state -> robot -> costs -> actions -> ocp -> solvers -> mpc
-    robot -> wbc, locomotion      lie, robot -> estimation      lie -> mechanics      parts -> control
+    robot -> wbc, locomotion      world -> locomotion, estimation, simulation, runs, viz
+    lie, robot -> estimation      lie -> mechanics      parts -> control
     control.interface -> estimation, simulation, hardware      simulation -> hardware
     everything -> config -> sweeps -> cli
 """
@@ -33,32 +34,33 @@ _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
 ARROWS: dict[str, str] = {
     "lie": "",
     "state": "lie",
+    "world": "",
     "robot": "lie state",
     "costs": "lie state robot",
     "actions": "lie state robot costs",
     "ocp": "lie state robot costs actions",
-    "problems": f"{_PROBLEMS} locomotion",
+    "problems": f"{_PROBLEMS} locomotion world",
     "solvers": _PROBLEMS,
     "mpc": f"{_PROBLEMS} solvers locomotion",
     "wbc": "lie state robot costs",
-    "locomotion": "lie state robot",
-    "simulation": "lie state robot control.interface",
-    "estimation": "lie state robot control.interface",
+    "locomotion": "lie state robot world",
+    "simulation": "lie state robot world control.interface",
+    "estimation": "lie state robot world control.interface",
     "mechanics": "lie",
-    "control": _PARTS,
+    "control": f"{_PARTS} world",
     "control.interface": "",
     "hardware": "control.interface",
     "hardware.simulated": "control.interface simulation",
     "demos": f"{_PARTS} mechanics control simulation",
-    "runs": "",
-    "viz": "lie state robot runs demos",
+    "runs": "world",
+    "viz": "lie state robot world runs demos",
     "config": "",
     # A document composes the settings of the subpackages.
-    "config.schema": f"{_PARTS} simulation control hardware runs problems",
+    "config.schema": f"{_PARTS} world simulation control hardware runs problems",
     "config.limits": "robot runs simulation",
     "config.notes": "simulation",
-    "config.robots": "robot locomotion simulation",
-    "config.build": f"{_PARTS} simulation control runs",
+    "config.robots": "robot world locomotion simulation",
+    "config.build": f"{_PARTS} world simulation control runs",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.deploying": f"{_PARTS} simulation control hardware runs",

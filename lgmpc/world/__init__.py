@@ -1,0 +1,21 @@
+"""What is around the robot: surfaces with friction, from settings and seed, and queries of the ground over them.
+
+Only plants, initial states, judging, replay and problems read a :class:`World`; a controller has its
+:class:`~lgmpc.estimation.terrain.TerrainBelief` instead.
+"""
+
+from lgmpc.world.settings import FloorSettings, SlopeSettings, WorldSettings, make_world
+from lgmpc.world.surfaces import Plane, Surface
+from lgmpc.world.terrain import Terrain
+from lgmpc.world.world import World
+
+__all__ = [
+    "FloorSettings",
+    "Plane",
+    "SlopeSettings",
+    "Surface",
+    "Terrain",
+    "World",
+    "WorldSettings",
+    "make_world",
+]

@@ -1,0 +1,95 @@
+"""Surfaces of a world: where they are, which way they face, and how much friction they have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from lgmpc.errors import InputError
+from lgmpc.typing import Array, BoolArray
+from lgmpc.world.terrain import Terrain
+
+__all__ = ["Plane", "Surface"]
+
+_STEEPEST = 0.1
+"""Least vertical component of a plane's normal: 84 degrees."""
+
+
+class Surface(Terrain, Protocol):
+    """One surface: a terrain of its own, with the distance of points in space to it.
+
+    A plant asks for the distance and the normal of every sphere of the robot.
+    """
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return (n,) signed distances of points (n, 3), negative below, m, and (n, 3) the normals there."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An unbounded plane on which every point is steppable.
+
+    Attributes:
+        point: (3,) a point of it, world, m.
+        normal_vector: (3,) unit normal, upward.
+        coefficient: of Coulomb friction.
+
+    Raises:
+        InputError: the normal is not a finite vector of unit length that points upward.
+    """
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal_vector: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    coefficient: float = 0.6
+
+    def __post_init__(self) -> None:
+        normal = np.array(self.normal_vector, dtype=np.float64)
+        if normal.shape != (3,) or not abs(float(normal @ normal) - 1.0) < 1e-9 or not normal[2] > _STEEPEST:
+            raise InputError("normal_vector", self.normal_vector, "a unit vector that points upward")
+
+    @cached_property
+    def slope(self) -> tuple[float, float]:
+        """Rise of the plane per metre along the world's x and y."""
+        x, y, z = self.normal_vector
+        return -x / z, -y / z
+
+    @property
+    def level(self) -> bool:
+        """Whether the plane is horizontal."""
+        return self.normal_vector[0] == 0.0 and self.normal_vector[1] == 0.0
+
+    def height(self, points: Array) -> Array:
+        """Return (n,) heights below points (n, 2), m."""
+        (x, y, z), (along_x, along_y) = self.point, self.slope
+        return z + along_x * (points[:, 0] - x) + along_y * (points[:, 1] - y)
+
+    def height_at(self, x: float, y: float) -> float:
+        """Return the height at one point, m: for the tick, without arrays."""
+        (at_x, at_y, z), (along_x, along_y) = self.point, self.slope
+        return z + along_x * (x - at_x) + along_y * (y - at_y)
+
+    def normal(self, points: Array) -> Array:
+        """Return (n, 3) the normal."""
+        return np.tile(np.array(self.normal_vector, dtype=np.float64), (len(points), 1))
+
+    def friction(self, points: Array) -> Array:
+        """Return (n,) the coefficient."""
+        return np.full(len(points), self.coefficient)
+
+    def steppable(self, points: Array, radius: float) -> BoolArray:
+        """Return (n,) True."""
+        return np.ones(len(points), dtype=np.bool_)
+
+    def highest(self, begin: Array, end: Array) -> Array:
+        """Return (n,) the height at the higher end of each segment, m."""
+        return np.maximum(self.height(begin), self.height(end))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Return (n,) signed distances of points (n, 3), m, and (n, 3) the normal."""
+        x, y, z = self.normal_vector
+        at = self.point
+        distance: Array = x * (points[:, 0] - at[0]) + y * (points[:, 1] - at[1]) + z * (points[:, 2] - at[2])
+        return distance, self.normal(points)

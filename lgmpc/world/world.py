@@ -73,9 +73,10 @@ class World:
         """
         at = np.array([self.start])
         point, normal = np.array([*self.start, float(self.height(at)[0])]), self.normal(at)[0]
-        left = np.cross(normal, [math.cos(self.start_yaw), math.sin(self.start_yaw), 0.0])
-        left /= np.linalg.norm(left)
-        return np.column_stack([np.cross(left, normal), left, normal]), point
+        ahead = np.array([math.cos(self.start_yaw), math.sin(self.start_yaw), 0.0])
+        ahead[2] = -(normal @ ahead) / normal[2]
+        ahead /= np.linalg.norm(ahead)
+        return np.column_stack([ahead, np.cross(normal, ahead), normal]), point
 
     def _heights(self, points: Array) -> Array:
         return np.array([surface.height(points) for surface in self.surfaces])

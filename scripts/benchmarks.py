@@ -189,7 +189,6 @@ def _updates(model: str) -> Group:
 
 _LATE, _NOISY = "plant.link.command_latency_s=0.009", "plant.link.base_velocity_noise_m_s=0.03"
 _RUBBING, _SLOW = "plant.joint_friction_nm=0.1", "mpc.observer_time_s=0.05"
-_DECIDED = "mpc.model=centroidal_footholds"
 _FRICTIONS = "push_recovery.py --friction 0.4 0.5 0.6 0.7"
 GROUPS: dict[str, Group] = {
     "runs": Group("bench_runs.py", "bench_runs.py --only solo12_balance", of_runs),
@@ -205,11 +204,6 @@ GROUPS: dict[str, Group] = {
     "rubbing_known": _pushes_with(_set(_RUBBING, "robot.joint_friction_nm=0.1")),
     "rubbing_estimated": _pushes_with(f"--warm-up 3 {_set(_RUBBING, 'joint_friction={}')}"),
     "locomotion": Group("bench_locomotion.py --quick", "bench_locomotion.py --quick --skip-pushes", of_locomotion),
-    "locomotion_footholds": Group(
-        f"bench_locomotion.py --quick {_set(_DECIDED)}",
-        f"bench_locomotion.py --quick --skip-pushes {_set(_DECIDED)}",
-        of_locomotion,
-    ),
     "loop": Group("bench_loop.py", "bench_loop.py --repeats 1 --skip-start", of_loop),
     "wbc": Group("bench_wbc.py", "bench_wbc.py --facets 12", of_wbc),
     **{f"mpc_{model}": _updates(model) for model in ("kinodynamic", "full_body", "lqr")},

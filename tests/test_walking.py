@@ -104,18 +104,6 @@ def test_a_short_trot_follows_its_command_and_ends_standing(plant: str) -> None:
     assert float(np.abs(np.diff(log.command[:, 0])).max()) <= 1.0001e-3  # 1 m/s2
 
 
-@pytest.mark.parametrize("plant", ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)])
-def test_decided_footholds_trot_as_accurately(plant: str) -> None:
-    overrides = (*TROT, f"plant.kind={plant}", "mpc.model=centroidal_footholds")
-    log, metrics, walking = walked(session_of(*overrides))
-    assert not metrics.fell and metrics.solver_failures == 0
-    assert walking.velocity_rmse_m_s is not None and walking.velocity_rmse_m_s < 0.005
-    assert walking.walking_tilt_deg < 4.0
-    assert walking.ends_standing
-    again, _, _ = walked(session_of(*overrides, "duration_s=1.0"))
-    np.testing.assert_array_equal(log.q[: len(again.q) - 1], again.q[:-1])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "plant"),

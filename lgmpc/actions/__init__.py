@@ -2,7 +2,6 @@
 
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
-from lgmpc.actions.centroidal_footholds import CentroidalFootholdAction
 from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.free_duration import ChooseStretch, Stretched
@@ -30,7 +29,6 @@ __all__ = [
     "Action",
     "Bounded",
     "CentroidalAction",
-    "CentroidalFootholdAction",
     "ChooseStretch",
     "Contact",
     "ContactForwardDynamics",

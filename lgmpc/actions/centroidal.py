@@ -89,7 +89,7 @@ class CentroidalAction(Action):
         total = ca.sum2(forces)
         moment = s["external_wrench"][3:6]  # about the world's origin, of the contact forces, and the external one
         for i in range(self.contacts):
-            moment += ca.cross(self._point(i, x, s), forces[:, i])
+            moment += ca.cross(s["contact_points"][3 * i : 3 * i + 3], forces[:, i])
         others = m * s["gravity"] + s["external_wrench"][0:3]
         resultant = others + total
         c_next = c + (h / m) * l + (h**2 / (2 * m)) * resultant
@@ -120,19 +120,10 @@ class CentroidalAction(Action):
         for i in range(self.contacts):
             flag, force = s["contact_flags"][i], [u[3 * i + j] for j in range(3)]
             opened = -(1 - flag) * s["normal_force_max"]
-            normal, least = self._pyramid(i, force[2], opened, s)
-            rows += [*friction_margins([*force[:2], normal], half_width, self.facets), force[2]]
-            lower += [*least, flag * s["normal_force_min"] + opened]
+            rows += [*friction_margins(force, half_width, self.facets), force[2]]
+            lower += [*[opened] * self.facets, flag * s["normal_force_min"] + opened]
             upper += [*[ca.SX(ca.inf)] * self.facets, s["normal_force_max"]]
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
-
-    def _pyramid(self, contact: int, normal: Any, opened: Any, s: dict[str, Any]) -> tuple[Any, list[Any]]:
-        """Return the normal force in a contact's friction pyramid, and the least values of the pyramid's rows."""
-        return normal, [opened] * self.facets
-
-    def _point(self, contact: int, x: Any, s: dict[str, Any]) -> Any:
-        """Return the position (3,) of a contact point."""
-        return s["contact_points"][3 * contact : 3 * contact + 3]
 
     def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
         """Return the forces (3, nc), zero for feet in the air."""

@@ -10,7 +10,6 @@ import numpy as np
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents
-from lgmpc.locomotion.foothold_margins import FootholdMargins
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
@@ -18,7 +17,6 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.swing import SwingTrajectory
-from lgmpc.mpc import Plan
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import Contacts, Task
@@ -69,11 +67,9 @@ class Feet:
         self._places = self.legs.feet.tolist()
         self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
-        self._margins = FootholdMargins(self._planner)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
-        self._decided: list[Array | None] = [None] * robot.nc
         self._may_stretch = True  # whether long steps may take longer than scheduled
         self._contacts, self._shares = contacts, [1.0] * robot.nc
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
@@ -96,7 +92,6 @@ class Feet:
         self.position[:] = points
         self.velocity[:] = self.acceleration[:] = 0.0
         self.ground = self._height_of_ground(self.stance.tolist())
-        self._decided = [None] * len(points)
 
     @property
     def settled(self) -> list[bool]:
@@ -194,7 +189,6 @@ class Feet:
         self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
     ) -> None:
         if carries:
-            self._decided[foot] = None
             self.footholds[foot] = self.position[foot] = point
             self.velocity[foot] = self.acceleration[foot] = 0.0
             return
@@ -224,28 +218,13 @@ class Feet:
         self.footholds[foot] = path.target
 
     def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
-        """Write the foothold of the present swing: the decided one, or without a decision the nominal one."""
+        """Write the foothold of the present swing."""
         stance = self.clock.stance_duration(foot, time)
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
         self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
         self._nominal[foot, 2] = 0.0
-        decided = self._decided[foot]
-        self.footholds[foot] = self._nominal[foot] if decided is None else self._nominal[foot] + decided
-
-    def decide(self, plan: Plan, contacts: ContactHorizon) -> None:
-        """Put the feet that are in the air down where a plan for these contacts has decided.
-
-        Until the next plan the decided foothold moves with the nominal one. Where the plan decided nothing, or is not
-        fresh, feet go to their nominal footholds.
-        """
-        self._decided = [None] * len(self.stance)
-        if plan.footholds is None or not plan.status.fresh:
-            return
-        for foot, column in enumerate(contacts.flags.T.tolist()):
-            if not column[0] and True in column:
-                touchdown = column.index(True)
-                self._decided[foot] = plan.footholds[touchdown, foot] - contacts.points[touchdown, foot]
+        self.footholds[foot] = self._nominal[foot]
 
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
@@ -276,12 +255,9 @@ class Feet:
         clock = self.clock if clock is None else clock
         clock.horizon(time, dt, horizon.flags)
         self.events.correct(horizon.flags, dt)
-        fixed = self._fixed(time)
-        points = np.where((self.stance | fixed)[:, None], self.footholds, self._nominal)
+        points = np.where((self.stance | self._fixed(time))[:, None], self.footholds, self._nominal)
         self._planner.horizon(clock, motion, time, dt, points, horizon.points, self.stance.tolist())
         horizon.friction[:] = friction
-        if horizon.margins.size:
-            self._margins.write(horizon, clock, motion, time, dt, fixed)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

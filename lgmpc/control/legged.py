@@ -182,8 +182,7 @@ class LeggedController:
         # Feet that have just touched down would carry nothing until a plan includes them.
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
-            plan = planner.plan_from(time, terms)
-            self.feet.decide(plan, planner.contacts)
+            planner.plan_from(time, terms)
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
             self._return_feet(time)
         elif steps.deciding and steps.decide(time, planner):

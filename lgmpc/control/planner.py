@@ -68,7 +68,7 @@ class Planner:
         self._sampler = PlanSampler(period, self._every)
         node_times = settings.node_s * np.arange(settings.nodes)
         self._fading = np.exp(-node_times / settings.wrench_decay_s)[:, None]
-        self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc, settings.foothold_directions)
+        self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc)
         self.motion = MotionReference.standing(robot, settings.nodes, np.zeros(3))
 
     @property

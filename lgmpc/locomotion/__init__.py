@@ -12,7 +12,6 @@ from lgmpc.locomotion.command import (
     Timeline,
 )
 from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
-from lgmpc.locomotion.foothold_margins import FootholdMargins
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -35,7 +34,6 @@ __all__ = [
     "ContactState",
     "FlatGround",
     "FootholdPlanner",
-    "FootholdMargins",
     "FootholdSettings",
     "Gait",
     "GaitClock",

@@ -20,23 +20,19 @@ class ContactHorizon:
         flags: (N, nc) whether each foot is in contact during each interval.
         points: (N, nc, 3) contact points, world, m; of a foot in the air, where it will touch down next.
         friction: (N,) Coulomb coefficient to rely on.
-        margins: (N, nc, m) how far a foot in the air may touch down from its point, towards each of m evenly spaced
-            horizontal directions, the first along x, m; no directions where footholds are not decided.
     """
 
     flags: BoolArray
     points: Array
     friction: Array
-    margins: Array
 
     @classmethod
-    def allocate(cls, intervals: int, contacts: int, directions: int = 0) -> ContactHorizon:
-        """Return buffers with every foot in contact at the origin, friction 0.6 and zero margins."""
+    def allocate(cls, intervals: int, contacts: int) -> ContactHorizon:
+        """Return buffers with every foot in contact at the origin and friction 0.6."""
         return cls(
             np.ones((intervals, contacts), dtype=np.bool_),
             np.zeros((intervals, contacts, 3)),
             np.full(intervals, 0.6),
-            np.zeros((intervals, contacts, directions)),
         )
 
     def hold(self, points: Array, flags: BoolArray, friction: float) -> None:

@@ -1,7 +1,6 @@
 """Model-predictive control: receding horizons on top of the real-time solvers, behind one contract."""
 
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
-from lgmpc.mpc.centroidal_footholds import CentroidalFootholdMpc, CentroidalFootholdMpcSettings
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings, FullBodyWeights
 from lgmpc.mpc.interface import MeasuredState, Mpc
 from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings, KinodynamicWeights
@@ -15,8 +14,6 @@ from lgmpc.mpc.stand_in import StandInMpc
 
 __all__ = [
     "AnyMpcSettings",
-    "CentroidalFootholdMpc",
-    "CentroidalFootholdMpcSettings",
     "CentroidalLqr",
     "CentroidalMpc",
     "CentroidalMpcSettings",

@@ -80,11 +80,11 @@ class BaseMpc(ABC):
         plan = self._standing_plan(t if math.isfinite(t) else 0.0) if self._plan is None else self._plan
         return plan.stamped(status, qp_iterations, time.perf_counter() - start)
 
-    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual, footholds: Array | None = None) -> Plan:
+    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> Plan:
         """Return a plan whose status and timing are filled in later."""
         xs.flags.writeable = forces.flags.writeable = False
         node_s, status = self.settings.node_s, MpcStatus.NOT_FINITE
-        return Plan(t, node_s, self.mass, xs, forces, status, 0, kkt, 0.0, footholds=footholds)
+        return Plan(t, node_s, self.mass, xs, forces, status, 0, kkt, 0.0)
 
 
 def checked_mass(mass: float) -> float:

@@ -96,7 +96,7 @@ class CentroidalMpc(SqpMpc):
     ) -> None:
         s = CentroidalMpcSettings() if settings is None else settings
         mass = checked_mass(mass)
-        problem = ShootingProblem(self._make_action(contacts, s.friction_facets), s.nodes)
+        problem = ShootingProblem(CentroidalAction(contacts, s.friction_facets), s.nodes)
         problem.set("mass", mass)
         problem.set("gravity", gravity)
         problem.set("duration", s.node_s)
@@ -122,10 +122,6 @@ class CentroidalMpc(SqpMpc):
             weight[-1] *= s.weights.terminal
         self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
-
-    @staticmethod
-    def _make_action(contacts: int, facets: int) -> CentroidalAction:
-        return CentroidalAction(contacts, facets)
 
     @classmethod
     def of(

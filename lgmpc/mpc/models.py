@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 from pydantic import Discriminator, Tag
 
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
-from lgmpc.mpc.centroidal_footholds import CentroidalFootholdMpc, CentroidalFootholdMpcSettings
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
 from lgmpc.mpc.interface import Mpc
 from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings
@@ -40,7 +39,6 @@ def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[[Robot, Any, P
 
 _MODELS: Mapping[type[MpcSettings], Callable[[Robot, Any, Progress | None], Mpc]] = {
     CentroidalMpcSettings: CentroidalMpc.of,
-    CentroidalFootholdMpcSettings: CentroidalFootholdMpc.of,
     KinodynamicMpcSettings: with_stand_in(KinodynamicMpc),
     FullBodyMpcSettings: with_stand_in(FullBodyMpc),
     LqrSettings: CentroidalLqr.of,

@@ -127,8 +127,6 @@ class Plan:
         kkt: residual of the last subproblem's optimality conditions, when the plan was made.
         update_time: computing time of the whole update, s.
         posture: of base and joints, None if the model has none.
-        footholds: (N, nc, 3) contact points in each interval, world, m; of a foot in the air, where it will touch down
-            next. None of a model that takes them as given.
     """
 
     time: float
@@ -141,7 +139,6 @@ class Plan:
     kkt: KktResidual
     update_time: float
     posture: PosturePlan | None = None
-    footholds: Array | None = None
 
     @property
     def first_forces(self) -> Array:
@@ -158,7 +155,7 @@ class Plan:
         """Return the same motion as the result of an update (dataclasses.replace takes four times as long)."""
         return Plan(
             self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, self.kkt,
-            update_time, self.posture, self.footholds,
+            update_time, self.posture,
         )  # fmt: skip
 
     def sample(self, t: float) -> MotionSample:

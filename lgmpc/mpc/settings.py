@@ -93,11 +93,6 @@ class MpcSettings(Settings):
         default=5, description="Number of consecutive failed updates after which the plan is no longer used."
     )
 
-    @property
-    def foothold_directions(self) -> int:
-        """Number of directions in which shifts of footholds are bounded; 0 for models with given footholds."""
-        return 0
-
     def normal_force(self, mass: float) -> tuple[float, float]:
         """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""
         return normal_force_range(self.normal_force_n, _NORMAL_FORCE, mass)

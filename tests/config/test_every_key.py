@@ -457,7 +457,7 @@ def test_every_key_of_a_closed_loop_is_built_into_something(urdf: Path, parts: P
     assert left == [], ", ".join(left)
 
 
-@pytest.mark.parametrize("model", ["centroidal_footholds", "kinodynamic", "full_body"])
+@pytest.mark.parametrize("model", ["kinodynamic", "full_body"])
 def test_every_key_that_the_centroidal_model_lacks_is_built_into_something(
     model: str, urdf: Path, parts: Parts
 ) -> None:
@@ -468,9 +468,8 @@ def test_every_key_that_the_centroidal_model_lacks_is_built_into_something(
     assert left == [], ", ".join(left)
 
 
-@pytest.mark.parametrize("model", ["lqr", pytest.param("centroidal_footholds", marks=pytest.mark.slow)])
-def test_every_key_of_a_model_is_built_into_something(model: str, urdf: Path, parts: Parts) -> None:
-    config = parse_any_config(LOOP.format(urdf=urdf, model=model))
+def test_every_key_of_the_regulator_is_built_into_something(urdf: Path, parts: Parts) -> None:
+    config = parse_any_config(LOOP.format(urdf=urdf, model="lqr"))
     keys = [key for key in leaves(config) if key.startswith("mpc.")]
     left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
     assert left == [], ", ".join(left)

@@ -11,10 +11,7 @@ from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.control.feet import Feet
 from lgmpc.locomotion import BaseMotion, ContactState, MotionCommand
-from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
-from lgmpc.mpc import MpcStatus, Plan
-from lgmpc.ocp import KktResidual
 from lgmpc.robot import Robot
 from lgmpc.wbc import Contacts, WholeBodySettings
 
@@ -55,32 +52,3 @@ def test_a_foot_without_ground_swings_when_its_next_swing_is_due(
     assert state in found
     assert max(heights) > 0.9 * settings.swing.clearance_m
     np.testing.assert_allclose(np.array(aims) - points[FOOT, :2], 0.0, atol=0.02)
-
-
-@pytest.mark.parametrize("fresh", [True, False])
-def test_a_decided_foothold_moves_with_the_nominal_one_until_the_next_plan(robot: Robot, fresh: bool) -> None:
-    settings, shift = LocomotionSettings(), np.array([0.02, -0.01, 0.0])
-    contacts = Contacts.standing(robot, WholeBodySettings().scaled(robot))
-    decided, nominal = (Feet(robot, settings, gaits_of(robot, settings), contacts) for _ in range(2))
-    points, horizon = decided.legs.feet * [1.0, 1.0, 0.0], ContactHorizon.allocate(20, 4, 12)
-    motion, aims = BaseMotion(0.0, 0.0, 0.1, 0.0, 0.0, commanded_vx=0.1), []
-    for feet in (decided, nominal):
-        feet.begin(0.0, points, None)
-        for time in 1e-3 * np.arange(1, 60):
-            feet.follow(time, MotionCommand(vx=0.1, gait="trot"))
-            feet.update(time, points, np.zeros((4, 3)), None, motion)
-        swinging = ~feet.stance
-        feet.write_horizon(time, 0.02, motion, 0.6, horizon)
-        if feet is decided:
-            status = MpcStatus.SOLVED if fresh else MpcStatus.SOLVER_FAILED
-            plan = Plan(
-                time, 0.02, robot.mass, np.zeros((21, 9)), np.zeros((20, 4, 3)), status, 1, KktResidual.unknown(), 0.0,
-                footholds=horizon.points + shift,
-            )  # fmt: skip
-            feet.decide(plan, horizon)
-        faster = BaseMotion(0.0, 0.0, 0.3, 0.1, 0.0, commanded_vx=0.1)
-        feet.update(time + 1e-3, points, np.zeros((4, 3)), None, faster)
-        assert swinging.sum() == 2
-        aims.append(feet.footholds[swinging].copy())
-    assert (np.abs(aims[1] - horizon.points[0, swinging]).max(axis=1) > 1e-3).all()  # the nominal ones moved
-    np.testing.assert_allclose(aims[0] - aims[1], np.tile(shift if fresh else 0.0 * shift, (2, 1)), atol=1e-12)

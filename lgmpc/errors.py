@@ -6,9 +6,11 @@ attributes.
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import signal
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 __all__ = [
     "ClusterError",
@@ -24,12 +26,38 @@ __all__ = [
     "RunFolderError",
     "SolverError",
     "as_one_error",
+    "legible",
     "nearest",
+    "shortened",
 ]
 
 
 MOST_CHOICES = 12
 """Number of valid choices that a message lists; the attribute ``choices`` has all."""
+
+MOST_PROBLEMS = 20
+"""Number of problems that a message lists; the attribute ``problems`` has all."""
+
+LONGEST_VALUE, LONGEST_MESSAGE = 300, 6000
+"""Characters of a received value in a message, and of a whole message; attributes have all."""
+
+
+def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+    """Return ``text``, or its beginning and its end if it has more than ``most`` characters."""
+    half = (most - 5) // 2
+    return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
+
+
+def legible(text: str) -> str:
+    """Return ``text`` with its control characters escaped, but for ends of lines and bytes of paths.
+
+    Names of a config or a robot model may contain such characters, which terminals take for commands.
+    """
+    return "".join(c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else _escaped(c) for c in text)
+
+
+def _escaped(text: str) -> str:
+    return text.encode("unicode_escape").decode("ascii")
 
 
 def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...]:
@@ -39,14 +67,24 @@ def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...
     return tuple(by_lower[hit] for hit in hits)
 
 
+def _reduce(error: BaseException) -> tuple[Any, ...]:
+    """Reduce an exception to message and attributes; Python's own reduction calls the class with the message alone."""
+    return copyreg.__newobj__, (type(error), *error.args), error.__dict__  # type: ignore[attr-defined]
+
+
 class LgmpcError(Exception):
-    """Base class of all exceptions that lgmpc raises.
+    """Base class of all exceptions that lgmpc raises. They can be pickled.
 
     Attributes:
         exit_code: what the command line returns for it (2 = bad input, 1 = it ran and failed).
     """
 
     exit_code = 2
+
+    __reduce__ = _reduce
+
+    def __str__(self) -> str:
+        return legible(shortened(super().__str__(), LONGEST_MESSAGE))
 
 
 class InputError(LgmpcError, ValueError):
@@ -71,13 +109,14 @@ class InputError(LgmpcError, ValueError):
         super().__init__(self._message())
 
     def _message(self) -> str:
-        text = f"{self.argument}: got {self.got}; expected {self.expected}"
+        argument, got = (shortened(str(each)).replace("\n", "\\n") for each in (self.argument, self.got))
+        text = f"{argument}: got {got}; expected {shortened(self.expected, 2 * LONGEST_VALUE)}"
         if self.suggestions:
-            return f"{text}. Did you mean {' or '.join(self.suggestions)}?"
+            return f"{text}. Did you mean {' or '.join(map(shortened, self.suggestions))}?"
         if self.choices:
             more = len(self.choices) - MOST_CHOICES
             rest = f" and {more} more" if more > 0 else ""
-            return f"{text}. Valid: {', '.join(self.choices[:MOST_CHOICES])}{rest}"
+            return f"{text}. Valid: {', '.join(map(shortened, self.choices[:MOST_CHOICES]))}{rest}"
         return text
 
 
@@ -120,7 +159,13 @@ class ConfigErrors(ConfigError):
         super().__init__(first.file, first.key, first.got, first.expected, first.choices)
         self.suggestions = first.suggestions
         self.problems = tuple(problems)
-        self.args = (f"{len(problems)} problems:\n" + "\n".join(f"  - {p}" for p in self.problems),)
+        self.args = (f"{len(problems)} problems:\n{_listed(self.problems)}",)
+
+
+def _listed(problems: Sequence[object]) -> str:
+    more = len(problems) - MOST_PROBLEMS
+    rest = [f"  ... and {more} more"] if more > 0 else []
+    return "\n".join([*(f"  - {shortened(str(each))}" for each in problems[:MOST_PROBLEMS]), *rest])
 
 
 def as_one_error(found: Sequence[ConfigError]) -> ConfigError:
@@ -134,7 +179,7 @@ class ModelError(LgmpcError):
     def __init__(self, robot: str, problems: Sequence[str]) -> None:
         self.robot = robot
         self.problems = tuple(problems)
-        super().__init__(f"robot '{robot}' cannot be used:\n" + "\n".join(f"  - {p}" for p in self.problems))
+        super().__init__(f"robot '{shortened(robot)}' cannot be used:\n{_listed(self.problems)}")
 
 
 class CompileError(LgmpcError):
@@ -144,7 +189,7 @@ class CompileError(LgmpcError):
         self.function = function
         self.command = command
         self.log = log
-        super().__init__(f"compiling '{function}' failed: {command}\n{log[-2000:]}")
+        super().__init__(f"compiling '{function}' failed: {shortened(command)}\n{log[-2000:]}")
 
 
 class SolverError(LgmpcError):
@@ -180,6 +225,8 @@ class Interrupted(KeyboardInterrupt):
         signal: the signal received.
         exit_code: what the command line returns for it, 128 + the signal's number.
     """
+
+    __reduce__ = _reduce
 
     def __init__(self, signal: signal.Signals) -> None:
         self.signal = signal

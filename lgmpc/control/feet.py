@@ -65,7 +65,6 @@ class Feet:
         self.legs = LegGeometry.of(robot)
         self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
-        self._weight = -robot.mass * float(robot.gravity[2])
         self._planner = FootholdPlanner(self.legs, settings.footholds)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
@@ -78,7 +77,7 @@ class Feet:
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
         """Begin to stand at ``points`` (nc, 3); feet without contact are put down first."""
         self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
-        self.events = ContactEvents(self.clock, self._weight, self._settings.contacts, self._contact_age)
+        self.events = ContactEvents(self.clock, self._settings.contacts, self._contact_age)
         self.stance = self.events.stance
         self._stood: list[bool] = self.stance.tolist()
         for foot in np.flatnonzero(~self.stance).tolist():

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import BoolArray
 
 __all__ = ["ContactEvents", "ContactEventSettings", "ContactState"]
 
@@ -49,11 +49,6 @@ class ContactEventSettings(Settings):
     max_late_s: NonNegative = Field(
         default=0.01,
         description="Longest delay of the schedule for a late foot; then it continues without that foot, s.",
-    )
-    force_share: Fraction = Field(
-        default=0.004,
-        description="Normal force that counts as contact, as a share of the robot's weight; above the noise of the"
-        " measurement, below the smallest force of a stance foot.",
     )
     ramp_s: NonNegative = Field(
         default=0.025, description="Time in which the force bound of a foot opens after touchdown, s."
@@ -86,7 +81,6 @@ class ContactEvents:
 
     Args:
         clock: the schedule; :meth:`update` corrects it for early and late feet.
-        weight: weight of the robot, N: the unit of the force threshold.
         settings: see :class:`ContactEventSettings`.
         age: of the contacts measured at each update, s.
 
@@ -97,14 +91,11 @@ class ContactEvents:
         resting: whether all feet stand and none is to lift off, at the last update.
     """
 
-    def __init__(
-        self, clock: GaitClock, weight: float, settings: ContactEventSettings | None = None, age: float = 0.0
-    ) -> None:
+    def __init__(self, clock: GaitClock, settings: ContactEventSettings | None = None, age: float = 0.0) -> None:
         self.clock = clock
         self.settings = s = ContactEventSettings() if settings is None else settings
         self._age = age
         self._patience = s.patience_s if age > 0.0 else 0.0  # what is measured at once needs none
-        self._threshold = s.force_share * weight
         nc = clock.nc
         flags = clock.flags(clock.time)
         self.states = [ContactState.STANCE if stands else ContactState.SWING for stands in flags]
@@ -115,12 +106,6 @@ class ContactEvents:
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
         self._due = [math.inf] * nc  # a touchdown that was scheduled and is not measured yet, s
-
-    def measure(self, forces: Array) -> BoolArray:
-        """Return (nc,) which feet are in contact by their normal forces (nc,), N; released at half the threshold."""
-        threshold = np.where(self._touching, 0.5 * self._threshold, self._threshold)
-        contacts: BoolArray = forces > threshold
-        return contacts
 
     def update(self, t: float, contacts: BoolArray | None = None) -> BoolArray:
         """Compare schedule and measurement at time ``t``, and advance the clock.

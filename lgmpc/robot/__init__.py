@@ -1,10 +1,9 @@
 """Robots: loading, checking, and symbolic rigid-body algorithms over any ``pin.Model``."""
 
-from lgmpc.robot.checks import ModelReport
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.legs import carried_joints, leg_chain, leg_clearances, leg_joints, leg_normals
-from lgmpc.robot.loading import check_model, load_robot
+from lgmpc.robot.loading import load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
 from lgmpc.robot.spec import RobotSpec
@@ -16,14 +15,12 @@ __all__ = [
     "Sphere",
     "ContactPhase",
     "ContactSchedule",
-    "ModelReport",
     "ModelSource",
     "Robot",
     "RobotSpec",
     "Swing",
     "available_models",
     "carried_joints",
-    "check_model",
     "leg_chain",
     "leg_clearances",
     "leg_joints",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +15,6 @@ from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array, BoolArray
 
 __all__ = [
-    "ModelReport",
     "check_contact_frames",
     "check_inertias",
     "check_joints",
@@ -31,26 +29,6 @@ _FASTEST = 200.0
 
 _LIFTS = 10.0
 """Larger effort limits, in the robot's weight times its reach (for prismatic joints its weight), are placeholders."""
-
-
-@dataclass(frozen=True)
-class ModelReport:
-    """The problems and notes of a model.
-
-    Attributes:
-        robot: its name.
-        problems: each prevents its use.
-        notes: unusual properties that do not prevent its use.
-    """
-
-    robot: str
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether the model can be used."""
-        return not self.problems
 
 
 def check_contact_frames(model: pin.Model, frames: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
 from lgmpc.typing import Array
 
-__all__ = ["check_model", "load_robot"]
+__all__ = ["load_robot"]
 
 
 def load_robot(spec: RobotSpec) -> Robot:
@@ -32,20 +32,10 @@ def load_robot(spec: RobotSpec) -> Robot:
     """
     if not isinstance(spec, RobotSpec):
         raise InputError("spec", type(spec).__name__, "a RobotSpec, as lgmpc.RobotSpec(model='solo12')")
-    robot, report = _load(spec)
-    if report.problems:
-        raise ModelError(report.robot, report.problems)
+    robot, problems = _load(spec)
+    if problems:
+        raise ModelError(robot.name, problems)
     return robot
-
-
-def check_model(spec: RobotSpec) -> checks.ModelReport:
-    """Return every problem that ``load_robot`` raises, and notes on unusual but valid properties.
-
-    Raises:
-        InputError: the robot's name is unknown, or a file does not exist.
-        ModelError: the URDF or SRDF cannot be read at all.
-    """
-    return _load(spec)[1]
 
 
 @dataclass(frozen=True)
@@ -58,7 +48,8 @@ class _Actuators:
     notes: list[str]
 
 
-def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
+def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
+    """Return a robot and the problems that prevent its use."""
     source = resolve(spec)
     model, notes = build_model(source)
     text = read_urdf_text(source.files.urdf)
@@ -104,7 +95,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, checks.ModelReport]:
         given_shapes=spec.collision_shapes,
         notes=notes,
     )
-    return robot, checks.ModelReport(name, tuple(problems), notes)
+    return robot, problems
 
 
 def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:

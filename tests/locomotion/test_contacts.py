@@ -14,7 +14,6 @@ from lgmpc.locomotion.gait import Gait
 
 TROT = Gait(name="trot", period_s=0.32, duty=0.55, offsets=(0.0, 0.5, 0.5, 0.0))
 TICK = 1e-3
-WEIGHT = 25.0
 SETTINGS = ContactEventSettings()
 STANCE, SWING, EARLY, LATE, MISSING, LOST = ContactState
 
@@ -27,7 +26,7 @@ class Script:
 
     def __init__(self, settings: ContactEventSettings = SETTINGS, age: int = 0) -> None:
         self.clock = GaitClock(TROT)
-        self.events = ContactEvents(self.clock, WEIGHT, settings, age * TICK)
+        self.events = ContactEvents(self.clock, settings, age * TICK)
         self.arriving = deque([np.ones(4, dtype=np.bool_)] * age)
         self.first = self.clock.swing(0, 0.0)
         self.t = 0.0
@@ -60,7 +59,7 @@ def test_on_time_the_schedule_is_followed() -> None:
 
 def test_without_a_measurement_the_schedule_is_followed() -> None:
     clock = GaitClock(TROT)
-    events, twin = ContactEvents(clock, WEIGHT), GaitClock(TROT)
+    events, twin = ContactEvents(clock), GaitClock(TROT)
     for t in np.arange(0.0, 1.0, TICK):
         assert (events.update(t) == twin.flags(t)).all()
 
@@ -194,14 +193,6 @@ def test_the_horizon_begins_with_what_the_feet_do() -> None:
     assert flags[:4, 0].tolist() == [False, False, False, True]
 
 
-def test_forces_count_as_contact_with_hysteresis() -> None:
-    events = Script().events
-    threshold = SETTINGS.force_share * WEIGHT
-    # Feet 0 and 3 swing, 1 and 2 stand.
-    forces = threshold * np.array([0.9, 0.6, 0.4, 1.1])
-    assert events.measure(forces).tolist() == [False, True, False, True]
-
-
 def test_the_force_bound_opens_after_touchdown_and_closes_before_lift_off() -> None:
     script = Script(ContactEventSettings(ramp_s=0.02, release_s=0.01))
     events = script.events
@@ -219,7 +210,7 @@ def test_a_late_foot_delays_the_lift_off_of_the_others_before_it_takes_place(lat
     """With a duty of one half the others lift off at the tick of the touchdown, whatever their index."""
     gait = Gait(name="trot", period_s=0.3, duty=0.5, offsets=(0.0, 0.5, 0.5, 0.0))
     clock = GaitClock(gait)
-    events = ContactEvents(clock, WEIGHT)
+    events = ContactEvents(clock)
     states = []
     for k in range(900):
         t = k * TICK
@@ -236,7 +227,7 @@ def test_a_late_foot_delays_the_lift_off_of_the_others_before_it_takes_place(lat
 
 def test_an_unloaded_foot_of_a_standing_robot_is_held_in_place() -> None:
     clock = GaitClock(Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * 4))
-    events = ContactEvents(clock, WEIGHT)
+    events = ContactEvents(clock)
     for k in range(500):
         events.update(k * TICK, np.array([k < 100, True, True, True]))
     assert events.states == [STANCE] * 4 and events.stance.all()

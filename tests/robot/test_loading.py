@@ -222,11 +222,9 @@ def test_collision_geometry_without_size_is_named(tmp_path) -> None:
 
 def test_a_process_without_standard_error_loads_robots(tmp_path) -> None:
     script = tmp_path / "load.py"
-    script.write_text(
-        "from lgmpc.robot import RobotSpec, check_model\nprint(check_model(RobotSpec(model='solo12')).robot)\n"
-    )
+    script.write_text("from lgmpc.robot import RobotSpec, load_robot\nprint(load_robot(RobotSpec(model='go2')).name)\n")
     done = subprocess.run(f"{shlex.quote(sys.executable)} {script} 2>&-", shell=True, capture_output=True, text=True)
-    assert done.stdout == "solo12\n"
+    assert done.stdout == "go2\n"
 
 
 def test_an_srdf_that_cannot_be_read(tmp_path, data_dir) -> None:

@@ -14,7 +14,7 @@ from rich.text import Text
 from lgmpc.cli.screen import out, plain_table, show_verdict
 from lgmpc.config.showing import explain
 from lgmpc.runs import Verdict
-from lgmpc.runs.events import Event, EventKind
+from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.figures import figure_number
 from lgmpc.runs.forensics import Explanation
 from lgmpc.runs.limited import Nearest
@@ -44,7 +44,7 @@ def _show(console: Console, explanation: Explanation) -> None:
     for sentence in explanation.summary:
         console.print(Text(f"  - {sentence}"))
     if explanation.events:
-        console.print(_chain(explanation.events, explanation.failed_s, explanation.failure))
+        console.print(_chain(event_lines(explanation.events), explanation.failed_s, explanation.failure))
     if explanation.earlier:
         console.print(Text(f"earlier: {_counts(explanation.earlier)}", "dim"))
     console.print(_margins(explanation.nearest[:_NEAREST]))
@@ -54,19 +54,18 @@ def _counts(earlier: Mapping[str, int]) -> str:
     return ", ".join(f"{count} x {name}" for name, count in earlier.items())
 
 
-def _chain(events: Sequence[Event], failed_s: float | None, failure: str) -> Table:
+def _chain(lines: Sequence[EventLine], failed_s: float | None, failure: str) -> Table:
     """Return the table of events, with the failure among them."""
+    rows = [
+        (each.start_s, f"{1e3 * each.lasting_s:.0f}", each.kind.value, each.words, _STYLES.get(each.kind, ""), "")
+        for each in lines
+    ]
+    if failed_s is not None:
+        before = sum(each.start_s <= failed_s for each in lines)
+        rows.insert(before, (failed_s, "", "FAILURE", failure, "bold red", "bold red"))
     table = plain_table("at / s", "lasts / ms", "what", "")
-    failed = failed_s is None
-    for event in events:
-        if failed_s is not None and not failed and event.start_s > failed_s:
-            table.add_row(f"{failed_s:.3f}", "", Text("FAILURE", "bold red"), Text(failure, "bold red"))
-            failed = True
-        lasts = f"{1e3 * (event.end_s - event.start_s):.0f}"
-        style = _STYLES.get(event.kind, "")
-        table.add_row(f"{event.start_s:.3f}", lasts, Text(event.kind.value, style), Text(event.words))
-    if failed_s is not None and not failed:
-        table.add_row(f"{failed_s:.3f}", "", Text("FAILURE", "bold red"), Text(failure, "bold red"))
+    for start_s, lasts, kind, words, *styles in rows:
+        table.add_row(f"{start_s:.3f}", lasts, Text(kind, styles[0]), Text(words, styles[1]))
     return table
 
 
@@ -76,6 +75,6 @@ def _margins(nearest: Sequence[Nearest]) -> Table:
         name = f"{each.name} / {each.unit}" if each.unit else each.name
         when = "" if each.time_s is None else f"{each.time_s:.3f}"
         figures = (figure_number(value) for value in (each.value, each.limit, each.margin))
-        style = "red" if each.margin < 0.0 else ""
+        style = "red" if each.broken else ""
         table.add_row(name, each.subject, when, *figures, style=style)
     return table

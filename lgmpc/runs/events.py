@@ -15,7 +15,7 @@ from lgmpc.runs.log import MODES, RunLog, push_intervals
 from lgmpc.runs.origin import Origin
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Event", "EventKind", "find_events"]
+__all__ = ["Event", "EventKind", "EventLine", "event_lines", "find_events"]
 
 _JOINED_S = 0.05
 """Shorter gaps do not end an event."""
@@ -29,6 +29,8 @@ _BRIEF_S = 0.005
 """A joint or a foot that is at its limit for a shorter time is not named."""
 _NAMED = 3
 """Largest number of joints or feet named in an event."""
+_SINGLE, _SINGLE_CHANGES = 3, 12
+"""Largest number of events of one name, and of causes and changes of mode, with a line for each."""
 
 
 class EventKind(Enum):
@@ -74,6 +76,53 @@ class Event:
     kind: EventKind
     name: str
     words: str
+
+
+@dataclass(frozen=True)
+class EventLine:
+    """A line of a list: an event, or all events of one name if there are many, such as those of every step of a gait.
+
+    Attributes:
+        events: the events in order, at least one, of one kind.
+    """
+
+    events: tuple[Event, ...]
+
+    @property
+    def kind(self) -> EventKind:
+        """Role of the events in a failure."""
+        return self.events[0].kind
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first tick, s."""
+        return self.events[0].start_s
+
+    @property
+    def lasting_s(self) -> float:
+        """Sum of the durations, s."""
+        return sum(each.end_s - each.start_s for each in self.events)
+
+    @property
+    def words(self) -> str:
+        """Description of the event; of several, of the longest, with their number."""
+        if len(self.events) == 1:
+            return self.events[0].words
+        longest = max(self.events, key=lambda each: each.end_s - each.start_s)
+        among = f"the longest of {len(self.events)} until {self.events[-1].end_s:.3f} s"
+        return f"{longest.words} (at {longest.start_s:.3f} s, {among})"
+
+
+def event_lines(events: Sequence[Event]) -> tuple[EventLine, ...]:
+    """Return the events as lines of a list, in order of their start."""
+    named: dict[str, list[Event]] = {}
+    for each in events:
+        named.setdefault(each.name, []).append(each)
+    lines: list[EventLine] = []
+    for alike in named.values():
+        many = len(alike) > (_SINGLE if alike[0].kind.is_sign else _SINGLE_CHANGES)
+        lines += [EventLine(tuple(alike))] if many else [EventLine((each,)) for each in alike]
+    return tuple(sorted(lines, key=lambda line: events.index(line.events[0])))
 
 
 def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | None = None) -> tuple[Event, ...]:

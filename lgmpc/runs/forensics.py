@@ -44,7 +44,8 @@ class Explanation:
         summary: sentences.
         events: the chain before the failure, in order; of a run that passed, all of its events.
         earlier: number of events of each name before the chain.
-        nearest: smallest margin of each limited quantity up to the failure, in order of the share used.
+        nearest: smallest margin of each limited quantity up to the failure, in order of the share used. Slip without
+            a limit is not among them.
         log: the finite part of the run's log.
         quantities: its quantities with limits, over time.
     """
@@ -99,12 +100,14 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
         failure = _Failure(None, "")
     else:
         overall = verdict.reasons[0] if verdict.reasons else verdict.outcome.value
-        failure = _failure(log, quantities, gate, broke_s) or _Failure(None, overall)
+        failure = _failure(log, quantities, broke_s) or _Failure(None, overall)
     failed_s = failure.time_s
     events = find_events(log, quantities, run.result.origin)
     chain, earlier = _chain(events, failed_s)
     end = log.ticks if failed_s is None else int(np.searchsorted(log.time, failed_s, side="right"))
-    found = (quantity.until(end).nearest(log.time[:end]) for quantity in quantities)
+    # The threshold of the event is no limit of slip.
+    limited = (each for each in quantities if each.name != "slip" or each.judged)
+    found = (quantity.until(end).nearest(log.time[:end]) for quantity in limited)
     nearest = [each for each in found if each is not None]
     if failed_s is None and run.result.metrics is not None:
         nearest += gate_figures(run.result.metrics, gate)
@@ -139,7 +142,7 @@ class _Failure(NamedTuple):
     fell: bool = False
 
 
-def _failure(log: RunLog, quantities: Sequence[Limited], gate: Gate, broke_s: float | None) -> _Failure | None:
+def _failure(log: RunLog, quantities: Sequence[Limited], broke_s: float | None) -> _Failure | None:
     """Return the fall of a run or its first violation of a limit on each tick; ``None`` if there is neither."""
     if log.floating_base:
         tilt = tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:])
@@ -151,16 +154,10 @@ def _failure(log: RunLog, quantities: Sequence[Limited], gate: Gate, broke_s: fl
             return _Failure(float(log.time[tick]), f"the robot fell ({state})", fell=True)
     if broke_s is not None:
         return _Failure(broke_s, "the state was no longer finite")
-    limited = {
-        "tilt": gate.max_tilt_deg,
-        "displacement": gate.max_displacement_m,
-        "base height": gate.min_base_height_fraction or gate.min_base_height_m,
-        "slip": gate.max_slip_m,
-    }
     found: list[_Failure] = []
     for quantity in quantities:
         beyond = quantity.margins < 0.0
-        if limited.get(quantity.name) is not None and beyond.any():
+        if quantity.judged and beyond.any():
             tick = int(np.argmax(beyond.any(axis=1)))
             subject = int(np.argmax(beyond[tick]))
             where = f" of {quantity.subjects[subject]}" if quantity.subjects[subject] else ""
@@ -183,7 +180,8 @@ def _chain(events: Sequence[Event], failed_s: float | None) -> tuple[tuple[Event
 
 def _summary(failure: _Failure, chain: Sequence[Event], nearest: Sequence[Nearest]) -> tuple[str, ...]:
     if not failure.words:
-        close = nearest[0] if nearest else None
+        # Of a run that passed, only quantities that its gate does not limit are beyond a limit.
+        close = next((each for each in nearest if each.used <= 1.0 or each.judged), None)
         return ("it passed", *((f"nearest to its limit: {_near(close)}",) if close else ()))
     failed_s = failure.time_s
     if failed_s is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.figures import figure_of, figure_words
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.log import RunLog
-from lgmpc.runs.metrics import Metrics, stances, tilt_deg
+from lgmpc.runs.metrics import Metrics, slide, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.runs.support import capture_margin
 from lgmpc.runs.verdict import measured
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 _SLID_M = 0.01
-"""Displacement since the start of its contact, m, beyond which a foot has slid, if the gate has no limit on slip."""
+"""Displacement since the start of its stance, m, beyond which a foot has slid, if the gate has no limit on slip."""
 _OVER_TIME = ("max_tilt_deg", "max_displacement_m", "max_slip_m", "min_base_height_m", "min_base_height_fraction")
 """Limits of the gate that are examined at each tick."""
 _ROUNDING = 1e-9
@@ -94,6 +94,7 @@ class Nearest:
         margin: distance to the limit, negative beyond it.
         unit: unit of value, limit and margin.
         used: share of the limit used, 1 at the limit; quantities of different units are ordered by it.
+        judged: whether the limit is one of the gate's: beyond it the run fails.
     """
 
     name: str
@@ -104,6 +105,12 @@ class Nearest:
     margin: float
     unit: str
     used: float
+    judged: bool
+
+    @property
+    def broken(self) -> bool:
+        """Whether the run failed because of it."""
+        return self.judged and self.margin < 0.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +125,7 @@ class Limited:
         limits: (n, k) limits.
         margins: (n, k) distances to the limits, negative beyond; NaN where the limit does not apply.
         scale: (n, k) margins at which the share used is 0.
+        judged: whether the limit is one of the gate's: beyond it the run fails.
     """
 
     name: str
@@ -127,6 +135,7 @@ class Limited:
     limits: Array
     margins: Array
     scale: Array
+    judged: bool = False
 
     @property
     def used(self) -> Array:
@@ -137,8 +146,8 @@ class Limited:
 
     def until(self, end: int) -> Limited:
         """Return the quantity at the first ``end`` ticks."""
-        arrays = (self.values[:end], self.limits[:end], self.margins[:end], self.scale[:end])
-        return Limited(self.name, self.unit, self.subjects, *arrays)
+        arrays = {name: getattr(self, name)[:end] for name in ("values", "limits", "margins", "scale")}
+        return replace(self, **arrays)
 
     def nearest(self, time: Array) -> Nearest | None:
         """Return the smallest margin; ``None`` if the limit never applied.
@@ -160,6 +169,7 @@ class Limited:
             0.0 if abs(self.margins[at]) < _ROUNDING * self.scale[at] else float(self.margins[at]),
             self.unit,
             float(used[at]),
+            self.judged,
         )
 
 
@@ -214,7 +224,8 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
     yield from hardware_quantities(log, joints)
     if feet:
         yield _friction(log, feet)
-        yield _highest("slip", "mm", feet, 1e3 * _slide(log), 1e3 * _given(gate.max_slip_m, _SLID_M))
+        moved = 1e3 * slide(log.time, log.contact_points, log.contact_forces[:, :, 2])
+        yield _gated("slip", "mm", feet, moved, gate.max_slip_m, 1e3, _SLID_M)
         if np.isfinite(log.mass_kg):
             margin = 1e3 * capture_margin(log)[:, None]
             # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
@@ -231,19 +242,17 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
     if log.floating_base:
         base = log.base_pose
         tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-        yield _highest("tilt", "deg", ("",), tilt[:, None], _given(gate.max_tilt_deg, FALL_TILT_DEG))
+        yield _gated("tilt", "deg", ("",), tilt[:, None], gate.max_tilt_deg, 1.0, FALL_TILT_DEG)
         height = 1e3 * base[:, 2:3]
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
-        yield Limited("base height", "mm", ("",), height, *_like(height, low, height - low, height[0] - low))
+        judged = gate.min_base_height_fraction is not None or gate.min_base_height_m is not None
+        arrays = (np.broadcast_to(each, height.shape) for each in (low, height - low, height[0] - low))
+        yield Limited("base height", "mm", ("",), height, *arrays, judged)
         if gate.max_displacement_m is not None:
             home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
-            moved = np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
-            yield _highest("displacement", "mm", ("",), 1e3 * moved, 1e3 * gate.max_displacement_m)
-
-
-def _given(limit: float | None, otherwise: float) -> float:
-    return otherwise if limit is None else limit
+            moved = 1e3 * np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
+            yield _gated("displacement", "mm", ("",), moved, gate.max_displacement_m, 1e3)
 
 
 def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:
@@ -264,7 +273,7 @@ def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
         else:  # a negative lower limit is used in proportion to a negative value
             used = value / limit if limit < 0.0 else math.inf
         margin = scale * (limit - value if highest else value - limit)
-        yield Nearest(words, "", None, scale * value, scale * limit, margin, unit, used)
+        yield Nearest(words, "", None, scale * value, scale * limit, margin, unit, used, judged=True)
 
 
 def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float) -> Limited:
@@ -273,8 +282,18 @@ def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, lim
     return Limited(name, unit, subjects, values, limits, limits - values, limits)
 
 
-def _like(values: Array, *others: Array) -> tuple[Array, ...]:
-    return tuple(np.broadcast_to(each, values.shape) for each in others)
+def _gated(
+    name: str,
+    unit: str,
+    subjects: tuple[str, ...],
+    values: Array,
+    limit: float | None,
+    factor: float,
+    otherwise: float = math.inf,
+) -> Limited:
+    """Return a quantity with an upper limit of the gate, in SI units, or another limit if the gate has none."""
+    quantity = _highest(name, unit, subjects, values, factor * (otherwise if limit is None else limit))
+    return replace(quantity, judged=limit is not None)
 
 
 def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Limited:
@@ -293,13 +312,3 @@ def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
     limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
     loaded = normal > max(_LOADED * weight, CONTACT_FORCE_N)
     return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)
-
-
-def _slide(log: RunLog) -> Array:
-    """Return (n, nc) horizontal displacements of the feet since the start of their present contact, m; 0 in the air."""
-    points, closed = log.contact_points[:, :, :2], log.contact_forces[:, :, 2] > CONTACT_FORCE_N
-    moved = np.zeros(closed.shape)
-    for foot in range(closed.shape[1]):
-        for a, b in stances(log.time, closed[:, foot]):
-            moved[a:b, foot] = np.linalg.norm(points[a:b, foot] - points[a, foot], axis=1)
-    return moved

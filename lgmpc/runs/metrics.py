@@ -16,7 +16,7 @@ from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array
 
 __all__ = [
     "Metrics",
@@ -25,8 +25,8 @@ __all__ = [
     "friction_margin",
     "rotate",
     "rpy_deg",
+    "slide",
     "slip",
-    "stances",
     "tilt_deg",
     "timing",
 ]
@@ -244,17 +244,20 @@ def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array
     """
     horizontal = points[:, :, :2]
     from_start: Array = np.linalg.norm(horizontal - horizontal[0], axis=2).max(axis=0)
-    worst = np.zeros(points.shape[1])
-    for contact in range(points.shape[1]):
-        for a, b in stances(time, normal_forces[:, contact] > CONTACT_FORCE_N):
-            moved = np.linalg.norm(horizontal[a:b, contact] - horizontal[a, contact], axis=1)
-            worst[contact] = max(worst[contact], float(moved.max()))
-    return worst, from_start
+    return slide(time, points, normal_forces).max(axis=0, initial=0.0), from_start
 
 
-def stances(time: Array, closed: BoolArray) -> list[tuple[int, int]]:
-    """Return first tick and end (exclusive) of each interval of (n,) closed contact; short gaps do not end it."""
-    return joined_intervals(time, closed, CONTACT_GAP_S)
+def slide(time: Array, points: Array, normal_forces: Array) -> Array:
+    """Return (n, nc) displacements of the feet since the start of their present stance, m; 0 in the air.
+
+    Arguments as in :func:`slip`.
+    """
+    closed = normal_forces > CONTACT_FORCE_N
+    moved = np.zeros(closed.shape)
+    for foot in range(closed.shape[1]):
+        for a, b in joined_intervals(time, closed[:, foot], CONTACT_GAP_S):
+            moved[a:b, foot] = np.linalg.norm(points[a:b, foot, :2] - points[a, foot, :2], axis=1)
+    return moved
 
 
 def friction_margin(forces: Array, friction: float | Array) -> float | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lgmpc.runs import RunLog
 from lgmpc.runs.estimate import CONTACT_FORCE_N
-from lgmpc.runs.events import Event, EventKind
+from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
 from lgmpc.viz.figure_files import draw_figures, legend_above
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z
@@ -31,8 +32,9 @@ _COLORS = {
     EventKind.ESTIMATE: Z,
     EventKind.MODE: SOFT,
 }
-_ROWS = 16
 _BEFORE_S, _AFTER_S = 0.1, 0.25
+_LETTERS = 140
+"""Largest length of an event's description, as wide as the figure."""
 _HIGHEST_SHARE = 1.5
 
 
@@ -56,14 +58,14 @@ def write_explanation(explanation: Explanation, folder: Path) -> Path:
 def draw_explanation(figure: Figure, explanation: Explanation) -> None:
     """Draw events, share of the limits used, capture point, attitude and contacts over the same time."""
     log = explanation.log
-    events = _most_important(explanation.events)
+    lines = event_lines(explanation.events)
     begin, end = _window(explanation)
     shown = (log.time >= begin) & (log.time <= end)
-    rows = max(len(events), 2)
+    rows = max(len(lines), 2)
     heights = [0.26 * rows, 1.5, 1.1, 1.3, 0.22 * max(len(log.contact_frames), 2)]
     figure.set_size_inches(9.6, sum(heights) + 1.6)
     timeline, used, capture, attitude, contacts = figure.subplots(5, 1, sharex=True, height_ratios=heights)
-    _draw_events(timeline, events, explanation)
+    _draw_events(timeline, lines, explanation)
     _draw_used(used, explanation, shown)
     _draw_capture(capture, explanation, shown)
     _draw_attitude(attitude, explanation, shown)
@@ -87,31 +89,18 @@ def _window(explanation: Explanation) -> tuple[float, float]:
     return max(first, begin - _BEFORE_S), min(last, explanation.failed_s + _AFTER_S)
 
 
-def _most_important(events: Sequence[Event]) -> list[Event]:
-    """Return at most as many events as there are rows, in order: causes first, then the first and the longest."""
-    ranked = sorted(
-        range(len(events)),
-        key=lambda i: (events[i].kind is not EventKind.CAUSE, i > 2, -(events[i].end_s - events[i].start_s)),
-    )
-    return [events[i] for i in sorted(ranked[:_ROWS])]
-
-
-def _draw_events(axes: Axes, events: Sequence[Event], explanation: Explanation) -> None:
+def _draw_events(axes: Axes, lines: Sequence[EventLine], explanation: Explanation) -> None:
     begin, end = _window(explanation)
-    for row, event in enumerate(events):
-        color = _COLORS[event.kind]
-        start, stop = max(event.start_s, begin), min(event.end_s, end)
-        axes.barh(
-            row, max(stop - start, 0.004 * (end - begin)), left=start, height=0.62, color=color, alpha=0.55, lw=0.0
-        )
-        words = f"{event.start_s:.3f}  {event.words}"
+    for row, line in enumerate(lines):
+        spans = [(max(each.start_s, begin), min(each.end_s, end)) for each in line.events]
+        bars = [(start, max(stop - start, 0.004 * (end - begin))) for start, stop in spans]
+        axes.broken_barh(bars, (row - 0.31, 0.62), color=_COLORS[line.kind], alpha=0.55, lw=0.0)
+        words = shorten(f"{line.start_s:.3f}  {line.words}", _LETTERS, placeholder=" ...")
         axes.annotate(words, (0.006, row), xycoords=("axes fraction", "data"), va="center", fontsize=7.6, color=INK)
-    axes.set_ylim(len(events) - 0.4, -0.6)
+    axes.set_ylim(len(lines) - 0.4, -0.6)
     axes.set_yticks([])
     axes.grid(visible=False)
-    hidden = len(explanation.events) - len(events)
-    more = f", the {len(events)} most important of {len(explanation.events)}" if hidden else ""
-    axes.set_title(f"Events{more}" if events else "No events")
+    axes.set_title("Events" if lines else "No events")
     if explanation.failed_s is not None:
         axes.annotate(
             explanation.failure,

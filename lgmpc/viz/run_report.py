@@ -11,6 +11,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Run, SolvedRun, flat_metrics, measured
 from lgmpc.runs.certificate import Certificate
+from lgmpc.runs.events import event_lines
 from lgmpc.runs.figures import figure_number, figure_of, figure_words
 from lgmpc.runs.forensics import Explanation
 from lgmpc.viz.explanation_plots import draw_explanation
@@ -30,7 +31,7 @@ _HEADINGS = ("figure", "measured", "allowed", "")
 
 
 def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> Report:
-    """Return the report of a closed loop: verdict, events, limits, certificate, figures, replay, config, versions.
+    """Return the report of a closed loop: verdict, replay, figures, events, limits, certificate, config, versions.
 
     Args:
         robot: robot of the run.
@@ -46,7 +47,7 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
     events = Section(
         "Events",
         (
-            Words((*explanation.summary, *_repeated(run, explanation))),
+            Words(tuple(_repeated(run, explanation))),
             _events(explanation),
             *_figures({"events": partial(_drawn, explanation=explanation)}),
         ),
@@ -63,13 +64,13 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
         run.result.name,
         run.result.verdict.outcome.value,
         f"{run.result.when} · {robot.name} · seed {run.result.seed}",
-        run.result.verdict.reasons,
-        (events, limits, *merit, *certificate, *_replayed(partial(replay_page, robot, run)), shown, *_sources(run)),
+        (*run.result.verdict.reasons, *explanation.summary),
+        (*_replayed(partial(replay_page, robot, run)), *merit, shown, events, limits, *certificate, *_sources(run)),
     )
 
 
 def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> Report:
-    """Return the report of a solved trajectory: verdict, figures, replay, config, versions.
+    """Return the report of a solved trajectory: verdict, replay, figures, config, versions.
 
     Args:
         robot: robot of the run.
@@ -91,7 +92,7 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> R
         result.verdict.outcome.value,
         f"{result.when} · {robot.name} · {result.method}: {result.status.replace('_', ' ')}",
         result.verdict.reasons,
-        (merit, *_replayed(partial(trajectory_page, robot, run)), shown, *_sources(run)),
+        (*_replayed(partial(trajectory_page, robot, run)), merit, shown, *_sources(run)),
     )
 
 
@@ -115,8 +116,8 @@ def _figures(drawings: Mapping[str, Drawing]) -> tuple[Block, ...]:
 
 def _events(explanation: Explanation) -> Table:
     rows = [
-        (each.start_s, f"{each.start_s:.3f}", f"{1e3 * (each.end_s - each.start_s):.0f}", each.kind.value, each.words)
-        for each in explanation.events
+        (each.start_s, f"{each.start_s:.3f}", f"{1e3 * each.lasting_s:.0f}", each.kind.value, each.words)
+        for each in event_lines(explanation.events)
     ]
     if explanation.failed_s is not None:
         rows.append((explanation.failed_s, f"{explanation.failed_s:.3f}", "", "failure", explanation.failure))
@@ -131,7 +132,7 @@ def _nearest(explanation: Explanation) -> Table:
         name = f"{each.name} / {each.unit}" if each.unit else each.name
         when = "" if each.time_s is None else f"{each.time_s:.3f}"
         rows.append((name, each.subject, when, *map(figure_number, (each.value, each.limit, each.margin))))
-        marks.append("bad" if each.margin < 0.0 else "")
+        marks.append("bad" if each.broken else "")
     return Table(("quantity", "where", "at / s", "value", "limit", "margin"), rows, marks)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Gate, Run, RunLog, RunResult, compute_metrics, judge
-from lgmpc.runs.events import Event, EventKind
+from lgmpc.runs import Gate, Outcome, Run, RunLog, RunResult, compute_metrics, judge
+from lgmpc.runs.events import Event, EventKind, event_lines
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.runs.limited import JointLimits, gate_figures
 
@@ -208,3 +208,39 @@ def test_a_limit_of_zero_is_a_limit(explain: Explain) -> None:
     found = explain(edit, Gate(max_slip_m=0.0))
     assert found.failed_s == pytest.approx(0.6)
     assert found.failure == "the slip of HL went beyond its limit of 0 mm"
+
+
+def slide(arrays: dict[str, np.ndarray]) -> None:
+    """A foot slides by 20 mm at 0.6 s, and the capture point leaves the support for a while."""
+    arrays["contact_points"][600:, 2, 0] -= 0.02
+    arrays["momentum"][400:450, 1] = 2.5 * 1.5
+
+
+def test_only_limits_of_the_gate_are_broken(explain: Explain) -> None:
+    passed = explain(slide, Gate(max_slip_m=None))
+    assert passed.outcome is Outcome.PASS
+    assert not any(each.broken for each in passed.nearest)
+    assert "slip" not in [each.name for each in passed.nearest]
+    assert named(passed, "slip").words.startswith("feet slid by up to 20 mm")  # what happened is told
+    (capture,) = [each for each in passed.nearest if each.name == "capture point"]
+    assert capture.margin < 0.0 and not any(each in passed.summary[-1] for each in ("slip", "capture point"))
+    failed = explain(slide, Gate(max_slip_m=0.01))
+    assert failed.outcome is Outcome.FAIL
+    assert [each.name for each in failed.nearest if each.broken] == ["slip"]
+
+
+def test_periodic_events_are_one_line() -> None:
+    def event(start: float, length: float, kind: EventKind, name: str) -> Event:
+        return Event(start, start + length, kind, name, f"{name} at {start:g}")
+
+    pushes = [event(1.0 + k, 0.2, EventKind.CAUSE, "push") for k in range(4)]
+    limits = [event(1.1 + 0.3 * k, 0.05 if k == 3 else 0.01, EventKind.LIMIT, "torque") for k in range(8)]
+    slips = [event(1.2, 0.1, EventKind.CONTACT, "slip")]
+    lines = event_lines(sorted([*pushes, *limits, *slips], key=lambda each: each.start_s))
+    assert [line.words for line in lines] == [
+        "push at 1",
+        "torque at 2 (at 2.000 s, the longest of 8 until 3.210 s)",
+        "slip at 1.2",
+        *(f"push at {k}" for k in (2, 3, 4)),
+    ]
+    assert lines[1].start_s == pytest.approx(1.1) and lines[1].lasting_s == pytest.approx(0.12)

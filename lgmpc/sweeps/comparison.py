@@ -49,6 +49,7 @@ class Quantity:
         worsening: worsening from first to second as a share of the gate's limit (runs) or of the first mean (sweeps).
             Negative for an improvement; ``None`` where it is not judged.
         worse: whether the worsening exceeds the margin and, for sweeps, is significant.
+        limit: the gate's limit, of which the worsening is a share; ``None`` for a share of the first value.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Quantity:
     difference: Estimate | None = None
     worsening: float | None = None
     worse: bool = False
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -138,10 +140,10 @@ def _compare_runs(
 ) -> tuple[Quantity, ...]:
     a, b = _measured(first), _measured(second)
     limits = _limits(first)
-    found = [
-        _judged(name, _at_limit(first, name), _at_limit(second, name), abs(limit), margin, higher=name[:4] == "min_")
-        for name, limit in limits.items()
-    ]
+    found = []
+    for name, limit in limits.items():
+        sides = _at_limit(first, name), _at_limit(second, name)
+        found.append(replace(_judged(name, *sides, abs(limit), margin, higher=name[:4] == "min_"), limit=limit))
     for name in dict.fromkeys([*a, *b]):
         x, y = a.get(name), b.get(name)
         if name in judged:
@@ -236,7 +238,11 @@ def _differences(first: Any, second: Any) -> tuple[Difference, ...]:
 
 
 def _sentence(quantity: Quantity) -> str:
-    share = quantity.worsening
-    much = "" if share is None or math.isinf(share) else f", worse by {100.0 * share:.3g} %"
+    first, second, share, limit = quantity.first, quantity.second, quantity.worsening, quantity.limit
+    much = ""
+    if limit is not None and first and second and first * second > 0.0:
+        much = f", {second / first:.3g} times as much"
+    if share is not None and not math.isinf(share):
+        much += f", worse by {100.0 * share:.3g} %" + ("" if limit is None else f" of the limit of {limit:.4g}")
     interval = "" if quantity.difference is None else f" (mean difference in pairs {quantity.difference})"
     return f"{quantity.name}: {quantity.first:.4g} became {quantity.second:.4g}{much}{interval}"

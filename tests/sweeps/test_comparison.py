@@ -112,3 +112,14 @@ def test_what_cannot_be_compared_is_refused(save: Save, runs: dict[str, Path], t
         compare_folders(sweep, empty.path)
     with pytest.raises(RunFolderError, match="does not exist"):
         compare_folders(tmp_path / "none", runs["same"])
+
+
+def test_a_worsening_is_told_as_a_ratio_and_as_a_share_of_the_limit(runs: dict[str, Path]) -> None:
+    found = compare_folders(runs["same"], runs["heavy"], margin=1e-4)
+    error = next(each for each in found.quantities if each.name == "max_com_error_m")
+    assert error.first and error.second and error.worsening
+    (reason,) = [each for each in found.reasons if each.startswith("max_com_error_m: ")]
+    ratio, share = error.second / error.first, 100.0 * error.worsening
+    assert reason.endswith(
+        f" became {error.second:.4g}, {ratio:.3g} times as much, worse by {share:.3g} % of the limit of 0.1"
+    )

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,6 +45,12 @@ _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Colours of the first and the second curve on the time line."""
 
 _FRAME_HEIGHT = 480  # px, in notebooks
+
+CONNECTIONS = 16
+"""Largest number of open connections of a server; a browser opens up to six."""
+
+IDLE_S = 5.0
+"""Time without data after which a server closes a connection, s."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +186,10 @@ def serve_page(
 class PageServer:
     """Context manager that serves one page to this machine.
 
+    Requests whose ``Host`` is another name than this machine's are refused: a page of another site whose name resolves
+    to 127.0.0.1 could otherwise read the answer. At most :data:`CONNECTIONS` are open, each for
+    :data:`IDLE_S` without data.
+
     Args:
         page: the page.
         port: TCP port; 0 = any free one.
@@ -191,10 +202,17 @@ class PageServer:
         content = page.encode("utf-8")
 
         class Handler(BaseHTTPRequestHandler):
+            timeout = IDLE_S
+
             def do_GET(self) -> None:  # the name that the standard library requires
-                found = self.path in ("/", "/index.html")
-                body = content if found else b"not found"
-                self.send_response(200 if found else 404)
+                port = self.server.server_address[1]
+                known = [f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")]
+                status, body = 200, content
+                if self.headers.get("Host", "").lower() not in known:
+                    status, body = 403, f"unknown Host; this page is at http://{known[0]}/".encode()
+                elif self.path not in ("/", "/index.html"):
+                    status, body = 404, b"not found"
+                self.send_response(status)
                 self.send_header("Content-Type", "text/html; charset=utf-8")
                 self.send_header("Content-Length", str(len(body)))
                 self.end_headers()
@@ -205,7 +223,7 @@ class PageServer:
                 """Print nothing."""
 
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+            self._server = _BoundedServer(("127.0.0.1", port), Handler)
         except (OSError, OverflowError) as error:
             reason = reason_of(error) if isinstance(error, OSError) else "out of range"
             raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
@@ -224,6 +242,28 @@ class PageServer:
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
+
+
+class _BoundedServer(ThreadingHTTPServer):
+    """A server with a thread for each of at most :data:`CONNECTIONS` connections; further ones are closed."""
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._free = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer a request in a thread, if one is free."""
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer a request."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
 
 
 def _viewer_folder() -> Path:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
+import http.client
 import os
 import re
 import signal
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 from dataclasses import replace
@@ -17,7 +20,7 @@ from lgmpc.errors import InputError, RunFolderError
 from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.runs import Outcome, Verdict
 from lgmpc.runs.log import CHANNELS
-from lgmpc.viz.page import PageServer, serve_page, write_page
+from lgmpc.viz.page import CONNECTIONS, PageServer, serve_page, write_page
 from lgmpc.viz.replay import replay_page
 
 from .test_scene import unpack
@@ -137,6 +140,50 @@ def test_the_server_serves_this_machine_only() -> None:
             PageServer("x", port)
     with pytest.raises(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
         pass
+
+
+def ask(port: int, host: str | None) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    connection.putrequest("GET", "/", skip_host=True)
+    if host is not None:
+        connection.putheader("Host", host)
+    connection.endheaders()
+    with contextlib.closing(connection):
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+
+def test_the_server_answers_to_this_machines_names_only() -> None:
+    """Another site's page whose name resolves to 127.0.0.1 (DNS rebinding) must not read the run."""
+    with PageServer("<html>secret") as server:
+        port = server._server.server_address[1]
+        for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"LocalHost:{port}", f"[::1]:{port}"):
+            assert ask(port, host) == (200, b"<html>secret")
+        for other in (
+            f"evil.example:{port}",
+            "localhost",
+            f"127.0.0.1:{port + 1}",
+            f"localhost:{port}.evil.example",
+            "",
+            None,
+        ):
+            status, body = ask(port, other)
+            assert status == 403 and b"secret" not in body
+
+
+def test_idle_connections_are_bounded_and_closed(monkeypatch) -> None:
+    monkeypatch.setattr("lgmpc.viz.page.IDLE_S", 0.5)
+    before = threading.active_count()
+    with PageServer("<html>") as server, contextlib.ExitStack() as stack:
+        port = server._server.server_address[1]
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5)) for _ in range(60)]
+        closed = [each.recv(1) for each in idle]  # those beyond the bound at once, the others after the time
+        assert closed == [b""] * 60
+        assert threading.active_count() - before <= CONNECTIONS + 1
+        deadline = time.monotonic() + 5.0
+        while threading.active_count() - before > 1 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert ask(port, f"localhost:{port}")[0] == 200
 
 
 def test_a_port_that_cannot_be_is_refused() -> None:

@@ -247,8 +247,8 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
         judged = gate.min_base_height_fraction is not None or gate.min_base_height_m is not None
-        arrays = (np.broadcast_to(each, height.shape) for each in (low, height - low, height[0] - low))
-        yield Limited("base height", "mm", ("",), height, *arrays, judged)
+        limits, scale = (np.broadcast_to(each, height.shape) for each in (low, height[0] - low))
+        yield Limited("base height", "mm", ("",), height, limits, height - low, scale, judged)
         if gate.max_displacement_m is not None:
             home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
             moved = 1e3 * np.linalg.norm(base[:, :3] - home, axis=1)[:, None]

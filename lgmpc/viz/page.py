@@ -205,8 +205,8 @@ class PageServer:
             timeout = IDLE_S
 
             def do_GET(self) -> None:  # the name that the standard library requires
-                port = self.server.server_address[1]
-                known = [f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")]
+                bound = self.connection.getsockname()[1]
+                known = [f"{name}:{bound}" for name in ("127.0.0.1", "localhost", "[::1]")]
                 status, body = 200, content
                 if self.headers.get("Host", "").lower() not in known:
                     status, body = 403, f"unknown Host; this page is at http://{known[0]}/".encode()

@@ -122,8 +122,8 @@ def _show(console: Console, finished: FinishedSweep, summary: Summary, figure: P
         words = f"  {summary.name}: the same command with --resume continues"
         console.print(Text.assemble(("INTERRUPTED", "bold yellow"), words))
         return
-    word, style = ("PASS", "bold green") if summary.passed else ("FAIL", "bold red")
-    console.print(Text.assemble((word, style), f"  {summary.name}: {summary.finished} of {summary.total} points"))
+    style = {"pass": "bold green", "fail": "bold red", "done": "bold"}[summary.verdict]
+    console.print(Text.assemble((summary.verdict.upper(), style), f"  {summary.name}: {summary.count}"))
     for complaint in summary.complaints:
         console.print(Text(f"  - {complaint}"))
     if not quiet:

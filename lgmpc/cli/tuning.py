@@ -41,18 +41,22 @@ def tune_shown(
     """Tune, print the gain, and return the exit code: 0 if there is one on the held-out points."""
     problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
     folder = folder or Path("tuning") / source.stem
-    with counting_display(err(), trials, "trials", _state, quiet=quiet) as display:
-        found = tune(
-            problem,
-            folder,
-            trials=trials,
-            seed=seed,
-            workers=workers,
-            resume=resume,
-            command=shlex.join(["lgmpc", *sys.argv[1:]]),
-            notify=display.announce,
-            progress=display.advance,
-        )
+    try:
+        with counting_display(err(), trials, "trials", _state, quiet=quiet) as display:
+            found = tune(
+                problem,
+                folder,
+                trials=trials,
+                seed=seed,
+                workers=workers,
+                resume=resume,
+                command=shlex.join(["lgmpc", *sys.argv[1:]]),
+                notify=display.announce,
+                progress=display.advance,
+            )
+    except Interrupted as error:
+        _show_interrupted(0)
+        return error.exit_code
     gained = _gained(problem, found)
     if as_json:
         signal = None if found.signal is None else found.signal.name
@@ -61,10 +65,14 @@ def tune_shown(
     else:
         _show(out(), problem, found, gained=gained)
     if found.signal is not None:
-        words = f"INTERRUPTED  after {found.trials} trials: the same command with --resume continues"
-        err().print(Text(words, "bold yellow"))
+        _show_interrupted(found.trials)
         return Interrupted(found.signal).exit_code
     return 0 if gained else 1
+
+
+def _show_interrupted(trials: int) -> None:
+    words = f"INTERRUPTED  after {trials} trials: the same command with --resume continues"
+    err().print(Text(words, "bold yellow"))
 
 
 def _gained(problem: TuningProblem, found: Tuned) -> bool:

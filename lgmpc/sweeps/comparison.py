@@ -46,19 +46,19 @@ class Quantity:
         first: value of the first side; for sweeps the mean over the pairs.
         second: value of the second side.
         difference: for sweeps the mean difference in pairs.
-        worsening: worsening from first to second as a share of the gate's limit (runs) or of the first mean (sweeps).
-            Negative for an improvement; ``None`` where it is not judged.
+        limit: for runs the gate's limit; ``None`` if it has none.
+        worsening: worsening from first to second as a share of the limit or, without one, of the first value. Negative
+            for an improvement; ``None`` where it is not judged.
         worse: whether the worsening exceeds the margin and, for sweeps, is significant.
-        limit: the gate's limit, of which the worsening is a share; ``None`` for a share of the first value.
     """
 
     name: str
     first: float | None
     second: float | None
     difference: Estimate | None = None
+    limit: float | None = None
     worsening: float | None = None
     worse: bool = False
-    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -111,19 +111,19 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         metrics: further metrics to judge, relative to the first's value.
 
     Raises:
-        InputError: a margin below 0, an unknown metric, or a run against a sweep.
+        InputError: a margin below 0, an unknown metric, or two folders of different kinds: sweep, run of a closed
+            loop, solved problem.
         RunFolderError: a folder is not that of a run or of a sweep, or two sweeps have no point in common.
     """
     if not 0.0 <= margin < math.inf:
         raise InputError("margin", margin, "a number, 0 or above")
-    if is_sweep(first) != is_sweep(second):
-        kinds = ["a sweep" if is_sweep(each) else "a run" for each in (first, second)]
-        raise InputError("B", f"{kinds[1]} ({second})", f"{kinds[0]}, as A is")
-    if is_sweep(first):
+    a, b = (None if is_sweep(each) else RunFolder.load_any(each) for each in (first, second))
+    if type(a) is not type(b):
+        raise InputError("B", f"{_kind(b)} ({second})", f"{_kind(a)}, as A is")
+    if a is None or b is None:
         differences, quantities = _compare_sweeps(first, second, margin, metrics)
         reasons: list[str] = []
     else:
-        a, b = RunFolder.load_any(first), RunFolder.load_any(second)
         differences = _differences(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json"))
         quantities = _compare_runs(a, b, margin, metrics)
         failed = a.result.verdict.passed and not b.result.verdict.passed
@@ -135,33 +135,40 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
     return Comparison(str(first), str(second), margin, differences, quantities, tuple(reasons))
 
 
+def _kind(side: Run | SolvedRun | None) -> str:
+    if side is None:
+        return "a sweep"
+    return "a solved problem" if isinstance(side, SolvedRun) else "the run of a closed loop"
+
+
 def _compare_runs(
     first: Run | SolvedRun, second: Run | SolvedRun, margin: float, judged: Sequence[str]
 ) -> tuple[Quantity, ...]:
     a, b = _measured(first), _measured(second)
     limits = _limits(first)
-    found = []
-    for name, limit in limits.items():
-        sides = _at_limit(first, name), _at_limit(second, name)
-        found.append(replace(_judged(name, *sides, abs(limit), margin, higher=name[:4] == "min_"), limit=limit))
+    found = [
+        _judged(name, _at_limit(first, name), _at_limit(second, name), margin, limit, higher=name[:4] == "min_")
+        for name, limit in limits.items()
+    ]
     for name in dict.fromkeys([*a, *b]):
         x, y = a.get(name), b.get(name)
         if name in judged:
-            found.append(_judged(name, x, y, abs(x or 0.0), margin, higher=higher_is_better(name)))
+            found.append(_judged(name, x, y, margin, higher=higher_is_better(name)))
         elif not {f"max_{name}", f"min_{name}", name} & limits.keys():
             found.append(Quantity(name, x, y))
     return tuple(found)
 
 
 def _judged(
-    name: str, first: float | None, second: float | None, scale: float, margin: float, *, higher: bool
+    name: str, first: float | None, second: float | None, margin: float, limit: float | None = None, *, higher: bool
 ) -> Quantity:
-    """Return the comparison of two values; where the scale is zero, any worsening exceeds the margin."""
+    """Return the comparison of two values; where what it is relative to is zero, any worsening exceeds the margin."""
     if name.endswith(("_ms", "real_time_factor")) or "_ms." in name or first is None or second is None:
         return Quantity(name, first, second)
     worsening = first - second if higher else second - first
+    scale = abs(first if limit is None else limit)
     share = worsening / scale if scale > 0.0 else math.inf if worsening > 0.0 else 0.0
-    return Quantity(name, first, second, worsening=share, worse=share > margin)
+    return Quantity(name, first, second, limit=limit, worsening=share, worse=share > margin)
 
 
 def _measured(run: Run | SolvedRun) -> dict[str, float | None]:
@@ -211,7 +218,7 @@ def _paired(name: str, values: Sequence[tuple[_Values, _Values]], margin: float,
     if not judge:
         return Quantity(name, first, second, change)
     higher = higher_is_better(name)
-    shift = _judged(name, first, second, abs(first), margin, higher=higher)
+    shift = _judged(name, first, second, margin, higher=higher)
     beyond_chance = change.high < 0.0 if higher else change.low > 0.0
     return replace(shift, difference=change, worse=shift.worse and beyond_chance)
 
@@ -243,6 +250,6 @@ def _sentence(quantity: Quantity) -> str:
     if limit is not None and first and second and first * second > 0.0:
         much = f", {second / first:.3g} times as much"
     if share is not None and not math.isinf(share):
-        much += f", worse by {100.0 * share:.3g} %" + ("" if limit is None else f" of the limit of {limit:.4g}")
+        much += f", worse by {100.0 * share:.3g} %" + (" of A's" if limit is None else f" of the limit of {limit:.4g}")
     interval = "" if quantity.difference is None else f" (mean difference in pairs {quantity.difference})"
     return f"{quantity.name}: {quantity.first:.4g} became {quantity.second:.4g}{much}{interval}"

@@ -57,8 +57,8 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
     summary = summarize(sweep, rows)
     report = Report(
         summary.name,
-        "pass" if summary.passed else "fail",
-        f"sweep of {', '.join(sweep.settings.base)} · {summary.finished} of {summary.total} points",
+        summary.verdict,
+        f"sweep of {', '.join(sweep.settings.base)} · {summary.count}",
         summary.complaints,
         tuple(_sections(folder, sweep, rows, summary)),
     )

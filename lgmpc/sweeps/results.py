@@ -44,7 +44,7 @@ class Results:
         whole = added[: added.rfind(b"\n") + 1]
         lines = whole.splitlines()
         for number, line in enumerate(lines, self._lines + 1):
-            row = Row.from_json(line.decode("utf-8", "replace"), f"{self._file}:{number}")
+            row = Row.from_json(line, f"{self._file}:{number}")
             self._rows[row.key] = row
         self._lines += len(lines)
         self._read += len(whole)

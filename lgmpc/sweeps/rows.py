@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.atomic import json_values
+from lgmpc.settings.messages import show_value
 
 __all__ = ["Ending", "Row"]
 
@@ -79,25 +80,23 @@ class Row:
         return self.ending is Ending.PASS
 
     def to_json(self) -> str:
-        """Return the row as one line of JSON."""
-        content = asdict(self)
-        content["metrics"] = json_values(self.metrics)
-        return json.dumps(content, allow_nan=False)
+        """Return the row as one line of JSON, with null for NaN and infinity."""
+        return _ROW.dump_json(self).decode()
 
     @classmethod
-    def from_json(cls, line: str, source: str) -> Row:
+    def from_json(cls, line: bytes, source: str) -> Row:
         """Read a line; ``source`` names it in errors.
 
         Raises:
             RunFolderError: if it is not a row.
         """
         try:
-            content = json.loads(line)
-            values = {each.name: content[each.name] for each in fields(cls)}
-            values["ending"] = Ending(values["ending"])
-            for name in ("reasons", "violations"):
-                values[name] = tuple(values[name])
-            values["trials"] = tuple((float(value), bool(passed)) for value, passed in values["trials"])
-            return cls(**values)
-        except (ValueError, KeyError, TypeError) as error:
-            raise RunFolderError(f"{source} is not a row of a sweep: {type(error).__name__} {error}") from error
+            return _ROW.validate_json(line, strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            words = ".".join(map(str, first["loc"])) + (": " if first["loc"] else "") + first["msg"]
+            got = "" if first["type"] in ("missing", "json_invalid") else f", got {show_value(first['input'])}"
+            raise RunFolderError(f"{source} is not a row of a sweep: {words}{got}") from error
+
+
+_ROW = TypeAdapter(Row)

@@ -113,6 +113,7 @@ def tune(
         RunFolderError: the folder exists and ``resume`` is false, it contains another tuning, cannot be written, or
             the initial values have no score.
         MissingDependencyError: if optuna is not installed.
+        Interrupted: by a signal before the first trial is finished.
     """
     for name, number in (("trials", trials), ("workers", 1 if workers is None else workers)):
         if number < 1:
@@ -131,6 +132,8 @@ def tune(
                 announce("running the held-out points")
                 held_out = session.compare(pool)
         except Interrupted as error:
+            if not completed_trials(study):
+                raise
             received, held_out = error.signal, None
         finally:
             shutil.rmtree(folder / "scratch", ignore_errors=True)

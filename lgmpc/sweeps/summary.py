@@ -10,7 +10,7 @@ from typing import Any
 from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Ending, Row
-from lgmpc.sweeps.settings import Choice, Directions
+from lgmpc.sweeps.settings import Choice, Directions, Expectation
 from lgmpc.sweeps.statistics import Estimate, mean_difference, median, share
 
 __all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "level_text", "summarize"]
@@ -103,26 +103,42 @@ class Summary:
         name: name of the sweep.
         total: number of points.
         finished: number of finished points.
+        passing: number of points that passed; of a bisection those whose boundary was found.
         groups: groups by base, variant and levels.
         levels: effect of each factor that has several levels, for each base and variant.
         pairings: paired comparisons of variants.
         broken: number of points without a verdict, by reason.
-        complaints: violated conditions of ``expect`` in words; empty if the sweep passed.
+        expecting: whether the sweep's ``expect`` has a condition.
+        complaints: what is missing and violated conditions of ``expect``, in words; empty if the sweep passed.
     """
 
     name: str
     total: int
     finished: int
+    passing: int
     groups: tuple[Group, ...]
     levels: tuple[Level, ...]
     pairings: tuple[Pairing, ...]
     broken: Mapping[str, int]
+    expecting: bool
     complaints: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
         """Whether every point is finished and has a verdict, and the sweep's ``expect`` is satisfied."""
         return not self.complaints
+
+    @property
+    def verdict(self) -> str:
+        """``pass``, ``fail``, or ``done`` where some points did not pass and the sweep expects no share of them to."""
+        if not self.passed:
+            return "fail"
+        return "pass" if self.expecting or self.passing == self.total else "done"
+
+    @property
+    def count(self) -> str:
+        """Sentence on how many points passed."""
+        return f"{self.passing} of {self.total} points passed"
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
@@ -146,10 +162,12 @@ def summarize(sweep: Sweep, rows: Mapping[str, Row]) -> Summary:
         name=sweep.settings.name,
         total=len({point.key for point in sweep.points}),
         finished=len({point.key for point, _ in pairs}),
+        passing=len({point.key for point, row in pairs if row.passed}),
         groups=tuple(_group(labels, members) for labels, members in _grouped(sweep, pairs)),
         levels=tuple(_levels(sweep, pairs)) if sweep.settings.bisect is None else (),
         pairings=tuple(_pairings(sweep, pairs)),
         broken=broken,
+        expecting=sweep.settings.expect != Expectation(),
         complaints=tuple(_complaints(sweep, pairs)),
     )
 

@@ -1,12 +1,14 @@
 """``lgmpc tune``: search, journal, best config, resumption, errors."""
 
 import json
+import signal
 from pathlib import Path
 
 import pytest
 
 from lgmpc.config import load_config
 from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.errors import Interrupted
 
 from .conftest import Invoke
 
@@ -52,6 +54,22 @@ def test_values_that_the_config_refuses_are_trials_without_a_score(invoke: Invok
     rates = ("tune", "solo12_stand", "--keys", "mpc.rate_hz=100:125", "--objective", "com_rms_error_m", *SHORT)
     code, output = invoke(*rates, "--set", "mpc.enabled=true", "--trials", "3")
     assert (code, "3 of 3 trials" in output, "NO GAIN" in output) == (1, True, True)
+
+
+@pytest.mark.parametrize(("number", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_before_the_first_trial_has_its_exit_code(
+    invoke: Invoke, monkeypatch: pytest.MonkeyPatch, number: signal.Signals, expected: int
+) -> None:
+    def interrupted(*_: object) -> object:
+        raise Interrupted(number)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("lgmpc.sweeps.study._Session.search", interrupted)
+        code, output = invoke(*TUNE, "--trials", "2")
+    assert code == expected
+    assert "INTERRUPTED  after 0 trials: the same command with --resume continues" in output
+    code, output = invoke(*TUNE, "--trials", "1", "--resume")
+    assert (code, "1 of 1 trials" in output) == (1, True)
 
 
 def test_bad_input_is_one_error_with_key_and_remedy(invoke: Invoke) -> None:

@@ -18,6 +18,8 @@ def test_the_boundary_is_found_from_below_to_the_tolerance() -> None:
     assert 3.2 - 0.01 <= found.value <= 3.2
     assert len(found.trials) == 2 + 10  # both ends, and ten halvings of 7.5
     assert all(passed == (value <= 3.2) for value, passed in found.trials)
+    exact = bisect(lambda x: x <= 3.2, settings(range=(0.0, 8.0), tolerance=1.0))
+    assert (exact.value, len(exact.trials)) == (3.0, 2 + 3)  # an interval as wide as the tolerance is the last
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,15 @@ def test_probes_find_what_is_not_monotonic() -> None:
     assert found.violations
     assert all(1.0 < value < 1.5 for value in found.violations)
     assert bisect(lambda x: x <= 3.0, settings(probes=9)).violations == ()
+
+
+def test_probes_divide_the_range_below_the_boundary_evenly() -> None:
+    tried: list[float] = []
+    found = bisect(lambda x: tried.append(x) or x <= 3.2, settings(range=(-1.0, 8.0), probes=4))
+    assert found.value is not None
+    width = (found.value + 1.0) / 5.0
+    assert tried[-4:] == pytest.approx([-1.0 + width, -1.0 + 2.0 * width, -1.0 + 3.0 * width, -1.0 + 4.0 * width])
+    assert [value for value, _ in found.trials] == tried
 
 
 def test_a_tolerance_below_the_resolution_of_numbers_ends_the_search() -> None:

@@ -1,13 +1,16 @@
 """Two runs, and two sweeps, side by side."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from documents import ARM
 
 from lgmpc.config import load_config
-from lgmpc.config.execution import run_config
+from lgmpc.config.execution import run_config, solve_config
+from lgmpc.config.loading import parse_solve_config
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.sweeps import Ending, Row
 from lgmpc.sweeps.comparison import compare_folders
@@ -42,6 +45,9 @@ def test_what_the_gate_limits_is_judged_relative_to_the_limit(runs: dict[str, Pa
     assert [(each.key, each.first, each.second) for each in found.differences] == [("plant.mass_scale", 1.0, 3.0)]
     error = next(each for each in found.quantities if each.name == "max_com_error_m")
     assert error.first is not None and error.second is not None and error.worsening is not None
+    assert error.limit == 0.1
+    (reason,) = (each for each in found.reasons if each.startswith("max_com_error_m"))
+    assert reason.endswith(f"worse by {100.0 * error.worsening:.3g} % of the limit of 0.1")
     assert error.worsening == pytest.approx((error.second - error.first) / 0.1)
     assert error.worse and any(reason.startswith("max_com_error_m: ") for reason in found.reasons)
     assert not compare_folders(runs["heavy"], runs["same"], margin=0.0).worse
@@ -57,7 +63,7 @@ def test_a_run_that_fails_where_the_other_passed_is_worse(runs: dict[str, Path])
 
 def test_a_metric_is_judged_on_request(runs: dict[str, Path]) -> None:
     found = compare_folders(runs["same"], runs["heavy"], margin=0.1, metrics=["max_abs_torque_nm"])
-    assert any(reason.startswith("max_abs_torque_nm: ") for reason in found.reasons)
+    assert any(re.fullmatch(r"max_abs_torque_nm: .*, worse by .* % of A's", reason) for reason in found.reasons)
     with pytest.raises(InputError, match="Did you mean max_abs_torque_nm"):
         compare_folders(runs["same"], runs["heavy"], metrics=["max_abs_torqe_nm"])
 
@@ -101,9 +107,21 @@ def test_a_share_that_drops_beyond_chance_is_worse(save: Save) -> None:
     assert not compare_folders(after, before).worse
 
 
+def test_a_solved_problem_is_compared_with_its_like_only(
+    runs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    solved = solve_config(parse_solve_config(ARM), tmp_path).folder.path
+    with pytest.raises(InputError, match="B: got the run of a closed loop .*; expected a solved problem, as A is"):
+        compare_folders(solved, runs["same"])
+    with pytest.raises(InputError, match="B: got a solved problem .*; expected the run of a closed loop, as A is"):
+        compare_folders(runs["same"], solved)
+    assert not compare_folders(solved, solved).worse
+
+
 def test_what_cannot_be_compared_is_refused(save: Save, runs: dict[str, Path], tmp_path: Path, parse: Parse) -> None:
     sweep = save("a", lambda i: True, float)
-    with pytest.raises(InputError, match="B: got a run"):
+    with pytest.raises(InputError, match="B: got the run of a closed loop .*; expected a sweep, as A is"):
         compare_folders(sweep, runs["same"])
     with pytest.raises(InputError, match="margin: got -0.1"):
         compare_folders(sweep, sweep, margin=-0.1)

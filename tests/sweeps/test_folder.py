@@ -1,5 +1,6 @@
 """The folder of a sweep: lines complete after kills, claims, kept logs."""
 
+import json
 import os
 import subprocess
 import sys
@@ -78,14 +79,36 @@ Results(Path({str(file)!r})).append(Row("b", Ending.PASS))
     assert set(Results(file).rows()) == {"a", "c"}
 
 
-def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"key": 1}, "key: .*string, got 1"),
+        ({"ending": "gone"}, "ending: .*'died', got the text 'gone'"),
+        ({"reasons": "why"}, "reasons: .*, got the text 'why'"),
+        ({"metrics": [1.0]}, "metrics: .*object"),
+        ({"metrics": {"max_tilt_deg": "much"}}, "metrics.max_tilt_deg: .*number, got the text 'much'"),
+        ({"boundary": [1.0]}, "boundary: .*number"),
+        ({"trials": [[1.0]]}, "trials.0.1: Field required"),
+        ({"levels": 3}, "levels: .*object"),
+        ({"draw": 1.5}, "draw: .*integer, got 1.5"),
+    ],
+)
+def test_a_damaged_line_is_named(tmp_path: Path, change: dict[str, object], words: str) -> None:
     results = Results(tmp_path / "results.jsonl")
     results.append(Row("a", Ending.PASS))
     assert set(results.rows()) == {"a"}
+    line = json.loads(Row("b", Ending.PASS).to_json()) | change
     with (tmp_path / "results.jsonl").open("a") as file:
-        file.write("{}\n")
-    with pytest.raises(RunFolderError, match=r"results\.jsonl:2 is not a row of a sweep: KeyError"):
+        file.write(json.dumps(line) + "\n")
+    with pytest.raises(RunFolderError, match=rf"results\.jsonl:2 is not a row of a sweep: {words}"):
         results.rows()
+
+
+@pytest.mark.parametrize("line", [b"{}", b"[1]", b"\xff", b"nothing"])
+def test_a_line_that_is_no_row_is_named(tmp_path: Path, line: bytes) -> None:
+    (tmp_path / "results.jsonl").write_bytes(line + b"\n")
+    with pytest.raises(RunFolderError, match=r"results\.jsonl:1 is not a row of a sweep: "):
+        Results(tmp_path / "results.jsonl").rows()
 
 
 def test_an_existing_folder_is_opened_only_on_request_and_only_by_its_sweep(tmp_path: Path, parse: Parse) -> None:

@@ -70,10 +70,29 @@ def test_shares_levels_and_pairs(parse: Parse) -> None:
     assert level_table(found).rows[1][:4] == ("plant.friction", "0.4", "b", "1")
     tilt = next(each for each in found.pairings if each.quantity == "max_tilt_deg")
     assert (tilt.variant, tilt.against, tilt.difference.value) == ("b", "a", ((1 - 0) + (9 - 4)) / 2)
-    assert found.passed
+    assert (found.passed, found.verdict, found.count) == (True, "pass", "3 of 4 points passed")
     assert found.content()["groups"][1]["endings"] == {"fail": 1}
     unpaired = parse(VARIED + "paired: false\n")
     assert summarize(unpaired, rows(unpaired, *[Ending.PASS] * 4)).pairings == ()
+
+
+@pytest.mark.parametrize(
+    ("expect", "endings", "verdict", "count"),
+    [
+        ("", [Ending.PASS] * 4, "pass", "4 of 4 points passed"),
+        ("", [Ending.FAIL, *[Ending.PASS] * 3], "done", "3 of 4 points passed"),
+        ("expect: {min_pass_fraction: 0.7}", [Ending.FAIL, *[Ending.PASS] * 3], "pass", "3 of 4 points passed"),
+        ("expect: {min_pass_fraction: 0.8}", [Ending.FAIL, *[Ending.PASS] * 3], "fail", "3 of 4 points passed"),
+        ("", [Ending.RAISED, *[Ending.PASS] * 3], "fail", "3 of 4 points passed"),
+        ("", [Ending.PASS] * 3, "fail", "3 of 4 points passed"),
+    ],
+)
+def test_the_verdict_says_what_is_true(
+    parse: Parse, expect: str, endings: list[Ending], verdict: str, count: str
+) -> None:
+    sweep = parse(VARIED.partition("expect")[0] + expect)
+    found = summarize(sweep, rows(sweep, *endings))
+    assert (found.verdict, found.count, found.passed) == (verdict, count, verdict != "fail")
 
 
 def test_drawn_numbers_are_shown_in_bins_of_equal_count(parse: Parse) -> None:

@@ -456,7 +456,7 @@ def test_whole_entry_that_does_not_load_is_built_again(cache: Path, caplog: pyte
     entry.unlink()
     foreign = cache / "foreign"
     foreign.write_bytes(b"made for another machine")
-    foreign.rename(cache / f"{entry.stem.rpartition('-')[0]}-{_digest(foreign)}.so")
+    foreign.rename(cache / f"{entry.stem.rpartition('-')[0]}-{_digest(foreign.read_bytes())}.so")
     with caplog.at_level(logging.WARNING, "lgmpc.compile"):
         assert compile_function(shift_function())(1.0)[0][0] == 2.0
     assert "does not load" in caplog.text

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import os
+import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -18,11 +22,13 @@ import pinocchio as pin
 import pytest
 
 import lgmpc
+import lgmpc.compile.content as content
 import lgmpc.compile.index as index
 from lgmpc.actions import CentroidalAction, ContactForwardDynamics
-from lgmpc.compile import BatchKernel, CompiledFunction, StageKernel, compile_function, compile_map, recall
+from lgmpc.compile import BatchKernel, CompiledFunction, StageKernel, cached, compile_function, compile_map
 from lgmpc.costs import CostItem, Parameter, ParameterLayout
 from lgmpc.costs.library import CoMPosition
+from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.wbc.settings import Gain
 from lgmpc.wbc.tasks import SymbolicTask
@@ -38,7 +44,9 @@ def cache(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache for one test, and sources that are known."""
     monkeypatch.setattr(index, "_changed", lambda: False)
     index._sources.cache_clear()
-    monkeypatch.setattr(index, "_IDENTIFIED", index._IDENTIFIED | {__name__.partition(".")[0]})
+    here = __name__.partition(".")[0]
+    monkeypatch.setattr(content, "_IDENTIFIED", content._IDENTIFIED | {here})
+    monkeypatch.setattr(content, "_PLAIN", re.compile(f"{content._PLAIN.pattern}|{here}"))
     written.clear()
     return empty_cache
 
@@ -81,9 +89,9 @@ def test_what_was_written_once_is_not_written_again(kind: type[StageKernel]) -> 
     assert written == [3.0]
 
 
-def test_recalled_kernels_share_no_memory() -> None:
+def test_cached_kernels_share_no_memory() -> None:
     def made() -> CompiledFunction:
-        return recall(_compiled, 2.0)
+        return cached(_compiled, 2.0)
 
     first, second = made(), made()
     first.input("x")[:] = 1.0
@@ -142,7 +150,7 @@ def test_a_robot_is_the_same_wherever_its_files_are(robot: Robot) -> None:
 
 
 def _entries() -> list[str]:
-    folder = Path(os.environ["LGMPC_CACHE_DIR"], "index")
+    folder = Path(os.environ["LGMPC_CACHE_DIR"], "kernels")
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
@@ -152,7 +160,7 @@ def test_structure_is_in_the_key() -> None:
         sizes = BatchKernel.of(values, CentroidalAction(contacts, facets)).output_sizes
         assert sizes["constraint"] == contacts * (facets + 1)
     assert written == shapes
-    horizons = [recall(_compiled_horizon, 2.0, nodes).input("x").shape for nodes in (3, 4, 3)]
+    horizons = [cached(_compiled_horizon, 2.0, nodes).input("x").shape for nodes in (3, 4, 3)]
     assert horizons == [(3, 2), (4, 2), (3, 2)]
 
 
@@ -211,10 +219,16 @@ def test_results_that_were_computed_before_are_no_part_of_the_key(robot: Robot) 
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
     fresh, used = CentroidalAction(4, 4), CentroidalAction(4, 4)
     assert used.value_function.n_in() == 3
-    assert index._content(recall, (fresh,)) == index._content(recall, (used,)) is not None
-    before = index._content(recall, (dynamics,))
+    assert _data(fresh) == _data(used)
+    before = _data(dynamics)
     dynamics.robot.com(ca.SX.sym("q", robot.nq))
-    assert index._content(recall, (dynamics,)) == before is not None
+    assert _data(dynamics) == before
+
+
+def _data(argument: Any) -> bytes:
+    content = index._content(cached, (argument,))
+    assert content is not None
+    return content.data
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,7 +244,7 @@ def of_foreign(thing: Foreign) -> ca.Function:
 
 
 def test_code_from_outside_the_package_is_written_every_time(monkeypatch: pytest.MonkeyPatch, robot: Robot) -> None:
-    monkeypatch.setattr(index, "_IDENTIFIED", frozenset(index._IDENTIFIED - {__name__.partition(".")[0]}))
+    monkeypatch.setattr(content, "_IDENTIFIED", content._IDENTIFIED - {__name__.partition(".")[0]})
     for _ in range(2):
         assert value(StageKernel.of(of_foreign, Foreign(2.0)), 1.0) == 2.0  # a function and a class
         StageKernel.of(scaled, 4.0)
@@ -240,13 +254,21 @@ def test_code_from_outside_the_package_is_written_every_time(monkeypatch: pytest
     class Mine(CoMPosition):
         """A residual of the user's, derived from one of lgmpc's."""
 
-    assert index._content(recall, (CostItem("mine", Mine()),)) is None
-    assert index._content(recall, (CostItem("own", CoMPosition()),)) is not None
+    assert index._content(cached, (CostItem("mine", Mine()),)) is None
+    assert index._content(cached, (CostItem("own", CoMPosition()),)) is not None
 
 
-@pytest.mark.parametrize("thing", [lambda x: x, ca.SX.sym("x"), ca.MX.sym("x")], ids=["lambda", "SX", "MX"])
-def test_what_has_no_content_is_not_recalled(thing: Any) -> None:
-    assert index._content(recall, (thing,)) is None
+class _Numbers(dict[str, float]):
+    """A container with attributes."""
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [lambda x: x, ca.SX.sym("x"), ca.MX.sym("x"), pin.SE3.Identity(), _Numbers(x=1.0), np.random.default_rng(0)],
+    ids=["lambda", "SX", "MX", "SE3", "dict", "Generator"],
+)
+def test_what_has_no_content_is_not_cached(thing: Any) -> None:
+    assert index._content(cached, (thing,)) is None
 
 
 def test_sources_that_may_have_changed_are_not_indexed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,7 +317,7 @@ def test_a_changed_source_is_another_index(tmp_path: Path) -> None:
 @pytest.mark.parametrize("damage", ["truncated", "altered", "no library", "other library"])
 def test_a_damaged_entry_is_made_again(damage: str, cache: Path) -> None:
     StageKernel.of(scaled, 5.0)
-    (entry,) = [path for path in (cache / "index").rglob("*") if path.is_file()]
+    (entry,) = [path for path in (cache / "kernels").rglob("*") if path.is_file()]
     (library,) = cache.glob("scaled-*.so")
     if damage == "truncated":
         entry.write_bytes(entry.read_bytes()[:-10])
@@ -336,10 +358,109 @@ def test_the_index_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(written) == 12
 
 
-def test_threads_recall_side_by_side() -> None:
+def test_threads_find_kernels_side_by_side() -> None:
     def work(k: int) -> float:
         return value(StageKernel.of(scaled, float(k % 3)), 1.0)
 
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(work, range(48))) == [float(k % 3) for k in range(48)]
     assert set(written) == {0.0, 1.0, 2.0}
+
+
+def test_files_and_folders_are_the_users_alone_whatever_the_umask(cache: Path) -> None:
+    before = os.umask(0)
+    try:
+        StageKernel.of(scaled, 1.0)
+    finally:
+        os.umask(before)
+    folders = [cache, *(path for path in cache.rglob("*") if path.is_dir())]
+    files = [path for path in cache.rglob("*") if path.is_file()]
+    assert {path.stat().st_mode & 0o777 for path in folders} == {0o700}
+    assert {path.stat().st_mode & 0o777 for path in files} == {0o600}
+    assert (len(folders), len(files)) == (3, 2)
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+@pytest.mark.parametrize("fault", ["mode", "owner", "link"])
+def test_folders_that_others_may_write_to_are_refused(depth: int, fault: str, cache: Path, tmp_path: Path) -> None:
+    StageKernel.of(scaled, 1.0)
+    folder = next(iter([cache / "kernels", *(cache / "kernels").iterdir()][depth:]))
+    if fault == "mode":
+        folder.chmod(0o777)
+    elif fault == "link":
+        folder.rename(tmp_path / "elsewhere")
+        folder.symlink_to(tmp_path / "elsewhere")
+    elif os.geteuid() == 0:
+        os.chown(folder, 12345, -1)
+    else:
+        pytest.skip("only root can give a folder away")
+    words = {"mode": "others may write to.*0777", "link": "is a symbolic link", "owner": "another user"}[fault]
+    with pytest.raises(InputError, match=words) as refusal:
+        StageKernel.of(scaled, 1.0)
+    assert str(folder) in str(refusal.value)
+
+
+@pytest.mark.parametrize("what", ["entry", "library"])
+@pytest.mark.parametrize("fault", ["mode", "owner", "link"])
+def test_files_that_others_may_have_written_are_made_again(what: str, fault: str, cache: Path, tmp_path: Path) -> None:
+    StageKernel.of(scaled, 1.0)
+    (path,) = cache.glob("scaled-*.so") if what == "library" else (cache / "kernels").glob("*/*")
+    content = path.read_bytes()
+    if fault == "mode":
+        path.chmod(0o620)
+    elif fault == "link":
+        path.rename(tmp_path / "elsewhere")
+        path.symlink_to(tmp_path / "elsewhere")
+    elif os.geteuid() == 0:
+        os.chown(path, 12345, -1)
+    else:
+        pytest.skip("only root can give a file away")
+    index._load.cache_clear()
+    assert value(StageKernel.of(scaled, 1.0), 1.0) == 1.0
+    assert written == [1.0, 1.0]
+    assert not path.is_symlink() and path.stat().st_mode & 0o777 == 0o600 and path.stat().st_uid == os.geteuid()
+    assert path.read_bytes() == content
+    assert value(StageKernel.of(scaled, 1.0), 1.0) == 1.0
+    assert written == [1.0, 1.0]
+
+
+class _Planted:
+    """Executes code when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return written.append, ("planted",)
+
+
+def test_an_entry_executes_no_code(cache: Path) -> None:
+    StageKernel.of(scaled, 1.0)
+    (entry,) = (path for path in (cache / "kernels").rglob("*") if path.is_file())
+    code = ["code", "builtins:print"]
+    for tree in (code, ["made", "lgmpc.robot.symbolic.model:SymbolicModel", ["tuple", code]], ["original", 0, 0]):
+        text = json.dumps(tree).encode()
+        for data in (len(text).to_bytes(8, "little") + text, pickle.dumps(_Planted())):
+            entry.write_bytes(hashlib.sha256(data).digest() + data)
+            assert value(StageKernel.of(scaled, 1.0), 1.0) == 1.0
+    assert set(written) == {1.0} and len(written) == 7
+
+
+def test_lgmpc_imports_no_pickle() -> None:
+    imports = re.compile(r"^\s*(import|from) (pickle|_pickle|marshal|shelve|joblib)\b", re.MULTILINE)
+    sources = Path(lgmpc.__file__).parent.rglob("*.py")
+    assert [path.name for path in sources if imports.search(path.read_text())] == []
+
+
+def test_a_model_with_infinite_numbers_has_a_content_and_a_kernel(robot: Robot) -> None:
+    mine = _changed(robot, model=robot.model.copy())
+    mine.model.lowerPositionLimit[:] = -np.inf
+    mine.model.upperPositionLimit[0] = np.nan
+    expected = float(height(mine)(robot.q_reference))
+    written.clear()
+    for _ in range(2):
+        assert value(StageKernel.of(height, mine), robot.q_reference) == pytest.approx(expected, rel=1e-15)
+    assert len(written) == 1
+    given = index._content(cached, (mine,)).restored()[1][0]  # type: ignore[union-attr]
+    assert np.array_equal(given.model.lowerPositionLimit, mine.model.lowerPositionLimit)
+    assert _data(mine) == _data(given) != _data(robot)
+    dynamics = ContactForwardDynamics(mine.model, mine.contact_frames)
+    (restored,) = index._content(cached, (dynamics,)).restored()[1]  # type: ignore[union-attr]
+    assert _data(restored) == _data(dynamics)

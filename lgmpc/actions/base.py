@@ -16,7 +16,7 @@ import numpy as np
 
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, at_zero
-from lgmpc.compile import recall
+from lgmpc.compile import cached
 from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.state.base import State
@@ -126,7 +126,7 @@ class Action(ABC):
     @cached_property
     def path_rows(self) -> int:
         """Number of rows of the path constraint."""
-        return recall(_path_rows, self)
+        return cached(_path_rows, self)
 
     @cached_property
     def terminal_value_function(self) -> ca.Function:

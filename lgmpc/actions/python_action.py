@@ -182,8 +182,8 @@ class PythonAction(Action):
         name = f"{self.name}_terminal_quadratic"
         return _Callback(name, self._inputs("x", "p"), shapes, quadratic, self.watch)
 
-    def reduce_to_structure(self) -> Any:
-        """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile.index`).
+    def structural_state(self) -> dict[str, Any]:
+        """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile`).
 
         Raises:
             TypeError: always.

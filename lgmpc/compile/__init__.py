@@ -25,7 +25,7 @@ from lgmpc.compile.build import compile_function, compile_functions, compile_map
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction
-from lgmpc.compile.index import recall
+from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel
 from lgmpc.compile.lanes import SQUARES
 from lgmpc.compile.native import aligned_zeros
@@ -54,5 +54,5 @@ __all__ = [
     "inspect_cache",
     "jit_enabled",
     "map_function",
-    "recall",
+    "cached",
 ]

@@ -31,11 +31,16 @@ __all__ = [
     "inspect_cache",
     "is_whole",
     "make_entry",
+    "private_folder",
+    "read_private",
     "request_key",
+    "write_private",
 ]
 
 _log = logging.getLogger("lgmpc.compile")
 _DIGEST = 16
+_FOLDER_MODE, _FILE_MODE = 0o700, 0o600
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _STALE_S = 24 * 3600.0
 _ATTEMPTS = 3
 """Number of attempts to build a library whose folder is removed meanwhile."""
@@ -78,21 +83,12 @@ def cache_folder() -> Path:
     chosen = os.environ.get("LGMPC_CACHE_DIR", "").strip()
     path = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("lgmpc"))
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
         folder = path.resolve(strict=True)
         info = folder.stat()
     except (OSError, RuntimeError) as error:
         raise _refuse(path, f"which cannot be created or read ({error})", "a folder that you can write to") from error
-    if not folder.is_dir():
-        raise _refuse(path, "which is not a folder", "a folder")
-    if info.st_uid != os.geteuid():
-        raise _refuse(folder, f"which belongs to another user (uid {info.st_uid})", "a folder that you own")
-    if info.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise _refuse(
-            folder,
-            f"which others may write to (mode {stat.S_IMODE(info.st_mode):04o})",
-            f"a folder that only you may write to: chmod 700 '{folder}' if no other user has written to it",
-        )
+    _check_folder(folder, info)
     for parent in folder.parents:
         mode = parent.stat().st_mode
         if mode & (stat.S_IWGRP | stat.S_IWOTH) and not mode & stat.S_ISVTX:
@@ -102,6 +98,60 @@ def cache_folder() -> Path:
                 "a folder in a place that only you may write to",
             )
     return folder
+
+
+def private_folder(folder: Path) -> Path:
+    """Return a folder within the cache, created if necessary and checked as the cache itself is.
+
+    Raises:
+        InputError: it is a symbolic link, or others may write to it.
+        OSError: it cannot be created.
+    """
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=_FOLDER_MODE)
+    _check_folder(folder, folder.lstat())
+    return folder
+
+
+def _check_folder(folder: Path, info: os.stat_result) -> None:
+    if not stat.S_ISDIR(info.st_mode):
+        kind = "a symbolic link" if stat.S_ISLNK(info.st_mode) else "not a folder"
+        raise _refuse(folder, f"which is {kind}", "a folder")
+    if info.st_uid != os.geteuid():
+        raise _refuse(folder, f"which belongs to another user (uid {info.st_uid})", "a folder that you own")
+    if info.st_mode & _OTHERS_WRITE:
+        raise _refuse(
+            folder,
+            f"which others may write to (mode {stat.S_IMODE(info.st_mode):04o})",
+            f"a folder that only you may write to: chmod 700 '{folder}' if no other user has written to it",
+        )
+
+
+def read_private(path: Path) -> bytes | None:
+    """Return the bytes of a file that only this user can have written; None if there is none.
+
+    A symbolic link, another user's file, or one that others may write to is reported to the log.
+    """
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+            info = os.fstat(file.fileno())
+            mode = stat.S_IMODE(info.st_mode)
+            if stat.S_ISREG(info.st_mode) and info.st_uid == os.geteuid() and not mode & _OTHERS_WRITE:
+                return file.read()
+            reason = f"uid {info.st_uid}, mode {mode:04o}"
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        reason = "a symbolic link" if path.is_symlink() else str(error)
+    _log.warning("cache entry %s is not used: others may have written it (%s)", path.name, reason)
+    return None
+
+
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only this user may read, at once: readers see the whole or nothing."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:  # of mode 0600
+        file.write(data)
+    os.replace(file.name, path)
 
 
 def _refuse(folder: Path, what: str, expected: str) -> InputError:
@@ -146,7 +196,7 @@ def make_entry(
     """
     try:
         for _ in range(_ATTEMPTS):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
             with contextlib.suppress(_RemovedError):
                 return _build_entry(folder, name, key, sources, build, waiting)
         raise OSError("another process removes it repeatedly")
@@ -179,7 +229,8 @@ def _build_entry(
                     for file, source in zip(files, sources, strict=True):
                         file.write_text(source)
                     build(files, library)
-                    entry = folder / f"{name}-{key}-{_digest(library)}.so"
+                    library.chmod(_FILE_MODE)
+                    entry = folder / f"{name}-{key}-{_digest(library.read_bytes())}.so"
                     library.replace(entry)
                 except (OSError, CompileError) as error:
                     if not all(file.exists() for file in files):
@@ -208,16 +259,14 @@ def inspect_cache(folder: Path) -> CacheReport:
     return CacheReport(folder, len(libraries), size, tuple(path.name for path in libraries if not is_whole(path)))
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGEST]
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:_DIGEST]
 
 
 def is_whole(path: Path) -> bool:
-    """Return whether a library exists and has the content that its name states."""
-    try:
-        return _digest(path) == path.stem[-_DIGEST:]
-    except OSError:
-        return False
+    """Return whether a library exists, was written by this user and has the content that its name states."""
+    data = read_private(path)
+    return data is not None and _digest(data) == path.stem[-_DIGEST:]
 
 
 def _remove_stale(folder: Path) -> None:
@@ -235,7 +284,7 @@ def _locked(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
     It only saves work: entries are created by an atomic rename, so that two processes that build at once (without file
     locks, or when the lock's file has just been removed) produce the same entry.
     """
-    with path.open("w") as handle:
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, _FILE_MODE), "w") as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

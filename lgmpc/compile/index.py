@@ -1,49 +1,55 @@
-"""Kernels recalled by what they were made from: their expressions are not written again.
+"""Kernels found by what they were made from: their expressions are not written again.
 
 The library of a function is found by the function itself (:mod:`lgmpc.compile.native`), which must have been written
 first: expressions, derivatives, simplification. That takes ten times as long as loading the library. So the cache also
 holds an index from what a function was written from (the robot's model, structural settings) to what was made of it.
 
-An entry cannot be another function's. It is named by a hash of the pickled arguments, of the function that makes it, of
-lgmpc's own sources, of the versions of the libraries that take part and of the compiler; and it is made from the
-*unpickled* arguments, which contain nothing that is not in the hash. What cannot be identified in this way (a
+An entry cannot be another function's. It is named by a hash of the arguments' content, of the function that makes it,
+of lgmpc's own sources, of the versions of the libraries that take part and of the compiler; and it is made from a copy
+of the arguments, which contains nothing that is not in the hash. What cannot be identified in this way (a
 class or function from outside the package, an expression, sources that changed since they were imported) is made anew.
 The hash does not cover functions of lgmpc that a program replaces at run time: ``LGMPC_JIT=0`` always writes anew.
+
+Entries are data (:mod:`lgmpc.compile.content`): the only code that reading them executes is that of libraries of the
+cache, whose folders and files only this user may write to.
 """
 
 from __future__ import annotations
 
 import contextlib
-import copyreg
 import ctypes
 import functools
 import hashlib
-import io
 import logging
 import os
-import pickle
 import platform
 import shutil
 import sys
-import tempfile
-import types
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import casadi
 
 from lgmpc import __imported_ns__
-from lgmpc.compile.cache import cache_folder, discard, is_whole, request_key
+from lgmpc.compile.cache import (
+    cache_folder,
+    discard,
+    is_whole,
+    private_folder,
+    read_private,
+    request_key,
+    write_private,
+)
 from lgmpc.compile.compiler import compiler_for_functions
+from lgmpc.compile.content import Content, NoContentError, read_content, write_content
 from lgmpc.compile.native import Progress
 
-__all__ = ["recall"]
+__all__ = ["cached"]
 
 T = TypeVar("T")
 
 _log = logging.getLogger("lgmpc.compile")
-_PROTOCOL = 5
 _DIGEST = 32  # bytes, or hexadecimal digits of a name
 _ENTRIES = 4096
 """Most entries of one state of the sources; the oldest half is removed beyond it."""
@@ -53,20 +59,17 @@ _PACKAGE = os.path.dirname(os.path.dirname(__file__))
 _CODE = (".py", ".c")
 _JUST_NOW = 2_000_000_000
 """Files that changed less than this before the import, ns, may have changed after it: clocks of files are coarse."""
-# Code that is identified by lgmpc's sources and by the versions in the hash. Anything else may change without them.
-_IDENTIFIED = frozenset(
-    {"lgmpc", "builtins", "casadi", "collections", "copyreg", "functools", "numpy", "pathlib", "pinocchio"}
-)
 
 
-def recall(make: Callable[..., T], *arguments: Any, progress: Progress | None = None) -> T:
+def cached(make: Callable[..., T], *arguments: Any, progress: Progress | None = None) -> T:
     """Return ``make(*arguments, progress=progress)``, from the cache if it was made before from equal arguments.
 
     Args:
         make: a function of a module of lgmpc whose result depends on its arguments and the environment variables of
             :mod:`lgmpc.compile` alone, and holds kernels, compiled functions and plain values. It returns
             another object at every call.
-        arguments: what the result depends on. ``make`` does not receive what a class excludes when it is pickled.
+        arguments: what the result depends on. ``make`` does not receive what a class excludes from its structural
+            state.
         progress: called with a description of what is being compiled.
 
     Raises:
@@ -78,54 +81,23 @@ def recall(make: Callable[..., T], *arguments: Any, progress: Progress | None = 
     index = None if content is None else _index()
     if compiler is None or content is None or index is None:
         return make(*arguments, progress=progress)
-    key = request_key(*_versions(), compiler.identity, hashlib.sha256(content).hexdigest())
+    key = request_key(*_versions(), compiler.identity, hashlib.sha256(content.data).hexdigest())
     entry = index / key
     found: list[T] = _read(entry)
     if not found:
-        _, given = pickle.loads(content)
+        _, given = content.restored()
         found = [make(*given, progress=progress)]
         _write(entry, found[0])
     return found[0]
 
 
-class _ContentPickler(pickle.Pickler):
-    """Write values by content and code by name; refuse code from elsewhere, which its name does not identify."""
-
-    def reducer_override(self, thing: Any) -> Any:
-        reduce = getattr(type(thing), "reduce_to_structure", None)
-        if reduce is not None:
-            return reduce(thing)
-        if isinstance(thing, (type, types.FunctionType, types.BuiltinFunctionType)):
-            if (thing.__module__ or "").partition(".")[0] not in _IDENTIFIED:
-                raise pickle.PicklingError(f"{thing!r} is not lgmpc's")
-            return NotImplemented
-        kind: Any = type(thing)
-        derived = _derived(kind).intersection(getattr(thing, "__dict__", ()))
-        if not derived:
-            return NotImplemented
-        reduced = thing.__reduce_ex__(_PROTOCOL)
-        if reduced[0] is not copyreg.__newobj__ or type(reduced[2]) is not dict:  # type: ignore[attr-defined]
-            return reduced
-        state = {name: value for name, value in reduced[2].items() if name not in derived}
-        return (*reduced[:2], state, *reduced[3:])
-
-
-@functools.lru_cache(maxsize=1024)
-def _derived(kind: Hashable) -> frozenset[str]:
-    """Return the names of a class's cached properties."""
-    members = (member for base in cast(type, kind).__mro__ for member in vars(base).items())
-    return frozenset(name for name, member in members if isinstance(member, functools.cached_property))
-
-
-def _content(make: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes | None:
-    """Return the bytes from which ``make`` and its arguments can be restored; None if there are none."""
-    buffer = io.BytesIO()
+def _content(make: Callable[..., Any], arguments: tuple[Any, ...]) -> Content | None:
+    """Return the content of ``make`` and its arguments; None if they have none."""
     try:
-        _ContentPickler(buffer, _PROTOCOL).dump((make, arguments))
-    except Exception as error:  # objects raise all kinds of errors where they cannot be pickled
-        _log.debug("%s is not recalled: %s", make.__name__, error)
+        return write_content((make, arguments))
+    except NoContentError as error:
+        _log.debug("%s is not cached: %s", make.__name__, error)
         return None
-    return buffer.getvalue()
 
 
 def _versions() -> tuple[str, ...]:
@@ -137,9 +109,17 @@ def _versions() -> tuple[str, ...]:
 
 
 def _index() -> Path | None:
-    """Return the folder of the entries that this process's sources made; None if they are not known."""
+    """Return the folder of the entries that this process's sources made; None if they are not known.
+
+    Raises:
+        InputError: others may write to it.
+    """
     sources = _sources()
-    return None if sources is None else cache_folder() / "index" / sources
+    try:
+        return None if sources is None else private_folder(private_folder(cache_folder() / "kernels") / sources)
+    except OSError as error:
+        _log.debug("no index: %s", error)
+        return None
 
 
 @functools.cache
@@ -168,15 +148,12 @@ def _changed() -> bool:
 
 def _read(entry: Path) -> list[Any]:
     """Return what an entry holds, as a list of one; an empty list if there is none that can be used."""
-    try:
-        data = entry.read_bytes()
-    except OSError:
-        return []
+    data = read_private(entry) or b""
     try:
         if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
-            raise ValueError("its content is not what was written")
-        return [pickle.loads(data[_DIGEST:])]
-    except Exception as error:  # of any kind: a library that it names is gone, or damaged
+            raise NoContentError("its content is not what was written")
+        return [read_content(data[_DIGEST:], _library)]
+    except (NoContentError, OSError) as error:  # a library that it names is gone, or damaged
         _log.debug("index entry %s is made again: %s", entry.name, error)
         discard(entry)
         return []
@@ -184,20 +161,14 @@ def _read(entry: Path) -> list[Any]:
 
 def _write(entry: Path, value: Any) -> None:
     """Add an entry, unless the sources changed; a cache that cannot be written to is left as it is."""
-    buffer = io.BytesIO()
     try:
         if _changed():
             return
-        _KernelPickler(buffer, _PROTOCOL).dump(value)
-        if not entry.parent.is_dir():
-            entry.parent.mkdir(mode=0o700, parents=True)
-            _keep_youngest(entry.parent.parent, _STATES)
+        data = write_content(value, _library_name).data
+        _keep_youngest(entry.parent.parent, _STATES)
         _keep_youngest(entry.parent, _ENTRIES)
-        data = buffer.getvalue()
-        with tempfile.NamedTemporaryFile(dir=entry.parent, prefix=".", delete=False) as file:
-            file.write(hashlib.sha256(data).digest() + data)
-        os.replace(file.name, entry)
-    except Exception as error:  # what is not written is made again
+        write_private(entry, hashlib.sha256(data).digest() + data)
+    except (NoContentError, OSError) as error:  # what is not written is made again
         _log.debug("index entry %s is not written: %s", entry.name, error)
 
 
@@ -214,19 +185,17 @@ def _keep_youngest(folder: Path, most: int) -> None:
                 discard(path)
 
 
-class _KernelPickler(pickle.Pickler):
-    """Write libraries of the cache by their file's name, which holds the hash of their bytes."""
-
-    def reducer_override(self, thing: Any) -> Any:
-        if not isinstance(thing, ctypes.CDLL):
-            return NotImplemented
-        path = Path(thing._name)
-        if path.parent != cache_folder():
-            raise pickle.PicklingError(f"{path} is not in the cache")
-        return _open, (path.name,)
+def _library_name(library: ctypes.CDLL) -> str:
+    """Return the name of a library's file, which holds the hash of its bytes."""
+    path = Path(library._name)
+    if path.parent != cache_folder():
+        raise NoContentError(f"{path} is not in the cache")
+    return path.name
 
 
-def _open(name: str) -> ctypes.CDLL:
+def _library(name: str) -> ctypes.CDLL:
+    if Path(name).name != name:
+        raise NoContentError(f"a library {name}")
     return _load(str(cache_folder() / name))
 
 

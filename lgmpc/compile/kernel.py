@@ -12,7 +12,7 @@ import numpy as np
 from lgmpc.compile.build import densify_function
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.function import Argument, Signature, index_of
-from lgmpc.compile.index import recall
+from lgmpc.compile.index import cached
 from lgmpc.compile.lanes import has_lanes
 from lgmpc.compile.native import Progress, bind_library, load_library
 from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load_pipeline
@@ -56,8 +56,8 @@ class StageKernel:
         *arguments: Any,
         progress: Progress | None = None,
     ) -> K:
-        """Return the kernel of ``write(*arguments)``, recalled if it was written before; see :func:`recall`."""
-        kernel: K = recall(_write, cls, write, *arguments, progress=progress)
+        """Return the kernel of ``write(*arguments)``, from the cache if it was written before; see :func:`cached`."""
+        kernel: K = cached(_write, cls, write, *arguments, progress=progress)
         return kernel
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copyreg
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -114,9 +113,9 @@ class ParameterLayout(Mapping[str, slice]):
         slices = [self._slices[each.name] for each in self.parameters if each.sign == sign]
         return np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(s.start, s.stop) for s in slices)])
 
-    def reduce_to_structure(self) -> tuple[Any, ...]:
-        """Reduce to what expressions depend on (see :mod:`lgmpc.compile.index`): names and places, no values."""
-        return copyreg.__newobj__, (type(self),), {"_slices": self._slices, "size": self.size}  # type: ignore[attr-defined]
+    def structural_state(self) -> dict[str, Any]:
+        """Return the attributes that expressions depend on (see :mod:`lgmpc.compile`): names and places, no values."""
+        return {"_slices": self._slices, "size": self.size}
 
     def __getitem__(self, name: str) -> slice:
         """Return the slice of the vector where ``name`` is stored.

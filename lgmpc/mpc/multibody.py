@@ -14,7 +14,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.actions.multibody import ItemAction
-from lgmpc.compile import CompiledFunction, compile_map, recall
+from lgmpc.compile import CompiledFunction, cached, compile_map
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, FrictionCone, StateError
 from lgmpc.errors import InputError
@@ -121,7 +121,7 @@ class MultibodyMpc(SqpMpc):
         self._q_reference = view("state_reference")[:, : robot.nq]
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         self._friction = tuple(view(f"cone{i}_friction")[:, 0] for i in range(nc))
-        self._read = recall(_compile_read_out, type(self)._read_out, action, n + 1, progress=progress)
+        self._read = cached(_compile_read_out, type(self)._read_out, action, n + 1, progress=progress)
 
     @abstractmethod
     def _measure(self, q: Array, v: Array) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from lgmpc.compile import BatchKernel, recall
+from lgmpc.compile import BatchKernel, cached
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
@@ -85,7 +85,7 @@ class KktConditions:
         self.costates: Array = self._costates[1:]
         self.multipliers: Array = np.zeros((n, s.ng))
         self._measures = np.zeros((n + 1, 6))
-        stage, last = recall(_compile, replace(s, nodes=1), progress=progress)  # the same for all horizons
+        stage, last = cached(_compile, replace(s, nodes=1), progress=progress)  # the same for all horizons
         self._calls = (
             stage.bind(
                 n, values=qp.values, dx=self.dxs, dx_next=self.dxs[1:], du=self.dus, costate=self._costates,

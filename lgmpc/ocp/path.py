@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.compile import BatchKernel, recall
+from lgmpc.compile import BatchKernel, cached
 from lgmpc.ocp.horizon import bind_intervals, distinct
 from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem
@@ -35,7 +35,7 @@ class PathFunctions:
     def __init__(
         self, problem: ShootingProblem, xs: Array, us: Array, progress: Callable[[str], None] | None = None
     ) -> None:
-        kernels = recall(_compile, distinct(problem), problem.nu, progress=progress)
+        kernels = cached(_compile, distinct(problem), problem.nu, progress=progress)
         ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in kernels)
         self.values: Array = np.zeros((problem.nodes, ng))
         self.lower: Array = np.full((problem.nodes, ng), -np.inf)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
-from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, recall
+from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, cached
 from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct
 from lgmpc.ocp.packing import like, pipeline_of, symbols_of
 from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut, with_numeric
@@ -78,7 +78,7 @@ class ShootingFunctions:
         self.moved: Array = np.zeros((n + 1, ndx))
 
         actions = distinct(problem)
-        made = recall(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
+        made = cached(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
         expansions = with_numeric(made.expand, actions, lambda action: NumericExpansion(action, nu))
         roll_outs = with_numeric(made.roll_out, actions, lambda action: NumericRollOut(action, nu))
         self._expand = (

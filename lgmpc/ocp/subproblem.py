@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from lgmpc.actions import Action, NumericContactAction
-from lgmpc.compile import BatchKernel, recall
+from lgmpc.compile import BatchKernel, cached
 from lgmpc.ocp.horizon import bind_intervals, bind_last, distinct, retraction
 from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
@@ -47,7 +47,7 @@ class SubproblemFunctions:
     ) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
         actions = distinct(problem)
-        structure, compiled, terminal, retract = recall(
+        structure, compiled, terminal, retract = cached(
             _compile, actions, problem.terminal, n, nu, "QRS" if exact else "", progress=progress
         )
         self.qp = OcpQp(structure)

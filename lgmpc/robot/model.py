@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copyreg
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -88,11 +87,10 @@ class Robot:
             values.flags.writeable = False
             object.__setattr__(self, name, values)
 
-    def reduce_to_structure(self) -> tuple[Any, ...]:
-        """Reduce to what expressions depend on (see :mod:`lgmpc.compile.index`): no files, no collision shapes."""
+    def structural_state(self) -> dict[str, Any]:
+        """Return the attributes that expressions depend on (see :mod:`lgmpc.compile`): no files, no shapes."""
         others = ("source", "notes", "given_shapes")
-        state = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in others}
-        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in others}
 
     def _repr_html_(self) -> str:
         """Return a table of mass, freedom, feet and limits."""

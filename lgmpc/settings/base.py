@@ -6,7 +6,6 @@ descriptions in the fields. Python code constructs them directly; a config docum
 
 from __future__ import annotations
 
-import copyreg
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,10 +75,14 @@ class Settings(BaseModel, metaclass=_SettingsType):
             return data
         return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in data.items()}
 
-    def reduce_to_structure(self) -> tuple[Any, ...]:
-        """Reduce to the values (see :mod:`lgmpc.compile.index`), whether they were given or are defaults."""
-        state = {**self.__getstate__(), "__pydantic_fields_set__": set()}
-        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
+    def structural_state(self) -> dict[str, Any]:
+        """Return the values (see :mod:`lgmpc.compile`), whether they were given or are defaults."""
+        private: dict[str, Any] = {
+            "__pydantic_fields_set__": set(),
+            "__pydantic_extra__": None,
+            "__pydantic_private__": None,
+        }
+        return {**vars(self), **private}
 
     def replace(self, changes: Mapping[str, Any]) -> Self:
         """Return a checked copy with some values changed.

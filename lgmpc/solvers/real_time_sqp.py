@@ -18,7 +18,7 @@ from enum import Enum
 
 import numpy as np
 
-from lgmpc.compile import BatchKernel, StageKernel, recall
+from lgmpc.compile import BatchKernel, StageKernel, cached
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
@@ -127,7 +127,7 @@ class RealTimeSqp:
             make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
         )
         self._kkt = KktConditions(self.qp, progress)
-        move, subtract = recall(_compile, state, progress=progress)
+        move, subtract = cached(_compile, state, progress=progress)
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
         self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)

@@ -24,7 +24,6 @@ IJHR 2016, section 3, for the form.
 
 from __future__ import annotations
 
-import copyreg
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -104,13 +103,12 @@ class Task(ABC):
         self.target = Target(self.name, {key: views[key].reshape(shape) for key, shape in shapes.items()})
         self.targets_together: Array = self.memory[: self.layout["kp"].start]
 
-    def reduce_to_structure(self) -> tuple[Any, ...]:
-        """Reduce to what its expressions depend on (see :mod:`lgmpc.compile.index`): all but the buffers.
+    def structural_state(self) -> dict[str, Any]:
+        """Return the attributes that its expressions depend on (see :mod:`lgmpc.compile`): all but the buffers.
 
         An array that an expression reads would be missing there: constants are plain numbers and tuples.
         """
-        state = {name: value for name, value in vars(self).items() if not isinstance(value, (np.ndarray, Target))}
-        return copyreg.__newobj__, (type(self),), state  # type: ignore[attr-defined]
+        return {name: value for name, value in vars(self).items() if not isinstance(value, (np.ndarray, Target))}
 
     def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
         """Return the targets, each with the shape of its buffer."""

@@ -311,10 +311,10 @@ def changed(config: Document, key: str) -> Document:
 def _interpreted(monkeypatch: pytest.MonkeyPatch, written: Written) -> None:
     """Nothing is compiled: what is compared are expressions and numbers."""
     monkeypatch.setenv("LGMPC_JIT", "0")
-    recall = lgmpc.compile.index.recall
+    cached = lgmpc.compile.cached
     for module in [each for name, each in sys.modules.items() if name.startswith("lgmpc.")]:
-        if vars(module).get("recall") is recall:
-            monkeypatch.setattr(module, "recall", written.recall)
+        if vars(module).get("cached") is cached:
+            monkeypatch.setattr(module, "cached", written.cached)
 
 
 class Written:
@@ -324,18 +324,18 @@ class Written:
         self.entries: dict[bytes, bytes] = {}
         self.functions: dict[int, ca.Function] = {}
 
-    def recall(self, make: Any, *arguments: Any, progress: Any = None) -> Any:
+    def cached(self, make: Any, *arguments: Any, progress: Any = None) -> Any:
         content = lgmpc.compile.index._content(make, arguments)
         if content is None:
             return make(*arguments, progress=progress)
-        if content not in self.entries:
-            _, given = pickle.loads(content)
+        if content.data not in self.entries:
+            _, given = content.restored()
             made = make(*given, progress=progress)
             pickler = pickle.Pickler(buffer := io.BytesIO(), pickle.HIGHEST_PROTOCOL)
             pickler.persistent_id = self._name  # type: ignore[method-assign]
             pickler.dump(made)
-            self.entries[content] = buffer.getvalue()
-        unpickler = pickle.Unpickler(io.BytesIO(self.entries[content]))
+            self.entries[content.data] = buffer.getvalue()
+        unpickler = pickle.Unpickler(io.BytesIO(self.entries[content.data]))
         unpickler.persistent_load = self.functions.__getitem__  # type: ignore[method-assign]
         return unpickler.load()
 

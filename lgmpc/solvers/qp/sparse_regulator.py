@@ -17,7 +17,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from lgmpc.compile import StageKernel, recall
+from lgmpc.compile import StageKernel, cached
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
@@ -37,7 +37,7 @@ class SparseRegulator:
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
         self.qp, s, n = qp, qp.structure, qp.structure.nodes
-        last, backward, forward, total = recall(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        last, backward, forward, total = cached(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
         self.available = backward.compiled
         self.weights: Array = np.zeros((n, s.ng))
         self.targets: Array = np.zeros((n, s.ng))

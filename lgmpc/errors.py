@@ -9,7 +9,9 @@ from __future__ import annotations
 import copyreg
 import difflib
 import signal
+import traceback
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 __all__ = [
@@ -26,6 +28,7 @@ __all__ = [
     "RunFolderError",
     "SolverError",
     "as_one_error",
+    "cause_of",
     "legible",
     "nearest",
     "shortened",
@@ -70,6 +73,16 @@ def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...
 def _reduce(error: BaseException) -> tuple[Any, ...]:
     """Reduce an exception to message and attributes; Python's own reduction calls the class with the message alone."""
     return copyreg.__newobj__, (type(error), *error.args), error.__dict__  # type: ignore[attr-defined]
+
+
+def cause_of(error: BaseException) -> str:
+    """Return an exception in one line: its message and, unless it is lgmpc's own, its type, file and line."""
+    message = shortened(" ".join(str(error).split()))
+    if isinstance(error, LgmpcError):
+        return message
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}{': ' if message else ''}{message}{place}"
 
 
 class LgmpcError(Exception):

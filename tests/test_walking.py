@@ -328,8 +328,8 @@ def test_a_failing_whole_body_qp_holds_the_last_torques_with_damping() -> None:
     for k in failed:
         assert faulty.statuses[k][2] is TickStatus.NOT_FINITE
         np.testing.assert_array_equal(faulty.commands[k].tau, before.tau)
-        assert faulty.commands[k].kd > 0.0
-    assert faulty.commands[failed[-1] + 1].kd == 0.0
+        assert (faulty.commands[k].kd > 0.0).all()
+    assert not faulty.commands[failed[-1] + 1].kd.any()
     assert not metrics.fell and walking.ends_standing
 
 
@@ -345,7 +345,7 @@ def test_a_whole_body_qp_that_fails_for_good_ends_in_damping(caplog: pytest.LogC
     assert damped[0] == pytest.approx(1.1, abs=5e-3)
     last = faulty.commands[-1]
     np.testing.assert_array_equal(last.tau, 0.0)
-    assert last.kd > 0.0
+    assert (last.kd > 0.0).all()
     assert any("no solution" in record.getMessage() for record in caplog.records)
 
 

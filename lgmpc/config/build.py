@@ -10,7 +10,7 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
-from lgmpc.control.interface import Measurement, RobotState
+from lgmpc.control.interface import CommandGuard, Measurement, RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
@@ -194,4 +194,5 @@ def _build_hardware(
         time = 1e-3 * controller.wbc_ms + (0.0 if estimator is None else estimator.spent)
         return (time, False) if planner is None else (time + planner.spent, planner.planned)
 
-    return Hardware(build_drives(config, plant), computing, measured)
+    guard = CommandGuard(config.wbc.fallback_damping_nms)
+    return Hardware(build_drives(config, plant), computing, measured, guard)

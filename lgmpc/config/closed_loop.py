@@ -16,11 +16,11 @@ from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.config.takeover import Beginning, take_over
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
-from lgmpc.errors import SolverError
+from lgmpc.errors import LgmpcError, cause_of
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
-from lgmpc.runs import Gate, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
+from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.forensics import finite_part
 from lgmpc.runs.log import CONTACT_STATES, MODES
@@ -33,7 +33,7 @@ from lgmpc.simulation.plant import Plant
 from lgmpc.typing import Array
 from lgmpc.wbc import TickStatus, WholeBodyTerms
 
-__all__ = ["ClosedLoopSession", "Observed", "RunObserver", "clearances_of_legs"]
+__all__ = ["ClosedLoopSession", "Observed", "RunObserver", "failed", "judged"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
@@ -43,12 +43,41 @@ _LOW = (Mode.LIE, Mode.RISE, Mode.SIT)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
 
 
-def clearances_of_legs(robot: Robot, log: RunLog) -> Array | None:
+def _clearances_of_legs(robot: Robot, log: RunLog) -> Array | None:
     """Return the least distance between two legs every few milliseconds, m; ``None`` if no foot swung."""
     if not log.stepped:
         return None
     q = log.q[:: max(round(_CLEARANCE_PERIOD_S / log.control_period_s), 1)]
     return leg_clearances(robot, q[np.isfinite(q).all(axis=1)])
+
+
+def failed(error: BaseException, time: float) -> str:
+    """Log an exception that ended a run at ``time`` (s), and return the reason for the verdict."""
+    unexpected = not isinstance(error, LgmpcError)
+    _LOG.error("the run ended early, at %.3f s: %s", time, cause_of(error), exc_info=error if unexpected else None)
+    return f"ended early, at {time:.3f} s: {cause_of(error)}"
+
+
+def judged(
+    log: RunLog, gate: Gate, robot: Robot, *, elapsed_s: float | None = None, interrupted: bool, failure: str
+) -> tuple[Metrics | None, Verdict]:
+    """Return metrics and verdict of a run, whatever ended it; no metrics without a tick of finite state.
+
+    Args:
+        log: at the full control rate.
+        gate: the criteria of success.
+        robot: the controller's model.
+        elapsed_s: duration of the run on the clock, s.
+        interrupted: whether it was stopped by the user.
+        failure: what else ended it early, in words; empty if nothing did.
+    """
+    if log.finite_ticks == 0:
+        outcome = Outcome.INTERRUPTED if interrupted else Outcome.FAIL
+        return None, Verdict(outcome, (failure or "stopped before the first tick",))
+    clearances = _clearances_of_legs(robot, log)
+    metrics = compute_metrics(log, steady_from_s=gate.steady_from_s, elapsed_s=elapsed_s, leg_clearances=clearances)
+    verdict = judge(metrics, gate, interrupted=interrupted)
+    return metrics, Verdict(Outcome.FAIL, (failure, *verdict.reasons)) if failure else verdict
 
 
 @dataclass
@@ -102,26 +131,17 @@ class ClosedLoopSession:
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate to the end; see :meth:`lgmpc.config.session.Session.run`."""
-        interrupted, broken = False, ""
+        interrupted, failure = False, ""
         try:
             self.advance(progress)
         except KeyboardInterrupt:
             interrupted = True
-        except SolverError as error:
-            broken = str(error)
-            _LOG.error("the run ended early: %s", error)
+        except (Exception, SystemExit) as error:
+            failure = failed(error, self._loop.index * self.rates.period)
         log = self.recorder.log()
-        if log.ticks == 0:
-            return SessionResult(log, None, Verdict(Outcome.INTERRUPTED, ("stopped before the first tick",)), True)
-        metrics = compute_metrics(
-            log,
-            steady_from_s=self.gate.steady_from_s,
-            elapsed_s=self._elapsed,
-            leg_clearances=clearances_of_legs(self.robot, log),
+        metrics, verdict = judged(
+            log, self.gate, self.robot, elapsed_s=self._elapsed, interrupted=interrupted, failure=failure
         )
-        verdict = judge(metrics, self.gate, interrupted=interrupted)
-        if broken:
-            verdict = Verdict(Outcome.FAIL, (broken, *verdict.reasons))
         # Without the first tick of a continuation, whose logged forces acted in a step of the session before.
         certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
@@ -132,6 +152,7 @@ class ClosedLoopSession:
         Raises:
             SolverError: the plant's state diverged.
             KeyboardInterrupt: from ``progress``.
+            Exception: any other from estimator, controller or ``progress``.
         """
         observer = RunObserver(self, progress, self._fell_s)
         started = perf_counter()
@@ -236,7 +257,7 @@ class RunObserver:
             "base_reference": controller.base_target,
             "push": tick.disturbance.wrench,
             "push_point": tick.disturbance.point,
-            "wbc_status": 0 if wbc.status is TickStatus.SOLVED else 1,
+            "wbc_status": 2 if tick.replaced else 0 if wbc.status is TickStatus.SOLVED else 1,
             "wbc_ms": controller.wbc_ms,
             "command": (command.vx, command.vy, command.yaw_rate),
             "mode": _MODE_CODES[controller.modes.mode],
@@ -248,7 +269,9 @@ class RunObserver:
         }
         if self._estimator is not None:
             estimator = self._estimator
-            values["estimate_q"], values["estimate_v"] = tick.state.q, tick.state.v
+            finite = wbc.terms.finite
+            values["estimate_q"] = tick.state.q if finite else math.nan
+            values["estimate_v"] = tick.state.v if finite else math.nan
             values["estimate_contacts"] = estimator.contacts.astype(np.int8) + estimator.rejected
             values["estimate_ms"] = 1e3 * estimator.spent
         if controller.joint_friction is not None:

@@ -18,7 +18,7 @@ from lgmpc.config.build import (
     build_robot,
     build_sensors,
 )
-from lgmpc.config.closed_loop import RunObserver, clearances_of_legs
+from lgmpc.config.closed_loop import RunObserver, judged
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
@@ -28,7 +28,7 @@ from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettin
 from lgmpc.hardware.simulated import LockStep, NoControllerError, Pace, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write, compute_metrics, judge
+from lgmpc.runs import Gate, Recorder, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, TimingSettings
@@ -183,7 +183,7 @@ class _DeploymentSession:
             measured, state = tick.measurement, tick.state
             sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
             torque = tick.command.torque(measured.joints, measured.speeds)
-            observer(Tick(tick.index, sample, state, tick.command, torque, self.nothing))
+            observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, self.nothing))
 
         self.deployment = deploy(
             self.driver(self.robot.nu),
@@ -195,17 +195,10 @@ class _DeploymentSession:
             on_tick=record,
         )
         ending = self.deployment.ending
+        failure = {Ending.LOST: ending.value, Ending.FAILED: self.deployment.failure}.get(ending, "")
         interrupted = ending is Ending.INTERRUPTED
         log = self.recorder.log()
-        if log.ticks == 0:
-            outcome = Outcome.INTERRUPTED if interrupted else Outcome.FAIL
-            return SessionResult(log, None, Verdict(outcome, (ending.value,)), interrupted)
-        metrics = compute_metrics(
-            log, steady_from_s=self.gate.steady_from_s, leg_clearances=clearances_of_legs(self.robot, log)
-        )
-        verdict = judge(metrics, self.gate, interrupted=interrupted)
-        if ending is Ending.LOST:
-            verdict = Verdict(Outcome.FAIL, (ending.value, *verdict.reasons))
+        metrics, verdict = judged(log, self.gate, self.robot, interrupted=interrupted, failure=failure)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
 
 

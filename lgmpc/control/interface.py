@@ -7,13 +7,18 @@ dataclasses.
 
 from __future__ import annotations
 
+import logging
+import math
+from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Command", "Controller", "Estimator", "Measurement", "RobotState"]
+__all__ = ["Command", "CommandGuard", "Controller", "Estimator", "Measurement", "RobotState"]
+
+_LOG = logging.getLogger(__name__)
 
 
 class Measurement(NamedTuple):
@@ -59,28 +64,83 @@ class Command(NamedTuple):
         tau: (nu,) feed-forward torque, N.m.
         q_des: (nu,) joint positions, rad.
         v_des: (nu,) joint velocities, rad/s.
-        kp: N.m/rad.
-        kd: N.m.s/rad.
+        kp: (nu,) N.m/rad.
+        kd: (nu,) N.m.s/rad.
     """
 
     tau: Array
     q_des: Array
     v_des: Array
-    kp: float = 0.0
-    kd: float = 0.0
+    kp: Array
+    kd: Array
 
     def torque(self, q: Array, v: Array) -> Array:
         """Return the torque (nu,) of the drives at positions and velocities whose last nu elements are the joints'."""
-        if self.kp == 0.0 and self.kd == 0.0:
-            return self.tau
         nu = self.tau.size
+        none = zeros(nu)
+        if self.kp is none and self.kd is none:  # faster than a comparison of all elements
+            return self.tau
         torque: Array = self.tau + self.kp * (self.q_des - q[-nu:]) + self.kd * (self.v_des - v[-nu:])
         return torque
 
+    @property
+    def fault(self) -> str:
+        """The first element that is not finite, as "tau[2] is nan"; empty if there is none."""
+        gains = [] if self.kp is self.kd else [*self.kp.tolist(), *self.kd.tolist()]
+        if math.isfinite(sum([*self.tau.tolist(), *self.q_des.tolist(), *self.v_des.tolist(), *gains])):
+            return ""
+        found = ((name, k, x) for name, each in self._asdict().items() for k, x in enumerate(each.tolist()))
+        return next((f"{name}[{k}] is {x}" for name, k, x in found if not math.isfinite(x)), "a sum is not finite")
+
+    @classmethod
+    def feed_forward(cls, tau: Array, joints: Array) -> Command:
+        """Return the command of the torque ``tau`` alone, at joint positions ``joints`` (nu,)."""
+        none = zeros(tau.size)
+        return cls(tau, joints, none, none, none)
+
     @classmethod
     def damping(cls, tau: Array, joints: Array, kd: float) -> Command:
-        """Return the command that holds the torque ``tau`` and damps the joints: the safe one after a failure."""
-        return cls(tau, joints.copy(), np.zeros_like(joints), 0.0, kd)
+        """Return the command that holds the torque ``tau`` and damps the joints: the safe one after a failure.
+
+        Of the positions ``joints`` (nu,), those that are not finite become zero: their gains are.
+        """
+        none = zeros(tau.size)
+        return cls(tau, np.where(np.isfinite(joints), joints, 0.0), none, none, np.full(tau.size, kd))
+
+
+@cache
+def zeros(size: int) -> Array:
+    """Return the one read-only array of ``size`` zeros, which says that there is no gain."""
+    array = np.zeros(size)
+    array.flags.writeable = False
+    return array
+
+
+class CommandGuard:
+    """Replaces commands that are not finite by damping of the joints, counts them, and logs the first of a series.
+
+    Args:
+        damping: of each joint, N.m.s/rad.
+
+    Attributes:
+        faults: number of commands replaced so far.
+    """
+
+    def __init__(self, damping: float) -> None:
+        self.faults = 0
+        self._damping, self._faulty = damping, False
+
+    def check(self, command: Command, time: float, q: Array) -> Command:
+        """Return the command of ``time`` (s), or damping of the joints, whose positions are the last nu of ``q``."""
+        fault = command.fault
+        if fault:
+            self.faults += 1
+            if not self._faulty:
+                _LOG.error("the command at %.3f s is not finite (%s): the joints are damped instead", time, fault)
+            nothing = np.zeros_like(command.tau)
+            command = Command.damping(nothing, q[-nothing.size :], self._damping)
+        self._faulty = bool(fault)
+        return command
 
 
 class Controller(Protocol):

@@ -115,10 +115,8 @@ class LeggedController:
         self._lift = Lift(self._mode_settings.lying)
         self._displaced_since = math.inf
         self._weight = -robot.mass * float(robot.gravity[2])
-        self._begun = False
+        self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
-        self._at_rest = np.zeros(robot.nu)
-        self._at_rest.flags.writeable = False
         self.wbc_ms = 0.0
 
     @property
@@ -128,7 +126,7 @@ class LeggedController:
 
     def reset(self) -> None:
         """Begin anew with the next finite state, whatever was before."""
-        self._begun, self._time = False, math.nan
+        self._begun, self._waits, self._time = False, False, math.nan
         self.modes.begin(Mode.DAMP)
         self.wbc.reset()
         self.floor.reset()
@@ -162,7 +160,7 @@ class LeggedController:
             self._plan(state.time, planner, missed)
         status = self.wbc.solve()
         self._expect(planner, status is TickStatus.SOLVED)
-        command = Command(self.wbc.tau.copy(), state.q[self._joints], self._at_rest, 0.0, self.wbc.damping)
+        command = self._command(state)
         self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
         return command
 
@@ -214,7 +212,7 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, situation, time = self.modes, self._situation, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        upright, moving = terms.upright, self.command.moves
+        upright, moving = terms.upright if terms.finite else math.nan, self.command.moves
         situation.request, situation.moving, situation.stepping = request.mode, moving, feet.stepping
         situation.reacting = situation.reacting and feet.stepping and not moving
         situation.failure = ""
@@ -223,7 +221,8 @@ class LeggedController:
         elif mode is Mode.LIE:
             situation.failure, situation.folded = self._fall.tilted(upright), self._folding.done(time)
         else:
-            height, solved = terms.z, self.wbc.status is TickStatus.SOLVED
+            height = terms.z if terms.finite else math.nan
+            solved = self.wbc.status is TickStatus.SOLVED
             situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
             if mode.upright and not situation.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
@@ -363,16 +362,25 @@ class LeggedController:
         if self.planner is not None:
             self.planner.reset()
 
+    def _command(self, state: RobotState) -> Command:
+        """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
+        torques, joints = self.wbc.tau.copy(), state.q[self._joints]
+        if self.wbc.status is TickStatus.SOLVED:
+            return Command.feed_forward(torques, joints)
+        return Command.damping(torques, joints, self.wbc.damping)
+
     def _lie(self, state: RobotState) -> Command:
         """Return the command that folds the legs under the trunk and holds them."""
         joints, rates = state.q[self._joints], state.v[self._rates]
         self.target[:], self.base_target[:] = self.wbc.terms.com, state.q[:7]
         self.wbc.tau[:] = self._folding.torques(state.time, joints, rates)
-        return Command(self.wbc.tau.copy(), joints, np.zeros(self.robot.nu))
+        return Command.feed_forward(self.wbc.tau.copy(), joints)
 
     def _wait(self, state: RobotState) -> Command:
         """Return the command before there is a state to stand in: no torque, joints damped."""
-        _LOG.warning("no finite state yet at %.3f s: no torque, joints damped", state.time)
+        if not self._waits:
+            self._waits = True
+            _LOG.warning("no finite state yet at %.3f s: no torque, joints damped", state.time)
         return self._damp(state)
 
     def _damp(self, state: RobotState) -> Command:

@@ -18,7 +18,8 @@ from typing import Protocol
 import numpy as np
 from pydantic import Field
 
-from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
+from lgmpc.control.interface import Command, CommandGuard, Controller, Estimator, Measurement, RobotState
+from lgmpc.errors import cause_of
 from lgmpc.settings import Positive, Settings
 
 __all__ = ["DeployedTick", "Deployment", "DeploymentSettings", "Driver", "Ending", "deploy"]
@@ -61,6 +62,7 @@ class Ending(enum.Enum):
     DURATION = "its duration is over"
     LOST = "no measurements arrive"
     INTERRUPTED = "it was stopped by the user"
+    FAILED = "an exception of driver, estimator or controller"
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class DeployedTick:
         measurement: the newest measurement.
         state: the estimate that the controller received.
         command: the command written.
+        replaced: whether the controller's command was not finite, and damping of the joints took its place.
         spent: time from the measurement's arrival until the command was written, s.
     """
 
@@ -79,6 +82,7 @@ class DeployedTick:
     measurement: Measurement
     state: RobotState
     command: Command
+    replaced: bool
     spent: float
 
 
@@ -96,6 +100,7 @@ class Deployment:
         silences: number of times that the joints were damped because no measurement arrived.
         not_finite: number of commands that were not finite, replaced by damping of the joints.
         spent: (ticks,) time from each measurement's arrival until its command was written, s.
+        failure: the exception that ended the run, in words; empty if none did.
     """
 
     ending: Ending
@@ -106,6 +111,7 @@ class Deployment:
     silences: int
     not_finite: int
     spent: np.ndarray
+    failure: str = ""
 
 
 def deploy(
@@ -131,20 +137,28 @@ def deploy(
         duration_s: duration of the run, s.
         settings: see :class:`DeploymentSettings`.
         on_tick: called after each command has been written; it may raise KeyboardInterrupt to end the run.
+
+    Returns:
+        Figures of the run; an exception of driver, estimator, controller or ``on_tick`` is named in them and logged.
     """
     settings = DeploymentSettings() if settings is None else settings
     loop = _Loop(driver, controller, estimator, period_s, settings, on_tick)
+    failure = ""
     try:
         with _no_garbage_collection():
             ending = loop.run(duration_s)
     except KeyboardInterrupt:
         ending = Ending.INTERRUPTED
+    except (Exception, SystemExit) as error:
+        ending, failure = Ending.FAILED, f"ended early, after {loop.ticks} ticks: {cause_of(error)}"
+        _LOG.error("the run %s", failure, exc_info=error)
+    try:
+        loop.damp()
+    except OSError as error:
+        _LOG.error("the joints could not be damped: %s", error)
     finally:
-        try:
-            loop.damp()
-        finally:
-            driver.close()
-    return loop.figures(ending)
+        driver.close()
+    return loop.figures(ending, failure)
 
 
 class _Loop:
@@ -161,7 +175,8 @@ class _Loop:
     ) -> None:
         self._driver, self._controller, self._estimator = driver, controller, estimator
         self._period, self._settings, self._on_tick = period, settings, on_tick
-        self._overtaken = self._missing = self._silences = self._not_finite = 0
+        self._guard = CommandGuard(settings.damping_nms)
+        self._overtaken = self._missing = self._silences = 0
         self._spent: list[float] = []
         self._last: Measurement | None = None
 
@@ -193,12 +208,16 @@ class _Loop:
             joints = self._last.joints
             self._driver.write(Command.damping(np.zeros_like(joints), joints, self._settings.damping_nms))
 
-    def figures(self, ending: Ending) -> Deployment:
+    @property
+    def ticks(self) -> int:
+        """Number of commands written."""
+        return len(self._spent)
+
+    def figures(self, ending: Ending, failure: str) -> Deployment:
         spent = np.array(self._spent)
         late = int((spent > self._period).sum())
-        return Deployment(
-            ending, spent.size, self._overtaken, self._missing, late, self._silences, self._not_finite, spent
-        )
+        counts = self._overtaken, self._missing, late, self._silences, self._guard.faults
+        return Deployment(ending, spent.size, *counts, spent, failure)
 
     def _tick(self, readings: Sequence[Measurement], arrived: float) -> None:
         for reading in readings:
@@ -207,21 +226,12 @@ class _Loop:
             self._last = reading
             state = self._estimator.update(reading)
         self._overtaken += len(readings) - 1
-        command = self._controller.update(state)
-        if not _finite(command):
-            if self._not_finite == 0:
-                _LOG.error("a command at %.3f s is not finite: the joints are damped instead", state.time)
-            self._not_finite += 1
-            command = Command.damping(np.zeros_like(command.tau), reading.joints, self._settings.damping_nms)
+        output = self._controller.update(state)
+        command = self._guard.check(output, state.time, reading.joints)
         self._driver.write(command)
         spent = perf_counter() - arrived
         self._spent.append(spent)
-        self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, spent))
-
-
-def _finite(command: Command) -> bool:
-    total = command.tau.sum() + command.q_des.sum() + command.v_des.sum() + command.kp + command.kd
-    return bool(np.isfinite(total))
+        self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, command is not output, spent))
 
 
 @contextmanager

@@ -4,11 +4,11 @@
 bytes       content
 =========== ========================================================================================================
 0-3         ``LGMm`` (measurement), ``LGMc`` (command) or ``LGMh`` (hello, sent by a controller to connect)
-4-5         version of this layout, 1
+4-5         version of this layout, 2
 6-7         nu, number of joints
 8-15        number of the measurement; in a command, of the measurement from which it was computed
 16-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu)
-16-         command: kp, kd, tau (nu), q_des (nu), v_des (nu)
+16-         command: tau (nu), q_des (nu), v_des (nu), kp (nu), kd (nu)
 =========== ========================================================================================================
 
 Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`.
@@ -25,7 +25,7 @@ from lgmpc.control.interface import Command, Measurement
 __all__ = ["HELLO", "Layout"]
 
 _HEAD = struct.Struct("<4sHHQ")
-_VERSION = 1
+_VERSION = 2
 _MEASUREMENT, _COMMAND = b"LGMm", b"LGMc"
 HELLO = b"LGMh"
 """First bytes of the packet by which a controller connects."""
@@ -42,7 +42,7 @@ class Layout:
 
     def __init__(self, nu: int) -> None:
         self._nu = nu
-        self.longest = _HEAD.size + 8 * (7 + 3 * nu)
+        self.longest = _HEAD.size + 8 * (7 + 5 * nu)
 
     def hello(self) -> bytes:
         """Return the packet by which a controller connects."""
@@ -68,16 +68,15 @@ class Layout:
 
     def command(self, number: int, c: Command) -> bytes:
         """Return the packet of the command for measurement ``number``."""
-        return self._pack(_COMMAND, number, np.concatenate(([c.kp, c.kd], c.tau, c.q_des, c.v_des)))
+        return self._pack(_COMMAND, number, np.concatenate(c))
 
     def read_command(self, packet: bytes) -> tuple[int, Command] | None:
         """Return the number of the measurement and the command for it; None if it is not a valid command."""
-        found = self._unpack(_COMMAND, packet, 2 + 3 * self._nu)
+        found = self._unpack(_COMMAND, packet, 5 * self._nu)
         if found is None:
             return None
         number, values = found
-        tau, q_des, v_des = values[2:].reshape(3, -1)
-        return number, Command(tau, q_des, v_des, float(values[0]), float(values[1]))
+        return number, Command(*values.reshape(5, -1))
 
     def _pack(self, kind: bytes, number: int, values: np.ndarray) -> bytes:
         return _HEAD.pack(kind, _VERSION, self._nu, number) + values.astype("<f8").tobytes()

@@ -45,10 +45,12 @@ class EstimatorErrors:
 
 
 def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | None:
-    """Return the errors over the first ``end`` ticks (all unless given); ``None`` if there was no estimator."""
+    """Return the errors over the first ``end`` ticks (all unless given); ``None`` if there was no finite estimate."""
     if log.estimate_q is None or log.estimate_v is None or log.estimate_contacts is None:
         return None
-    use = slice(0, end)
+    use = np.flatnonzero(np.isfinite(log.estimate_q[:end]).all(axis=1) & np.isfinite(log.estimate_v[:end]).all(axis=1))
+    if use.size == 0:
+        return None
     position = np.linalg.norm(log.estimate_q[use, :3] - log.q[use, :3], axis=1)
     tilt, yaw = tilt_and_yaw_deg(log.estimate_q[use, 3:7], log.q[use, 3:7])
     velocity = np.linalg.norm(log.estimate_v[use, :3] - log.v[use, :3], axis=1)
@@ -62,7 +64,7 @@ def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | N
         rms_velocity_m_s=float(np.sqrt(np.mean(np.square(velocity)))),
         max_velocity_m_s=float(velocity.max()),
         wrong_contact_fraction=float((standing != (log.estimate_contacts[use] != 0)).mean()),
-        rejected_measurements=int(np.count_nonzero(log.estimate_contacts[use] == 2)),
+        rejected_measurements=int(np.count_nonzero(log.estimate_contacts[:end] == 2)),
     )
 
 

@@ -108,7 +108,7 @@ class RunLog:
         base_reference: (n, 7) target base pose [position, quaternion x y z w].
         push: (n, 6) disturbance wrench applied [force; torque], N and N.m.
         push_point: (n, 3) its point of application, m.
-        wbc_status: (n,) 0 = solved, anything else = fallback command.
+        wbc_status: (n,) 0 = solved; a fallback command otherwise: 1 = the QP failed, 2 = the command was not finite.
         wbc_ms: (n,) duration of the whole-body controller's tick, ms.
         mpc_time: (m,) time of each MPC update, s.
         mpc_horizon_com: (m, N+1, 3) predicted centre of mass, m.

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
+from lgmpc.control.interface import Command, CommandGuard, Controller, Estimator, Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, StateLink, TimingSettings
@@ -113,7 +113,8 @@ class Tick(NamedTuple):
         number: counted from 0.
         sample: true state for which the command was computed, with the torques and forces of the step before.
         state: input of the controller: the true state, or its estimate.
-        command: output of the controller.
+        command: command to the drives.
+        replaced: whether the controller's command was not finite, and damping of the joints took its place.
         torque: (nu,) torque that the drives request of the joints at this state, before clipping, N.m.
         disturbance: the push during this tick.
     """
@@ -122,6 +123,7 @@ class Tick(NamedTuple):
     sample: PlantSample
     state: RobotState
     command: Command
+    replaced: bool
     torque: Array
     disturbance: Disturbance
 
@@ -134,11 +136,13 @@ class Hardware:
         drives: link and drives that commands pass through.
         computing: the time that an update takes in simulated time. Ticks until its end are missed.
         measured: returns the time that the last update took here, s, and whether it planned.
+        guard: replaces commands that are not finite.
     """
 
     drives: Drives
     computing: Computing
     measured: Callable[[], tuple[float, bool]]
+    guard: CommandGuard = field(default_factory=lambda: CommandGuard(0.1))
 
 
 class Loop:
@@ -190,11 +194,14 @@ class Loop:
             disturbance = disturber.apply(sample.time)
             continues = True
             if sample.time > self._ready - _SAME_TIME:
-                command = self._controller.update(state)
+                output = self._controller.update(state)
+                command = hardware.guard.check(output, sample.time, sample.q)
                 self._ready = sample.time + hardware.computing.spent(hardware.measured)
                 drives.send(command, self._ready)
                 torque = drives.torque(sample.time, sample.q, sample.v)
-                continues = on_tick(Tick(self.index, sample, state, command, torque, disturbance))
+                continues = on_tick(
+                    Tick(self.index, sample, state, command, command is not output, torque, disturbance)
+                )
             else:  # an earlier tick is still being computed: this one is missed
                 torque = drives.torque(sample.time, sample.q, sample.v)
             plant.step(torque)

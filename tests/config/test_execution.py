@@ -1,21 +1,25 @@
 """Execution of configs into run folders: simulations of a tenth of a second."""
 
+import math
 import resource
 import shutil
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from lgmpc.config import Config, load_config
 from lgmpc.config.build import prepare
+from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.execution import FinishedRun, run_config, run_session
 from lgmpc.config.session import Notify, Progress, Session
 from lgmpc.errors import InputError, Interrupted, RunFolderError
-from lgmpc.runs import Outcome, RunFolder, RunLog
+from lgmpc.runs import Outcome, RunFolder, RunLog, RunResult
 from lgmpc.runs.log import CHANNELS, MPC_CHANNELS, STEP_CHANNELS
 
 STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
@@ -41,13 +45,117 @@ def test_a_run_is_saved_and_reported(short: Config, tmp_path: Path) -> None:
     assert moved[-1].tilt_deg < 1.0 and moved[-1].real_time_factor > 0.0
 
 
-def test_a_run_that_breaks_leaves_no_folder(short: Config, tmp_path: Path) -> None:
+Spoil = Callable[[ClosedLoopSession], None]
+
+
+def spoiled(config: Config, out: Path, spoil: Spoil) -> RunResult:
+    """Run a session that was changed after it was built, and return the result that its folder contains."""
+
+    def build(notify: Notify) -> Session:
+        session = prepare(config, notify=notify)
+        assert isinstance(session, ClosedLoopSession)
+        spoil(session)
+        return session
+
+    finished = run_session(config, build, out)
+    saved = RunFolder.load(finished.folder.path)
+    assert finished.exit_code == 1 and saved.result.verdict == finished.session.verdict
+    assert saved.log.ticks == finished.session.log.ticks > 0
+    return saved.result
+
+
+def changed(owner: Any, from_s: float, change: Callable[[Any], Any], until_s: float = math.inf) -> None:
+    """Let ``change`` act on what ``owner.update`` returns between two times."""
+    update = owner.update
+
+    def spoiled(at: Any) -> Any:
+        return change(update(at)) if from_s - 1e-9 < at.time < until_s - 1e-9 else update(at)
+
+    owner.update = spoiled
+
+
+@pytest.mark.parametrize("error", [RuntimeError("broken"), InputError("tau", "nothing", "a torque"), SystemExit(3)])
+@pytest.mark.parametrize("part", ["estimator", "controller", "plant"])
+def test_the_log_until_any_exception_is_saved_with_its_cause(tmp_path: Path, part: str, error: BaseException) -> None:
+    config = load_config("solo12_balance_inekf", ["duration_s=0.2", "mpc.enabled=false", "gate={}"])
+
+    def fail(value: object) -> Any:
+        raise error
+
+    def spoil(session: ClosedLoopSession) -> None:
+        step = session.plant.step
+        if part == "plant":
+            session.plant.step = lambda tau: step(tau) if session.recorder.ticks < 51 else fail(tau)  # type: ignore[method-assign]
+        else:
+            changed(getattr(session, part), 0.05, fail)
+
+    result = spoiled(config, tmp_path, spoil)
+    cause = (
+        "tau: got nothing" if isinstance(error, InputError) else f"{type(error).__name__}: {error} (test_execution.py"
+    )
+    assert result.verdict.reasons[0].startswith(f"ended early, at 0.050 s: {cause}")
+    assert result.metrics is not None and result.metrics.survived_s == pytest.approx(0.05, abs=1.1e-3)
+
+
+def test_a_progress_report_that_raises_leaves_the_log(short: Config, tmp_path: Path) -> None:
+    """The first report comes with the first tick."""
+
     def broken(now: Progress) -> None:
         raise RuntimeError("broken")
 
-    with pytest.raises(RuntimeError, match="broken"):
-        run_config(short, tmp_path, progress=broken)
-    assert list(tmp_path.iterdir()) == []
+    finished = run_config(short, tmp_path, progress=broken)
+    assert finished.session.verdict.reasons[0].startswith("ended early, at 0.000 s: RuntimeError: broken")
+    assert RunFolder.load(finished.folder.path).log.ticks == 1
+
+
+def test_an_exception_before_the_first_tick_is_named(short: Config, tmp_path: Path) -> None:
+    def build(notify: Notify) -> Session:
+        session = prepare(short, notify=notify)
+        session.plant.sense = lambda: 1 / 0  # type: ignore[attr-defined]
+        return session
+
+    finished = run_session(short, build, tmp_path)
+    saved = RunFolder.load(finished.folder.path)
+    assert saved.log.ticks == 0 and saved.result.metrics is None
+    assert saved.result.verdict.reasons[0].startswith("ended early, at 0.000 s: ZeroDivisionError: division by zero")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("part", ["configuration", "velocity", "torque", "qp", "gains"])
+def test_what_is_not_finite_damps_the_joints_and_is_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, part: str, value: float
+) -> None:
+    """For 20 ms, after which the robot stands on: an estimate, a command, or the solution of the QP."""
+    config = load_config("solo12_balance_inekf", ["duration_s=0.4", "pushes=[]", "gate={}", "log.rate_hz=1000"])
+
+    def spoil(session: ClosedLoopSession) -> None:
+        wbc, estimator, controller = session.controller.wbc, session.estimator, session.controller
+        times = 0.2, 0.22
+        if part in ("configuration", "velocity"):
+            name = "q" if part == "configuration" else "v"
+            changed(
+                estimator, times[0], lambda x: x._replace(**{name: np.full_like(getattr(x, name), value)}), times[1]
+            )
+        elif part == "qp":
+            write = wbc.qp.write_torques
+            counted = iter(range(10_000))
+
+            def spoiled(tau: np.ndarray) -> None:
+                write(tau)
+                if 200 <= next(counted) < 220:
+                    tau[3] = value
+
+            wbc.qp.write_torques = spoiled  # type: ignore[method-assign]
+        else:
+            name = "tau" if part == "torque" else "kp"
+            changed(controller, times[0], lambda c: c._replace(**{name: np.full(12, value)}), times[1])
+
+    result = spoiled(config, tmp_path, spoil)
+    assert result.metrics is not None and not result.metrics.fell and result.metrics.solver_failures >= 20
+    words = (
+        "whole-body QP NOT_FINITE" if part in ("configuration", "velocity") else "the command at 0.200 s is not finite"
+    )
+    assert sum(words in each.message for each in caplog.records) == 1
 
 
 def test_created_parent_folders_are_removed_unless_in_use(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_standing_needs_the_static_torques(controller: LeggedController, robot: 
     weight = controller.wbc.forces[:, 2].sum()
     assert weight == pytest.approx(robot.mass * 9.81, rel=1e-4)
     assert np.abs(command.tau).max() < 1.0
-    assert command.kd == 0.0
+    assert not command.kd.any()
     np.testing.assert_allclose(controller.target, controller.wbc.terms.com)
 
 
@@ -51,13 +51,13 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
         for k in range(1, 30):
             command = controller.update(RobotState(1e-3 * k, broken, rest))
             np.testing.assert_array_equal(command.tau, good.tau)
-            assert command.kd > 0.0
+            assert (command.kd > 0.0).all()
     assert controller.wbc.status is TickStatus.NOT_FINITE
     assert controller.planner is not None and controller.planner.status is MpcStatus.NOT_FINITE
     assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
     recovered = controller.update(RobotState(0.03, robot.q_reference, rest))
     assert controller.wbc.status is TickStatus.SOLVED
-    assert recovered.kd == 0.0 and np.isfinite(recovered.tau).all()
+    assert not recovered.kd.any() and np.isfinite(recovered.tau).all()
 
 
 def test_a_stale_plan_is_not_followed(controller: LeggedController, robot: Robot) -> None:
@@ -100,7 +100,7 @@ def test_a_tick_without_solution_is_left_out_of_the_observation(controller: Legg
 def test_it_waits_for_a_first_finite_state(controller: LeggedController, robot: Robot) -> None:
     command = controller.update(RobotState(0.0, np.full(robot.nq, np.nan), np.zeros(robot.nv)))
     np.testing.assert_array_equal(command.tau, 0.0)
-    assert command.kd > 0.0
+    assert (command.kd > 0.0).all()
     controller.update(RobotState(0.001, robot.q_reference, np.zeros(robot.nv)))
     assert controller.wbc.status is TickStatus.SOLVED
     assert np.isfinite(controller.target).all()
@@ -115,7 +115,7 @@ def test_a_robot_on_its_side_gets_no_torque(controller: LeggedController, robot:
         command = controller.update(RobotState(0.001, q, rest))
         assert controller.fallen
         np.testing.assert_array_equal(command.tau, 0.0)
-        assert command.kd > 0.0
+        assert (command.kd > 0.0).all()
 
 
 def test_the_observer_estimates_a_push() -> None:

@@ -51,7 +51,7 @@ class Copying:
 
     def decide(self, state: RobotState) -> Command:
         self.decided.append(state.time)
-        return Command(np.full(NU, self.torque), np.zeros(NU), np.zeros(NU))
+        return Command.feed_forward(np.full(NU, self.torque), np.zeros(NU))
 
 
 class Part:
@@ -65,7 +65,7 @@ def run(robot: ScriptedRobot, copying: Copying, ticks: int, **options: object) -
 
 
 def is_damping(command: Command) -> bool:
-    return bool((command.tau == 0.0).all()) and command.kp == 0.0 and command.kd == QUICK.damping_nms
+    return not command.tau.any() and not command.kp.any() and bool((command.kd == QUICK.damping_nms).all())
 
 
 def test_each_measurement_is_answered_and_the_joints_are_damped_at_the_end() -> None:
@@ -107,18 +107,26 @@ def test_a_command_that_is_not_finite_damps_the_joints() -> None:
     assert all(map(is_damping, robot.written))
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_whatever_ends_it_the_last_command_damps_the_joints(error: type[BaseException]) -> None:
+@pytest.mark.parametrize(
+    ("error", "ending", "failure"),
+    [
+        (KeyboardInterrupt(), Ending.INTERRUPTED, ""),
+        (
+            RuntimeError("no  idea"),
+            Ending.FAILED,
+            "ended early, after 1 ticks: RuntimeError: no idea (test_deployment.py",
+        ),
+        (SystemExit(3), Ending.FAILED, "ended early, after 1 ticks: SystemExit: 3 (test_deployment.py"),
+    ],
+)
+def test_whatever_ends_it_the_last_command_damps_the_joints(error: BaseException, ending: Ending, failure: str) -> None:
     robot = ScriptedRobot([0], [1])
 
     def stop(tick: DeployedTick) -> None:
         raise error
 
-    if error is KeyboardInterrupt:
-        assert run(robot, Copying(), 2, on_tick=stop).ending is Ending.INTERRUPTED
-    else:
-        with pytest.raises(error):
-            run(robot, Copying(), 2, on_tick=stop)
+    found = run(robot, Copying(), 2, on_tick=stop)
+    assert (found.ending, found.failure[: len(failure)]) == (ending, failure)
     assert [is_damping(command) for command in robot.written] == [False, True]
     assert robot.closed
 
@@ -129,6 +137,5 @@ def test_a_driver_that_cannot_write_is_closed() -> None:
             raise OSError("no bus")
 
     robot = Broken([0])
-    with pytest.raises(OSError, match="no bus"):
-        run(robot, Copying(), 2)
+    assert "OSError: no bus" in run(robot, Copying(), 2).failure
     assert robot.closed

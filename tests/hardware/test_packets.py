@@ -29,7 +29,7 @@ def test_a_measurement_arrives_as_it_was_sent() -> None:
 
 def test_a_command_arrives_as_it_was_sent() -> None:
     layout, rng = Layout(NU), np.random.default_rng(2)
-    command = Command(*rng.normal(size=(3, NU)), 3.0, 0.1)
+    command = Command(*rng.normal(size=(5, NU)))
     found = layout.read_command(layout.command(2**40, command))
     assert found is not None and found[0] == 2**40
     for name, value in command._asdict().items():
@@ -39,14 +39,14 @@ def test_a_command_arrives_as_it_was_sent() -> None:
 def test_the_layout_is_the_documented_one() -> None:
     """Written by hand from the module's table, as the driver of a robot would be."""
     values = np.arange(7 + 3 * NU, dtype="<f8")
-    packet = b"LGMm" + struct.pack("<HHQ", 1, NU, 5) + values.tobytes()
+    packet = b"LGMm" + struct.pack("<HHQ", 2, NU, 5) + values.tobytes()
     found = Layout(NU).read_measurement(packet)
     assert found is not None
     number, m = found
     assert (number, m.time) == (5, 0.0)
     np.testing.assert_array_equal(np.concatenate([m.gyro, m.accelerometer, m.joints, m.speeds, m.torques]), values[1:])
-    answer = Layout(NU).command(5, Command(*np.arange(3 * NU, dtype=float).reshape(3, NU), 2.0, 0.5))
-    assert answer == b"LGMc" + struct.pack("<HHQ2d9d", 1, NU, 5, 2.0, 0.5, *range(9))
+    answer = Layout(NU).command(5, Command(*np.arange(5 * NU, dtype=float).reshape(5, NU)))
+    assert answer == b"LGMc" + struct.pack("<HHQ15d", 2, NU, 5, *range(15))
 
 
 @pytest.mark.parametrize("broken", ["kind", "version", "joints", "short", "long", "nan"])
@@ -55,7 +55,7 @@ def test_what_is_no_packet_of_this_robot_is_none(broken: str) -> None:
     good = layout.measurement(1, m)
     changed = {
         "kind": b"LGMx" + good[4:],
-        "version": good[:4] + b"\x02" + good[5:],
+        "version": good[:4] + b"\x01" + good[5:],
         "joints": Layout(NU + 1).measurement(1, Measurement(0.0, *np.zeros((2, 3)), *np.zeros((3, NU + 1)))),
         "short": good[:-1],
         "long": good + b"\0",

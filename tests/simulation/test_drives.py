@@ -43,7 +43,7 @@ def test_jitter_lets_no_older_value_replace_a_newer_one() -> None:
 
 
 def command(tau: float) -> Command:
-    return Command(np.array([tau]), np.zeros(1), np.zeros(1))
+    return Command.feed_forward(np.array([tau]), np.zeros(1))
 
 
 def drives(link: LinkSettings | None = None, actuators: ActuatorSettings | None = None) -> Drives:

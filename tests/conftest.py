@@ -15,6 +15,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
+from tests.support.displaced import DISPLACEMENTS, Displacement
+
 if TYPE_CHECKING:
     from lgmpc.sweeps.pool import Pool
 
@@ -62,3 +64,9 @@ def one_worker(worker: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sweeps of a test compute in a process that exists already, because a new one imports everything anew."""
     for module in ("execution", "study"):
         monkeypatch.setattr(f"lgmpc.sweeps.{module}.Pool", lambda *_: nullcontext(worker))
+
+
+@pytest.fixture(params=DISPLACEMENTS)
+def displacement(request: pytest.FixtureRequest) -> Displacement:
+    """A rigid displacement of world, robot and gravity: the same experiment, in another frame."""
+    return DISPLACEMENTS[request.param]

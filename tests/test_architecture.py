@@ -63,7 +63,7 @@ ARROWS: dict[str, str] = {
     "config.build": f"{_PARTS} world simulation control runs",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",
-    "config.deploying": f"{_PARTS} simulation control hardware runs",
+    "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
     "config.execution": "runs viz",
     "config.showing": "robot problems solvers runs viz",

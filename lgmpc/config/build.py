@@ -29,6 +29,7 @@ from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController
+from lgmpc.world import make_world
 
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
 """Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
@@ -142,7 +143,8 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     """
     notify("loading the robot")
     robot = build_robot(config)
-    plant = make_plant(robot, config.plant)
+    world = make_world(config.world, config.plant.friction)
+    plant = make_plant(robot, config.plant, world)
     controller = build_controller(config, robot, notify)
     estimator = build_estimator(config, robot, notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
@@ -159,7 +161,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         robot=robot,
         plant=plant,
         controller=controller,
-        initial=initial_state(robot, config.plant),
+        initial=initial_state(robot, config.plant, world),
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
         rates=rates,
         recorder=recorder,

@@ -35,6 +35,7 @@ from lgmpc.simulation.drives import Computing, TimingSettings
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Sensing, Tick, TrueState
 from lgmpc.simulation.plant import PlantSample, make_plant
+from lgmpc.world import make_world
 
 __all__ = ["deploy_config", "serve_config"]
 
@@ -102,7 +103,8 @@ def serve_config(
         LgmpcError: if the robot cannot be built, or no controller connects within ``wait_s``.
     """
     robot = build_robot(config)
-    plant = make_plant(robot, config.plant)
+    world = make_world(config.world, config.plant.friction)
+    plant = make_plant(robot, config.plant, world)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     hardware = Hardware(build_drives(config, plant), computing, lambda: (0.0, False))
@@ -111,7 +113,7 @@ def serve_config(
         notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")
-        plant.reset(initial_state(robot, config.plant))
+        plant.reset(initial_state(robot, config.plant, world))
         pace: Pace = LockStep(end) if lock_step else RealTime(end, rates.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, hardware)

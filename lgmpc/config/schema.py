@@ -32,6 +32,7 @@ from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.sensors import SensorNoise
 from lgmpc.solvers import AnySolverSettings, FddpSettings
 from lgmpc.wbc import WholeBodySettings
+from lgmpc.world import FloorSettings, WorldSettings
 
 __all__ = [
     "COMMAND_LINE",
@@ -128,7 +129,8 @@ class Config(Document):
     after_fall_s: NonNegative | None = Field(
         default=0.5, description="Simulated time after a fall at which the run ends, s; null: the run continues."
     )
-    plant: PlantSettings = Field(default=PlantSettings(), description="The plant: simulated robot and floor.")
+    world: WorldSettings = Field(default=FloorSettings(), description="The ground, and where the robot starts on it.")
+    plant: PlantSettings = Field(default=PlantSettings(), description="The plant: physics engine, simulated robot.")
     timing: TimingSettings = Field(default=TimingSettings(), description="Simulated duration of the computations.")
     sensors: SensorNoise = Field(default=SensorNoise(), description="Errors of the simulated robot's sensors.")
     estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007

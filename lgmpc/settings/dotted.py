@@ -9,6 +9,9 @@ from lgmpc.errors import InputError
 
 __all__ = ["differing", "write_at"]
 
+_NAMED = ("world",)
+"""Sections for which the name of their kind stands."""
+
 
 def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -> list[str]:
     """Assign ``value`` to a dotted key; keys of lists are positions from 0, and the one after the last appends.
@@ -36,6 +39,8 @@ def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -
             here[where] = value
             break
         inner = here.get(where) if isinstance(here, dict) else here[where]
+        if path in _NAMED and isinstance(inner, str):
+            inner = {"kind": inner}
         if inner is None and isinstance(defaults, (list, tuple)):
             inner = defaults
         elif inner is None:

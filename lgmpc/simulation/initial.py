@@ -6,6 +6,7 @@ import fnmatch
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.robot.actuators import actuated_joints, match_joints
@@ -13,6 +14,7 @@ from lgmpc.robot.lying import lowest_point, lying_posture
 from lgmpc.robot.posture import put_on_ground
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
+from lgmpc.world import World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -20,8 +22,16 @@ if TYPE_CHECKING:
 __all__ = ["initial_state"]
 
 
-def initial_state(robot: Robot, settings: PlantSettings) -> Array:
-    """Return (nq + nv,) the initial state for ``settings``, with the robot's lowest point on the floor.
+def initial_state(robot: Robot, settings: PlantSettings, world: World | None = None) -> Array:
+    """Return (nq + nv,) the initial state for ``settings``, with the robot's lowest point on the ground.
+
+    Postures are those on a level floor at z = 0, moved by :attr:`~lgmpc.world.World.start_pose`; a robot whose base is
+    fixed stays where it is.
+
+    Args:
+        robot: the robot.
+        settings: posture and velocity.
+        world: the world; a level floor unless given.
 
     Raises:
         InputError: a key of ``initial_posture`` matches no joint, or the robot has no feet to lie on.
@@ -36,6 +46,7 @@ def initial_state(robot: Robot, settings: PlantSettings) -> Array:
         q = _displaced(robot, posture)
     v = np.zeros(robot.nv)
     if robot.floating_base:
+        q = _moved(q, *(World() if world is None else world).start_pose)
         v[:3], v[3:6] = settings.initial_velocity_m_s, settings.initial_rotation_rad_s
     return np.concatenate([q, v])
 
@@ -55,4 +66,14 @@ def _displaced(robot: Robot, angles: dict[str, float]) -> Array:
     q = put_on_ground(robot.model, q, robot.contact_ids, robot.contact_radius)
     if robot.floating_base:
         q[2] += max(0.0, -lowest_point(robot, q))
+    return q
+
+
+def _moved(q: Array, axes: Array, point: Array) -> Array:
+    """Return a configuration of a floating base moved by a pose; unchanged by the identity, to the last bit."""
+    q = q.copy()
+    if not np.array_equal(axes, np.eye(3)):
+        q[:3] = axes @ q[:3]
+        q[3:7] = (pin.Quaternion(axes) * pin.Quaternion(q[3:7])).normalized().coeffs()
+    q[:3] += point
     return q

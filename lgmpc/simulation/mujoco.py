@@ -16,11 +16,12 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import ModelError
+from lgmpc.errors import InputError, ModelError
 from lgmpc.robot import Box, CollisionShape, Sphere
-from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
+from lgmpc.world import Plane, World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -29,20 +30,22 @@ __all__ = ["MujocoPlant"]
 
 _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
-_FLOOR, _ROBOT = 1, 2  # contact type bits: the robot has contacts with the floor, not with itself
+_GROUND, _ROBOT = 1, 2  # contact type bits: the robot has contacts with the ground, not with itself
+_UP = np.array([0.0, 0.0, 1.0])
 _POINT = 1e-6  # m; radius that stands for a point foot
 _NET_FORCE = (1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, 3, 1)  # of a contact sensor: world axes, one row
 
 
 class MujocoPlant:
-    """A robot on a flat floor in MuJoCo (elliptic friction cones).
+    """A robot on the ground of a world in MuJoCo (elliptic friction cones).
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the floor
+    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the ground
     as well. Joint position limits are not modelled.
 
     Args:
         robot: the robot; its ``effort_limit`` clips the torques.
-        params: the simulated world.
+        params: parameters of the engine and of the simulated robot.
+        world: its surfaces; a level floor with the friction of ``params`` unless given.
 
     Attributes:
         model: MuJoCo's model.
@@ -50,16 +53,17 @@ class MujocoPlant:
 
     Raises:
         ModelError: if the model has a joint without a counterpart in MuJoCo, or inertias that MuJoCo rejects.
+        InputError: the world has a surface that is not a plane.
     """
 
-    def __init__(self, robot: Robot, params: PlantSettings | None = None) -> None:
+    def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
         params = PlantSettings() if params is None else params
         if mujoco.get_mju_user_warning() is None:
             # By itself MuJoCo prints, and writes a file into the working folder. Divergence is raised by step().
             mujoco.set_mju_user_warning(_LOG.info)
         self._robot = robot
         source = simulated_model(robot, params)
-        self.model = _compile(robot, source, params)
+        self.model = _compile(robot, source, params, default_world(params) if world is None else world)
         self.data = mujoco.MjData(self.model)
         self._dt = params.dt
         self._nu, self._nc = robot.nu, robot.nc
@@ -219,8 +223,8 @@ def _transpose(pairs: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
     return [a for a, _ in pairs], [b for _, b in pairs]
 
 
-def _compile(robot: Robot, model: pin.Model, params: PlantSettings) -> mujoco.MjModel:
-    """Return MuJoCo's model of the robot on its floor."""
+def _compile(robot: Robot, model: pin.Model, params: PlantSettings, world: World) -> mujoco.MjModel:
+    """Return MuJoCo's model of the robot in its world."""
     spec = mujoco.MjSpec()
     spec.option.timestep = params.dt
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{params.integrator.upper()}")
@@ -230,7 +234,8 @@ def _compile(robot: Robot, model: pin.Model, params: PlantSettings) -> mujoco.Mj
     # A diverged state must raise an error, not be silently replaced by the initial one.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     bodies = _add_tree(spec, robot.name, model, params)
-    _add_geometry(spec, bodies, robot, model, params)
+    _add_ground(spec, world)
+    _add_shapes(spec, bodies, robot, model)
     try:
         compiled = spec.compile()
     except ValueError as error:
@@ -286,20 +291,27 @@ def _joint_type(joint: pin.JointModel, subspace: Array) -> mujoco.mjtJoint | Non
     }.get((joint.nq, joint.nv, turns, slides))
 
 
-def _add_geometry(
-    spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model, params: PlantSettings
-) -> None:
-    """Add the floor, the feet, and the other shapes of the robot that can touch the floor."""
-    surface = {**_CONTACT, "friction": (params.friction, 0.005, 0.0001)}
-    shape = {**surface, "contype": _ROBOT, "conaffinity": _FLOOR, "mass": 0.0}
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=(0, 0, 1),
-        contype=_FLOOR,
-        conaffinity=_ROBOT,
-        **surface,
-    )
+def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
+    """Add the world's surfaces, whose friction is that of every contact with them."""
+    for surface in world.surfaces:
+        if not isinstance(surface, Plane):
+            raise InputError("world", type(surface).__name__, "planes only, with this plant")
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=(0, 0, 1),
+            pos=surface.point,
+            quat=_wxyz(pin.Quaternion.FromTwoVectors(_UP, np.array(surface.normal_vector)).matrix()),
+            contype=_GROUND,
+            conaffinity=_ROBOT,
+            priority=1,
+            friction=(surface.coefficient, 0.005, 0.0001),
+            **_CONTACT,
+        )
+
+
+def _add_shapes(spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model) -> None:
+    """Add the feet and the other shapes of the robot that can touch the ground."""
+    shape = {**_CONTACT, "contype": _ROBOT, "conaffinity": _GROUND, "mass": 0.0}
     for name, index in zip(robot.contact_frames, robot.contact_ids, strict=True):
         frame, radius = model.frames[index], max(robot.contact_radius, _POINT)
         pos = frame.placement.translation

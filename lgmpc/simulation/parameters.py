@@ -1,4 +1,4 @@
-"""Parameters in which a simulated world may differ from the controller's model, and the resulting robot model."""
+"""Parameters in which a simulated robot may differ from the controller's model, and the resulting robot model."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from lgmpc.settings import Finite, Friction, NonNegative, Positive, Settings, Vector3, problem
 from lgmpc.simulation.drives import ActuatorSettings, LinkSettings
 from lgmpc.typing import Array
+from lgmpc.world import Plane, World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["PlantSettings", "real_effort_limit", "simulated_model"]
+__all__ = ["PlantSettings", "default_world", "real_effort_limit", "simulated_model"]
 
 
 def _posture_kind(value: Any) -> str:
@@ -30,7 +31,7 @@ InitialPosture = Annotated[
 
 
 class PlantSettings(Settings):
-    """The simulated world: the physics engine and its parameters."""
+    """The physics engine and the simulated robot."""
 
     kind: Literal["mujoco", "pinocchio"] = Field(default="mujoco", description="Physics engine.")
     rate_hz: Annotated[Positive, Field(ge=10.0, le=1e6)] = Field(
@@ -39,7 +40,7 @@ class PlantSettings(Settings):
     integrator: Literal["implicitfast", "implicit", "euler", "rk4"] = Field(
         default="implicitfast", description="Integrator of MuJoCo. The Pinocchio plant has only the default."
     )
-    friction: Friction = Field(default=0.6, description="Coulomb friction coefficient between robot and floor.")
+    friction: Friction = Field(default=0.6, description="Coulomb friction coefficient between robot and ground.")
     joint_friction_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
         default=0.0, description="Coulomb friction of every joint, N.m."
     )
@@ -61,7 +62,7 @@ class PlantSettings(Settings):
     initial_posture: InitialPosture = Field(
         default="reference",
         description="Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
-        "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the floor.",
+        "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the ground.",
     )
 
     initial_velocity_m_s: Vector3 = Field(
@@ -85,6 +86,11 @@ class PlantSettings(Settings):
         return 1.0 / self.rate_hz
 
 
+def default_world(params: PlantSettings) -> World:
+    """Return a level floor with the friction of the parameters."""
+    return World((Plane(coefficient=params.friction),))
+
+
 def real_effort_limit(robot: Robot, params: PlantSettings) -> Array:
     """Return the (nu,) torque limits of the simulated drives, N.m."""
     limit = params.actuators.torque_limit_nm
@@ -92,7 +98,7 @@ def real_effort_limit(robot: Robot, params: PlantSettings) -> Array:
 
 
 def simulated_model(robot: Robot, params: PlantSettings) -> pin.Model:
-    """Return a copy of the robot's model with the masses of the simulated world; both plants are built from it."""
+    """Return a copy of the robot's model with the masses of the simulated robot; both plants are built from it."""
     model = robot.model.copy()
     for joint in range(1, model.njoints):
         body = model.inertias[joint]

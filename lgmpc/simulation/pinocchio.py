@@ -6,8 +6,10 @@ One step finds the velocity at its end and the contact impulses together (Signor
     v+ = v + M^-1 (dt (S^T tau + J_b^T w - h) + J^T lambda),    q+ = q (+) dt v+
     |lambda_t| <= mu lambda_n,   0 <= lambda_n  perpendicular to  u_n + phi >= 0   with u = J v+,
 
-and a contact that slides resists with all its friction, opposite to u_t. ``phi`` is height over dt for a foot that may
-still descend, and a bounded fraction of it for one that has sunk in. Joint damping enters M (it is implicit); joint
+and a contact that slides resists with all its friction, opposite to u_t. Impulses and velocities of a contact are those
+along its own axes, two tangents and the normal n of the surface there, at the point ``p - r n`` of a sphere of radius
+r. ``phi`` is its distance from the surface over dt for a foot that may still descend, and a bounded fraction of that
+for one that has sunk in. Joint damping enters M (it is implicit); joint
 friction enters the solver as bounded impulses on the joints.
 
 [1] D. E. Stewart and J. C. Trinkle, "An implicit time-stepping scheme for rigid body dynamics with inelastic collisions
@@ -22,16 +24,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.simulation.parameters import PlantSettings, real_effort_limit, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array
+from lgmpc.world import World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
 __all__ = ["PinocchioPlant"]
 
-_FASTEST = 10.0  # m/s; points that cannot reach the floor in a step at this speed are left out of that step's problem
+_FASTEST = 10.0  # m/s; points that cannot reach the ground in a step at this speed are left out of that step's problem
 _RECOVERY = 0.2  # fraction of a penetration that one step removes, ...
 _RISE = 0.01  # m/s; ... but no faster than this, because the speed remains after the penetration
 _CREEP = 1e-3  # rad/s; speed of a stuck joint under all of its friction, without which problems become too stiff
@@ -41,19 +44,21 @@ _ADMM = (1000, 1e-7, 1e-9)
 
 
 class PinocchioPlant:
-    """A robot on a flat floor with rigid, inelastic contacts: an independent check of the MuJoCo plant.
+    """A robot on the ground of a world with rigid, inelastic contacts: an independent check of the MuJoCo plant.
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the floor
+    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the ground
     as well. Joint position limits are not modelled.
 
     Args:
         robot: the robot; its ``effort_limit`` clips the torques.
-        params: the simulated world.
+        params: parameters of the engine and of the simulated robot.
+        world: its surfaces; a level floor with the friction of ``params`` unless given.
     """
 
-    def __init__(self, robot: Robot, params: PlantSettings | None = None) -> None:
+    def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
         params = PlantSettings() if params is None else params
         self._robot = robot
+        self._world = default_world(params) if world is None else world
         self._dt = params.dt
         self._joints = robot.joint_v
         self._effort = real_effort_limit(robot, params)
@@ -67,7 +72,7 @@ class PinocchioPlant:
         self._model.armature = inertia
         self._frames, self._radii = _contact_points(self._model, robot)
         self._data = self._model.createData()
-        # Views into the workspace, whose address is constant: world positions of the points that may touch the floor.
+        # Views into the workspace, whose address is constant: world positions of the spheres that may touch the ground.
         self._centres = [self._data.oMf[frame].translation for frame in self._frames]
         self._solver = _ContactSolver(self._model, params, len(self._frames), robot.nu)
         self.reset(robot.x_reference)
@@ -95,7 +100,7 @@ class PinocchioPlant:
         """
         q, v = check_state(self._model, x)
         self._q, self._v = q.copy(), v.copy()
-        self._tau = np.zeros(self._robot.nu)
+        self._tau, self._forces = np.zeros(self._robot.nu), np.zeros((self._robot.nc, 3))
         self._steps = 0
         self._wrenches.clear()
         self._applied: dict[int, Array] = {}
@@ -119,14 +124,17 @@ class PinocchioPlant:
             force += self._generalized(joint, wrench)
         minverse = pin.computeMinverse(model, data, q)
         free = v + minverse @ (dt * force)
-        near, heights = self._near_floor()
-        self._v = free
+        near, gaps, axes, friction = self._near_ground()
+        self._v, self._forces = free, np.zeros((self._robot.nc, 3))
         if near or self._friction:
-            jacobian = self._jacobian(near)
+            jacobian = self._jacobian(near, axes)
             response = minverse @ jacobian.T
             drift = jacobian @ free
-            drift[2 : 3 * len(near) : 3] += [z / dt if z > 0 else max(_RECOVERY * z / dt, -_RISE) for z in heights]
-            self._v = free + response @ self._solver.solve(near, jacobian @ response, drift)
+            drift[2 : 3 * len(near) : 3] += [gap / dt if gap > 0 else max(_RECOVERY * gap / dt, -_RISE) for gap in gaps]
+            self._v = free + response @ self._solver.solve(near, friction, jacobian @ response, drift)
+            for i, frame in zip(near, axes, strict=True):
+                if i < self._robot.nc:
+                    self._forces[i] = self._solver.impulses[i] @ frame / dt
         else:
             self._solver.clear()
         self._q = pin.integrate(model, q, dt * self._v)
@@ -135,8 +143,7 @@ class PinocchioPlant:
 
     def sense(self) -> PlantSample:
         """Return the state reached by the last step."""
-        forces = self._solver.impulses[: self._robot.nc] / self._dt
-        return PlantSample(self._steps * self._dt, self._q.copy(), self._v.copy(), self._tau, forces)
+        return PlantSample(self._steps * self._dt, self._q.copy(), self._v.copy(), self._tau, self._forces)
 
     def set_wrench(self, body: str, wrench: Array) -> None:
         """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
@@ -167,26 +174,29 @@ class PinocchioPlant:
         force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
         return force
 
-    def _near_floor(self) -> tuple[list[int], list[float]]:
-        """Return the points that may touch the floor during this step, and their heights above it, m."""
-        reach = _FASTEST * self._dt
-        heights = [float(centre[2]) - radius for centre, radius in zip(self._centres, self._radii, strict=True)]
-        near = [i for i, height in enumerate(heights) if height < reach]
-        return near, [heights[i] for i in near]
+    def _near_ground(self) -> tuple[list[int], list[float], Array, Array]:
+        """Return the k points that may touch the ground in this step, their distances from it, axes and friction.
 
-    def _jacobian(self, near: list[int]) -> Array:
-        """Return the rows of the spheres' lowest points in world axes, then of the joints if they have friction."""
+        The rows of each of the (k, 3, 3) axes are two tangents of the surface and its normal, world axes.
+        """
+        positions = np.array(self._centres).reshape(-1, 3)
+        distances, normals = self._world.distance(positions)
+        gaps = distances - self._radii
+        near = np.flatnonzero(gaps < _FASTEST * self._dt)
+        axes, friction = _surface_axes(normals[near]), self._world.friction(positions[near, :2])
+        return near.tolist(), gaps[near].tolist(), axes, friction
+
+    def _jacobian(self, near: list[int], axes: Array) -> Array:
+        """Return the rows of the contact points along their axes, then of the joints if they have friction."""
         joints = self._joints
         count = 3 * len(near)
         rows = np.zeros((count + (self._robot.nu if self._friction else 0), self._model.nv))
         for k, i in enumerate(near):
             frame = pin.getFrameJacobian(self._model, self._data, self._frames[i], pin.LOCAL_WORLD_ALIGNED)
             frame = frame.reshape(6, self._model.nv)
-            row = rows[3 * k : 3 * k + 3]
-            row[:] = frame[:3]
-            # The point lies r below the centre: its velocity is that of the centre + r z x omega.
-            row[0] -= self._radii[i] * frame[4]
-            row[1] += self._radii[i] * frame[3]
+            # The point lies r below the centre along the normal n: its velocity is that of the centre + r n x omega.
+            point = frame[:3] + self._radii[i] * (pin.skew(axes[k, 2]) @ frame[3:])
+            rows[3 * k : 3 * k + 3] = axes[k] @ point
         if self._friction:
             rows[count:, joints] = np.eye(self._robot.nu)
         return rows
@@ -199,7 +209,8 @@ class _ContactSolver:
     converge; ADMM does, at a higher cost.
 
     Attributes:
-        impulses: (n, 3) world-frame impulse on each point that can touch the floor, of the last solve, N.s.
+        impulses: (n, 3) impulse on each point that can touch the ground along the axes of its contact, of the last
+            solve, N.s.
         failures: solves since reset that stopped short of their tolerance.
     """
 
@@ -210,7 +221,7 @@ class _ContactSolver:
         self._actuated = list(range(first, model.njoints)) if params.joint_friction_nm else []
         self._joints = nu if params.joint_friction_nm else 0
         self._compliance = _CREEP / (params.joint_friction_nm * params.dt) if params.joint_friction_nm else 0.0
-        self._problems: dict[int, tuple[Any, Any]] = {}
+        self._problems: dict[tuple[float, ...], tuple[Any, Any]] = {}
         self._settings = pin.PGSSolverSettings(), pin.ADMMSolverSettings()
         for settings, limits in zip(self._settings, (_GAUSS_SEIDEL, _ADMM), strict=True):
             settings.max_iterations, feasibility, complementarity = limits
@@ -236,11 +247,12 @@ class _ContactSolver:
         self.impulses = np.zeros((self._points, 3))
         self._joint_impulses = np.zeros(self._joints)
 
-    def solve(self, near: list[int], delassus: Array, drift: Array) -> Array:
+    def solve(self, near: list[int], friction: Array, delassus: Array, drift: Array) -> Array:
         """Return the impulses (3 len(near) + joints,), those of the contacts first.
 
         Args:
-            near: the points that may touch the floor; all others have no impulse.
+            near: the points that may touch the ground; all others have no impulse.
+            friction: coefficient at each of them.
             delassus: square matrix of the velocities due to unit impulses.
             drift: velocity without impulses.
         """
@@ -249,7 +261,7 @@ class _ContactSolver:
         diagonal = np.arange(count, guess.size)
         delassus[diagonal, diagonal] += self._compliance
         operator = pin.DelassusOperatorDense(delassus)
-        constraints = self._problem(len(near))
+        constraints = self._problem(tuple(friction.tolist()))
         for solver, settings, result in zip(self._solvers, self._settings, self._results, strict=True):
             result.setConstraintImpulseGuess(guess)
             if solver.solve(operator, drift, *constraints, settings, result):
@@ -262,13 +274,13 @@ class _ContactSolver:
         self._joint_impulses = solution[count:]
         return solution
 
-    def _problem(self, count: int) -> tuple[Any, Any]:
-        """Return the constraints of ``count`` contacts, of which the solver reads only the friction cones."""
-        if count not in self._problems:
+    def _problem(self, coefficients: tuple[float, ...]) -> tuple[Any, Any]:
+        """Return the constraints of contacts with these coefficients; the solver reads only their friction cones."""
+        if coefficients not in self._problems:
             models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
-            for _ in range(count):
+            for coefficient in coefficients:
                 contact = pin.PointContactConstraintModel(self._model, 0)
-                contact.setFriction(self._params.friction)
+                contact.setFriction(coefficient)
                 models.append(contact)
             if self._actuated:
                 bound = np.full(self._joints, self._params.joint_friction_nm)
@@ -279,16 +291,29 @@ class _ContactSolver:
                 models.append(friction)
             for model in models:
                 datas.append(model.createData())
-            self._problems[count] = (models, datas)
-        return self._problems[count]
+            self._problems[coefficients] = (models, datas)
+        return self._problems[coefficients]
 
 
-def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], list[float]]:
-    """Return frames and sphere radii of points that can touch the floor, feet first; adds the shapes' corners to it."""
+def _surface_axes(normals: Array) -> Array:
+    """Return (k, 3, 3) orthonormal axes whose third rows are the normals (k, 3); the identity for the vertical.
+
+    Duff et al., "Building an orthonormal basis, revisited", 2017.
+    """
+    x, y, z = normals.T
+    a = -1.0 / (1.0 + z)
+    b = a * x * y
+    first, second = np.stack([1.0 + a * x * x, b, -x]), np.stack([b, 1.0 + a * y * y, -y])
+    axes: Array = np.stack([first, second, normals.T]).transpose(2, 0, 1)
+    return axes
+
+
+def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], Array]:
+    """Return frames and radii of the spheres that can touch the ground, feet first; adds corners of shapes."""
     frames, radii = list(robot.contact_ids), [robot.contact_radius] * robot.nc
     for part in robot.collision_shapes:
         for i, (placement, radius) in enumerate(part.corners):
             corner = pin.Frame(f"{part.name}, corner {i}", part.joint, 0, placement, pin.FrameType.OP_FRAME)
             frames.append(model.addFrame(corner, False))
             radii.append(radius)
-    return frames, radii
+    return frames, np.array(radii)

@@ -14,6 +14,7 @@ from lgmpc.typing import Array
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
     from lgmpc.simulation.parameters import PlantSettings
+    from lgmpc.world import World
 
 __all__ = ["BodyWrenches", "Plant", "PlantSample", "check_speed", "check_state", "check_torque", "make_plant"]
 
@@ -69,15 +70,15 @@ class Plant(Protocol):
         """Return the (3,) world position of the centre of mass of ``body``."""
 
 
-def make_plant(robot: Robot, settings: PlantSettings) -> Plant:
-    """Return the plant of ``settings``; only its engine is imported."""
+def make_plant(robot: Robot, settings: PlantSettings, world: World | None = None) -> Plant:
+    """Return the plant of ``settings`` in a world, a level floor unless given; only its engine is imported."""
     if settings.kind == "pinocchio":
         from lgmpc.simulation.pinocchio import PinocchioPlant
 
-        return PinocchioPlant(robot, settings)
+        return PinocchioPlant(robot, settings, world)
     from lgmpc.simulation.mujoco import MujocoPlant
 
-    return MujocoPlant(robot, settings)
+    return MujocoPlant(robot, settings, world)
 
 
 def _vector(name: str, value: Array, size: int) -> Array:

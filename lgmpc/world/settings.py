@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Union
 
 from pydantic import BeforeValidator, Field
@@ -59,8 +60,10 @@ class SlopeSettings(_GroundSettings):
 
 
 def _by_name(value: Any) -> Any:
-    """Return a kind given by its name alone, ``world: slope``, as a section."""
-    return {"kind": value} if isinstance(value, str) else value
+    """Return a kind given by its name alone, ``world: slope``, as a section; a section without a kind is a floor."""
+    if isinstance(value, str):
+        return {"kind": value}
+    return {"kind": "floor", **value} if isinstance(value, Mapping) else value
 
 
 WorldSettings = Annotated[

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, BoolArray
 from lgmpc.world.surfaces import Plane, Surface
 
 __all__ = ["World"]
+
+T = TypeVar("T", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ class World:
 
     def height(self, points: Array) -> Array:
         """Return (n,) heights of the ground below points (n, 2), m."""
-        return self._heights(points).max(axis=0)
+        top: Array = self._heights(points).max(axis=0)
+        return top
 
     def normal(self, points: Array) -> Array:
         """Return (n, 3) unit normals, upward."""
@@ -49,12 +54,12 @@ class World:
 
     def steppable(self, points: Array, radius: float) -> BoolArray:
         """Return (n,) whether a foot of ``radius``, m, stands on one surface there, away from its edges."""
-        flags: BoolArray = self._of_highest(points, [surface.steppable(points, radius) for surface in self.surfaces])
-        return flags
+        return self._of_highest(points, [surface.steppable(points, radius) for surface in self.surfaces])
 
     def highest(self, begin: Array, end: Array) -> Array:
         """Return (n,) the greatest height of the ground along each segment from ``begin`` to ``end``, (n, 2), m."""
-        return np.array([surface.highest(begin, end) for surface in self.surfaces]).max(axis=0)
+        top: Array = np.array([surface.highest(begin, end) for surface in self.surfaces]).max(axis=0)
+        return top
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return (n,) signed distances of points (n, 3) to the nearest surface, m, and (n, 3) its normals there."""
@@ -81,9 +86,9 @@ class World:
     def _heights(self, points: Array) -> Array:
         return np.array([surface.height(points) for surface in self.surfaces])
 
-    def _of_highest(self, points: Array, values: list[Array]) -> Array:
+    def _of_highest(self, points: Array, values: list[NDArray[T]]) -> NDArray[T]:
         """Return of each point the value of the surface that is highest there."""
         if len(values) == 1:
             return values[0]
-        chosen: Array = np.array(values)[self._heights(points).argmax(axis=0), np.arange(len(points))]
+        chosen: NDArray[T] = np.array(values)[self._heights(points).argmax(axis=0), np.arange(len(points))]
         return chosen

@@ -56,6 +56,7 @@ from lgmpc.simulation.drives import Drives, StateLink
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.plant import make_plant
 from lgmpc.solvers import SolverSettings
+from lgmpc.world import World, make_world
 
 TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
 USED_AS_THEY_ARE = (
@@ -105,6 +106,8 @@ OTHER: dict[str, Any] = {
     "walk/robot.position_limit_rad": (-0.2, 0.5),
     "walk/robot.one_sided_rad": {"slide_*": 0.005},
     "walk/robot.collision_shapes.?.link": "leg_a",
+    "walk/world.kind": "slope",
+    "walk/world.kin?": "floor",
     "walk/sensors.torque_noise_nm": 100.0,
     "walk/timing.tick_ms": (0.1, 0.2),
     "walk/timing.plan_ms": (0.1, 0.2),
@@ -364,7 +367,7 @@ class Parts:
         def build_once(*arguments: Any, **keywords: Any) -> Any:
             if not self.enabled:
                 return build(*arguments, **keywords)
-            plain = [repr(each) for each in arguments if isinstance(each, (Settings, float, int, str))]
+            plain = [repr(each) for each in arguments if isinstance(each, (Settings, World, float, int, str))]
             if build is make_plant:
                 plain += [repr(each.given_shapes) for each in arguments if isinstance(each, Robot)]
             key = (build, *plain)
@@ -475,17 +478,18 @@ def test_every_key_of_the_regulator_is_built_into_something(urdf: Path, parts: P
     assert left == [], ", ".join(left)
 
 
-def test_every_key_of_the_plant_is_built_into_the_plant(urdf: Path) -> None:
+@pytest.mark.parametrize("world", ["floor", "slope"])
+def test_every_key_of_plant_and_world_is_built_into_the_plant(urdf: Path, world: str) -> None:
     """Friction and masses are also those by which the log is judged: that alone does not suffice."""
-    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal"))
-    keys = [key for key in leaves(config) if key.startswith("plant.")]
+    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal") + f"world: {world}\n")
+    keys = [key for key in leaves(config) if key.startswith(("plant.", "world."))]
 
     def print_of_plant(each: Document) -> str:
         assert isinstance(each, Config)
-        robot = build_robot(each)
+        robot, world = build_robot(each), make_world(each.world, each.plant.friction)
         rng, link = np.random.default_rng(0), each.plant.link
         drives = [Drives(link, each.plant.actuators, each.plant.dt, rng), StateLink(link, rng)]
-        return fingerprint([make_plant(robot, each.plant), initial_state(robot, each.plant), *drives])
+        return fingerprint([make_plant(robot, each.plant, world), initial_state(robot, each.plant, world), *drives])
 
     assert without_effect(config, keys, print_of_plant) == []
 

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait
-from paired_robots import Pair, arm, interpreted, paired, quadrotor, talos
+from paired_robots import Pair, arm, paired, quadrotor, talos
 from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
@@ -211,7 +211,6 @@ def main() -> None:
     if theirs:
         problems |= {
             "Talos": partial(talos, still=()),
-            "Talos by Pinocchio": lambda: interpreted(talos(still=())),
             "arm": arm,
             "quadrotor": quadrotor,
             "bounded quadrotor": partial(quadrotor, bounds=(1.0, 6.0)),

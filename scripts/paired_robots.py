@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from paired_problems import Stance, weighted
 
-from lgmpc.actions import Contact, ContactForwardDynamics, FreeForwardDynamics, MultibodyAction, NumericContactAction
+from lgmpc.actions import Contact, ContactForwardDynamics, FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import CenterOfPressure, Control, FramePlacement, FrameTranslation, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -182,15 +182,6 @@ def talos(nodes: int = 20, dt: float = 0.02, *, still: tuple[str, ...] = ("head"
     problem = crocoddyl.ShootingProblem(x0, [running] * nodes, terminal)
     us = np.array(problem.quasiStatic([x0] * nodes))
     return Pair(ours, problem, Trajectory(np.tile(x0, (nodes + 1, 1)), us))
-
-
-def interpreted(pair: Pair) -> Pair:
-    """The same problem with actions that nothing is compiled for."""
-    numeric = {id(action): NumericContactAction(action) for action in pair.ours.actions}
-    ours = ShootingProblem([numeric[id(action)] for action in pair.ours.actions], terminal=pair.ours.terminal)
-    ours.parameters[...] = pair.ours.parameters
-    ours.set_initial_state(pair.ours.x0)
-    return Pair(ours, pair.theirs, pair.guess)
 
 
 def _talos_without(still: tuple[str, ...]) -> tuple[pin.Model, np.ndarray]:

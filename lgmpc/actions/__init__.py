@@ -13,11 +13,10 @@ from lgmpc.actions.full_body import (
 )
 from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.integrators import Integrator, RungeKutta2, RungeKutta3, RungeKutta4, SemiImplicitEuler
+from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
-from lgmpc.actions.numeric import NumericContactAction, StageQuadratics
 from lgmpc.actions.penalized import PenalizedAction
 from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
@@ -48,7 +47,6 @@ __all__ = [
     "Load",
     "Motion",
     "MultibodyAction",
-    "NumericContactAction",
     "Parameter",
     "ParameterLayout",
     "PenalizedAction",
@@ -56,14 +54,11 @@ __all__ = [
     "PythonAction",
     "RigidBody",
     "RigidBodyAction",
-    "RungeKutta2",
-    "RungeKutta3",
     "RungeKutta4",
     "SemiImplicitEuler",
     "Squashed",
     "Stage",
     "StageDerivatives",
-    "StageQuadratics",
     "StageValue",
     "StateMomentum",
     "Stretched",

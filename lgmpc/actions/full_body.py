@@ -162,8 +162,8 @@ class FreeForwardDynamics(Dynamics):
 class FreeInverseDynamics(Dynamics):
     """u = accelerations; no contacts. Efforts follow from ``M a + nle``.
 
-    Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by
-    :class:`~lgmpc.costs.library.JointEffort`. The generalised forces without actuator, of passive joints or of a free
+    Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by a
+    residual of ``s.tau``. The generalised forces without actuator, of passive joints or of a free
     base with fewer than six thrusters, are zero by a path constraint.
 
     Args:
@@ -200,7 +200,7 @@ class ContactInverseDynamics(Dynamics):
 
     The path constraint holds the free base's equations of motion and, for each contact,
     ``J a + dJ/dt v + Baumgarte = 0`` or, in the air, zero force. Efforts follow from the other equations: bound them
-    with a :class:`~lgmpc.costs.library.JointEffort` constraint.
+    with a constraint on ``s.tau``.
 
     Args:
         model: the robot; its base, if free, is not actuated.

@@ -11,7 +11,7 @@ import casadi as ca
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.implicit import Unknowns
 
-__all__ = ["Integrator", "RungeKutta2", "RungeKutta3", "RungeKutta4", "SemiImplicitEuler"]
+__all__ = ["Integrator", "RungeKutta4", "SemiImplicitEuler"]
 
 
 class Integrator(ABC):
@@ -43,37 +43,6 @@ class SemiImplicitEuler(Integrator):
     def move(self, v: Any, v_next: Any, values: Mapping[str, Any]) -> Any:
         """Return ``(h v+, v+ - v)``."""
         return ca.vertcat(values["duration"] * v_next, v_next - v)
-
-
-class RungeKutta2(Integrator):
-    """The midpoint rule: second order, ``q+ = q (+) h v_mid``."""
-
-    def step(
-        self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
-        """Return the state after the step, and the motion at its beginning."""
-        h, move = values["duration"], dynamics.robot.integrate
-        first = dynamics.motion(q, v, u, values, unknowns)
-        middle = v + h / 2 * first.a
-        a = dynamics.motion(move(q, h / 2 * v), middle, u, values, unknowns).a
-        return ca.vertcat(move(q, h * middle), v + h * a), first
-
-
-class RungeKutta3(Integrator):
-    """Heun's third-order method, commutator-free on the configuration's group (see :class:`RungeKutta4`)."""
-
-    def step(
-        self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
-        """Return the state after the step, and the motion at its beginning."""
-        h, move = values["duration"], dynamics.robot.integrate
-        first = dynamics.motion(q, v, u, values, unknowns)
-        v2, q2 = v + h / 3 * first.a, move(q, h / 3 * v)
-        a2 = dynamics.motion(q2, v2, u, values, unknowns).a
-        v3, q3 = v + 2 * h / 3 * a2, move(q, 2 * h / 3 * v2)
-        a3 = dynamics.motion(q3, v3, u, values, unknowns).a
-        q_next = move(q2, h / 12 * (9 * v3 - v))
-        return ca.vertcat(q_next, v + h / 4 * (first.a + 3 * a3)), first
 
 
 class RungeKutta4(Integrator):

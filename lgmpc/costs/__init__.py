@@ -8,7 +8,6 @@ from lgmpc.costs.activations import (
     OfNorm,
     Quadratic,
     QuadraticBarrier,
-    SmoothOneNorm,
     SmoothTwoNorm,
     WeightedQuadratic,
 )
@@ -35,7 +34,6 @@ __all__ = [
     "Quadratic",
     "QuadraticBarrier",
     "Residual",
-    "SmoothOneNorm",
     "SmoothTwoNorm",
     "StageSymbols",
     "WeightedQuadratic",

@@ -25,7 +25,6 @@ __all__ = [
     "OfNorm",
     "Quadratic",
     "QuadraticBarrier",
-    "SmoothOneNorm",
     "SmoothTwoNorm",
     "WeightedQuadratic",
 ]
@@ -155,30 +154,6 @@ class QuadraticBarrier(Activation):
     def curvature(self, r: Any) -> Any:
         """Return one outside, zero within."""
         return ca.if_else(r < self.lower, 1.0, 0) + ca.if_else(r > self.upper, 1.0, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class SmoothOneNorm(Activation):
-    """``a = sqrt(r^2 + epsilon)``: the absolute value, smoothed over a width of ``sqrt(epsilon)``.
-
-    Attributes:
-        epsilon: positive.
-    """
-
-    epsilon: Any = 1.0
-    sign = "positive"
-
-    def value(self, r: Any) -> Any:
-        """Return the smoothed absolute value."""
-        return ca.sqrt(r**2 + self.epsilon)
-
-    def gradient(self, r: Any) -> Any:
-        """Return r / a."""
-        return r / self.value(r)
-
-    def curvature(self, r: Any) -> Any:
-        """Return epsilon / a^3."""
-        return self.epsilon / self.value(r) ** 3
 
 
 @dataclass(frozen=True, eq=False)

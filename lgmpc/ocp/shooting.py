@@ -9,11 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action, NumericContactAction
+from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, cached
 from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct
 from lgmpc.ocp.packing import like, pipeline_of, symbols_of
-from lgmpc.ocp.pinocchio_stages import NumericExpansion, NumericRollOut, with_numeric
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -79,11 +78,9 @@ class ShootingFunctions:
 
         actions = distinct(problem)
         made = cached(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
-        expansions = with_numeric(made.expand, actions, lambda action: NumericExpansion(action, nu))
-        roll_outs = with_numeric(made.roll_out, actions, lambda action: NumericRollOut(action, nu))
         self._expand = (
             *bind_intervals(
-                problem, expansions, x=self.xs, u=self.us, x_next=self.xs[1:], jacobian=self.jacobian,
+                problem, made.expand, x=self.xs, u=self.us, x_next=self.xs[1:], jacobian=self.jacobian,
                 hessian=self.hessian, gradient=self.gradient, gap=self.gaps[1:], cost=self.costs[:, None],
             ),
             bind_last(
@@ -93,7 +90,7 @@ class ShootingFunctions:
         )  # fmt: skip
         self._roll = (
             *bind_intervals(
-                problem, roll_outs, x=self.xs_try, x_base=self.xs, u_base=self.us, feedback=self.feedback,
+                problem, made.roll_out, x=self.xs_try, x_base=self.xs, u_base=self.us, feedback=self.feedback,
                 feedforward=self.feedforward, gap=self.gaps[1:], lower=self.u_lower, upper=self.u_upper,
                 alpha=self.step_length, x_next=self.xs_try[1:], u=self.us_try, cost=self.costs_try[:, None],
             ),
@@ -140,10 +137,10 @@ class _RollOut:
 
 @dataclass(frozen=True)
 class _Compiled:
-    """The kernels of a problem; None for actions that Pinocchio evaluates."""
+    """The kernels of a problem."""
 
-    expand: tuple[BatchKernel | None, ...]
-    roll_out: tuple[StageKernel | _RollOut | None, ...]
+    expand: tuple[BatchKernel, ...]
+    roll_out: tuple[StageKernel | _RollOut, ...]
     expand_last: BatchKernel
     last_cost: StageKernel
     difference: StageKernel
@@ -163,8 +160,8 @@ def _compile(
         return _RollOut(simulate, BatchKernel(action.expansion.cost, progress))
 
     return _Compiled(
-        tuple(None if isinstance(action, NumericContactAction) else expand(action) for action in actions),
-        tuple(None if isinstance(action, NumericContactAction) else roll_out(action) for action in actions),
+        tuple(map(expand, actions)),
+        tuple(map(roll_out, actions)),
         BatchKernel(_last_expansion(last), progress),
         StageKernel(last.terminal_value_function, progress),
         StageKernel(difference(state), progress),

@@ -10,12 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lgmpc.actions import Action, NumericContactAction
+from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, cached
 from lgmpc.ocp.horizon import bind_intervals, bind_last, distinct, retraction
 from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
-from lgmpc.ocp.pinocchio_stages import NumericSubproblem, with_numeric
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
@@ -47,7 +46,7 @@ class SubproblemFunctions:
     ) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
         actions = distinct(problem)
-        structure, compiled, terminal, retract = cached(
+        structure, kernels, terminal, retract = cached(
             _compile, actions, problem.terminal, n, nu, "QRS" if exact else "", progress=progress
         )
         self.qp = OcpQp(structure)
@@ -55,7 +54,6 @@ class SubproblemFunctions:
         self.us: Array = np.zeros((n, nu))
         self.xs_base: Array = self.xs.copy()
         self.dxs: Array = np.zeros((n + 1, state.ndx))
-        kernels = with_numeric(compiled, actions, lambda action: NumericSubproblem(action, structure.blocks))
         last = self.qp.terminal_values.reshape(1, -1)
         self._calls = (
             *bind_intervals(problem, kernels, x=self.xs, u=self.us, x_next=self.xs[1:], values=self.qp.values),
@@ -102,14 +100,11 @@ def _compile(
     nu: int,
     full: str,
     progress: Callable[[str], None] | None,
-) -> tuple[OcpQpStructure, tuple[BatchKernel | None, ...], BatchKernel, BatchKernel]:
-    """Return the structure and the kernels of actions (None: Pinocchio evaluates them), terminal cost, retraction."""
+) -> tuple[OcpQpStructure, tuple[BatchKernel, ...], BatchKernel, BatchKernel]:
+    """Return the structure and the kernels of actions, terminal cost, retraction."""
     ng = max(action.value_function.size1_out("constraint") for action in actions)
     matrices = [StageMatrices(action, nu, ng) for action in actions]
     structure = structure_of(matrices, last, nodes, full=full)
-    kernels = tuple(
-        None if isinstance(action, NumericContactAction) else BatchKernel(stage.packed(structure.blocks), progress)
-        for action, stage in zip(actions, matrices, strict=True)
-    )
+    kernels = tuple(BatchKernel(stage.packed(structure.blocks), progress) for stage in matrices)
     terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks), progress)
     return structure, kernels, terminal, BatchKernel(retraction(last.state), progress)

@@ -24,8 +24,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.actions import Action, NumericContactAction, PenalizedAction, PenalizedPythonAction, PythonAction
-from lgmpc.errors import InputError
+from lgmpc.actions import Action, PenalizedAction, PenalizedPythonAction, PythonAction
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Positive
@@ -74,9 +73,6 @@ class AugmentedLagrangianFddp(IterativeSolver):
         problem: the problem; its data are read at every solve.
         settings: tolerance and penalties.
         progress: called with a description of what is being compiled.
-
-    Raises:
-        InputError: a numeric action with path constraints.
     """
 
     name = "augmented-Lagrangian FDDP"
@@ -91,10 +87,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         self.problem = problem
         self.settings = AugmentedLagrangianSettings() if settings is None else settings
         made: dict[int, Action] = {}
-        for k, action in enumerate(problem.actions):
-            if isinstance(action, NumericContactAction) and action.path_rows:
-                expected = "an action of expressions (the SQP takes constraints of others)"
-                raise InputError(f"actions[{k}]", f"'{action.name}', a numeric action with path constraints", expected)
+        for action in problem.actions:
             if id(action) not in made:
                 made[id(action)] = _penalized(action) if action.path_rows else action
         self._penalized = ShootingProblem([made[id(action)] for action in problem.actions], terminal=problem.terminal)

@@ -28,7 +28,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Count
@@ -184,12 +183,8 @@ class LineSearchSqp(IterativeSolver):
         self._take_over(True)
         if self._globaliser is None:
             tolerance = max(self.settings.tolerance, 1e-9)
-            try:
-                self._globaliser = AugmentedLagrangianFddp(
-                    self.problem, AugmentedLagrangianSettings(tolerance=tolerance), self._report
-                )
-            except InputError:
-                return False
+            settings = AugmentedLagrangianSettings(tolerance=tolerance)
+            self._globaliser = AugmentedLagrangianFddp(self.problem, settings, self._report)
         self._globaliser._known = None
         self._global = self._globaliser._begin(self._start) is None
         return self._global

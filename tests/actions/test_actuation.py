@@ -10,7 +10,6 @@ from lgmpc.actions import (
     ContactForwardDynamics,
     FreeForwardDynamics,
     MultibodyAction,
-    NumericContactAction,
     Squashed,
     thrusters,
 )
@@ -71,9 +70,6 @@ def test_matrices_that_do_not_fit_are_named() -> None:
             ContactForwardDynamics(model, ["left_foot"], actuation=matrix)
     with pytest.raises(InputError, match="model: got .*, whose base is fixed"):
         thrusters(pin.buildSampleModelManipulator(), [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-    action = MultibodyAction("own", ContactForwardDynamics(model, ["left_foot"], actuation=np.eye(10)))
-    with pytest.raises(InputError, match=r"action\.dynamics\.actuation"):
-        NumericContactAction(action)
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from lgmpc.costs.library import (
     Control,
     FramePlacement,
     FrameRotation,
-    SmoothFrictionCone,
+    FrictionCone,
     StateError,
     WrenchCone,
 )
@@ -61,7 +61,7 @@ def costs(state: State, forces: bool = True) -> list[CostItem]:
     ]
     of_forces = [
         CostItem("force", ContactForce(POINT), 1e-2),
-        CostItem("cone", SmoothFrictionCone(POINT), 1e-2, inside),
+        CostItem("cone", FrictionCone(POINT), 1e-2, inside),
         CostItem("pressure", CenterOfPressure(SURFACE, (0.1, 0.05)), 1e-2, inside),
         CostItem("wrench", WrenchCone(SURFACE, (0.1, 0.05)), 1e-2, inside),
     ]
@@ -71,7 +71,7 @@ def costs(state: State, forces: bool = True) -> list[CostItem]:
 @lru_cache
 def action(name: str) -> Action:
     model, contacts = solo().model, CONTACTS
-    cone = [ConstraintItem("cone_row", SmoothFrictionCone(POINT), 0.0, np.inf)]
+    cone = [ConstraintItem("cone_row", FrictionCone(POINT), 0.0, np.inf)]
     if name == "forward":
         dynamics = ContactForwardDynamics(model, contacts)
         return MultibodyAction(name, dynamics, costs(dynamics.state), cone)

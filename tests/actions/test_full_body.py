@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import JointEffort
 
 from lgmpc.actions import (
     Contact,
@@ -26,7 +27,6 @@ from lgmpc.costs.library import (
     FrameTranslation,
     FrictionCone,
     JointAcceleration,
-    JointEffort,
     StateError,
 )
 from lgmpc.errors import InputError

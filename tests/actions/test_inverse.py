@@ -3,11 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import JointEffort
 
 from lgmpc.actions import FreeForwardDynamics, FreeInverseDynamics, MultibodyAction, thrusters
 from lgmpc.actions.dynamics import Dynamics
 from lgmpc.costs import ConstraintItem, CostItem
-from lgmpc.costs.library import Control, FrameTranslation, JointEffort, StateError
+from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory, check_derivatives
 from lgmpc.solvers import Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 import pytest
-from samples import solo
+from samples import JointEffort, solo
 
 from lgmpc.actions import Contact, KinodynamicAction, StateMomentum
 from lgmpc.costs import ConstraintItem, CostItem
@@ -15,7 +15,6 @@ from lgmpc.costs.library import (
     ContactForce,
     Control,
     FrameVelocity,
-    JointEffort,
     StateError,
 )
 from lgmpc.errors import InputError

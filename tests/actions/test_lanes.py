@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 import pytest
+from samples import JointEffort
 
 from lgmpc.actions import Contact, ContactForwardDynamics, FreeInverseDynamics, MultibodyAction
 from lgmpc.actions.dynamics import Dynamics
 from lgmpc.costs import ConstraintItem, CostItem
-from lgmpc.costs.library import JointEffort, ShapePairDistance, StateError
+from lgmpc.costs.library import ShapePairDistance, StateError
 from lgmpc.ocp import LagrangianHessians, ShootingProblem, SubproblemFunctions
 from lgmpc.robot import Capsule, place_shape
 

@@ -22,7 +22,6 @@ from lgmpc.costs.library import (
     ContactForce,
     Control,
     ControlGravity,
-    FramePairDistance,
     FramePlacement,
     FrameRotation,
     FrameRotationMatrix,
@@ -31,9 +30,7 @@ from lgmpc.costs.library import (
     FrameVelocity,
     FrictionCone,
     JointAcceleration,
-    JointEffort,
     JointPosition,
-    SmoothFrictionCone,
     StateError,
     WrenchCone,
 )
@@ -181,7 +178,6 @@ LIBRARY: dict[str, tuple[Residual, Callable[[Point], np.ndarray]]] = {
     ),
     "control": (Control(12, REF12), lambda s: s.u - REF12),
     "acceleration": (JointAcceleration(12, REF12), lambda s: s.a[6:] - REF12),
-    "effort": (JointEffort(12, REF12), lambda s: s.tau - REF12),
     "control gravity": (ControlGravity(12), lambda s: s.tau - gravity(s)[6:]),
     "contact gravity": (ContactControlGravity(12), lambda s: s.tau - contact_gravity(s)[6:]),
     "com": (CoMPosition(REF3), lambda s: pin.centerOfMass(solo().model, solo().create_data(), s.q) - REF3),
@@ -203,16 +199,8 @@ LIBRARY: dict[str, tuple[Residual, Callable[[Point], np.ndarray]]] = {
     "force": (ContactForce(POINT, 3, REF3), lambda s: s.force - REF3),
     "wrench": (ContactForce(SURFACE, 6, REF6), lambda s: s.wrench - REF6),
     "cone": (FrictionCone(POINT, 6, 0.6, TILTED), pyramid),
-    "smooth cone": (
-        SmoothFrictionCone(SURFACE, 0.6),
-        lambda s: np.array([0.36 * s.wrench[2] ** 2 - s.wrench[0] ** 2 - s.wrench[1] ** 2, s.wrench[2]]),
-    ),
     "pressure": (CenterOfPressure(SURFACE, (0.1, 0.05)), pressure),
     "wrench cone": (WrenchCone(SURFACE, (0.1, 0.05), 0.6), wrench_cone),
-    "distance": (
-        FramePairDistance(POINT, SURFACE),
-        lambda s: np.array([np.linalg.norm(placement(s, POINT).translation - placement(s, SURFACE).translation)]),
-    ),
 }
 
 
@@ -296,13 +284,6 @@ def test_half_the_square_of_the_matrix_residual_is_psi() -> None:
     assert 0.5 * value @ value == pytest.approx(psi(point), rel=1e-12)
 
 
-def test_distance_of_a_frame_from_itself_is_zero_with_zero_slope() -> None:
-    compiled = build(FramePairDistance(POINT, POINT))
-    point = random_point(np.random.default_rng(3))
-    assert compiled.value(*compiled.arguments(point)) == [0.0]
-    assert not np.array(compiled.jacobian(*compiled.arguments(point))[0]).any()
-
-
 def test_references_are_parameters() -> None:
     compiled = build(CoMPosition())
     point = random_point(np.random.default_rng(4))
@@ -315,7 +296,7 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="facets: got 2"):
         FrictionCone(POINT, 2)
     with pytest.raises(InputError, match="surface: got no rotation"):
-        SmoothFrictionCone(POINT, 0.7, 2 * np.eye(3))
+        FrictionCone(POINT, 8, 0.7, 2 * np.eye(3))
     for surface in (CenterOfPressure(POINT, (0.1, 0.1)), WrenchCone(POINT, (0.1, 0.1))):
         with pytest.raises(InputError, match="a point contact"):
             build(surface)

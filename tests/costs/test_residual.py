@@ -19,7 +19,6 @@ from lgmpc.costs import (
     Quadratic,
     QuadraticBarrier,
     Residual,
-    SmoothOneNorm,
     SmoothTwoNorm,
     StageSymbols,
     WeightedQuadratic,
@@ -102,7 +101,6 @@ def test_the_terminal_cost_depends_on_the_state_alone() -> None:
             QuadraticBarrier([-1.0, -np.inf], [np.inf, 1.5]),
             lambda r: np.r_[min(r[0] + 1, 0), max(r[1] - 1.5, 0)] ** 2 / 2,
         ),
-        (SmoothOneNorm(0.25), lambda r: np.sqrt(r**2 + 0.25)),
         (Huber(0.8), lambda r: np.where(np.abs(r) < 0.8, r**2 / 2, 0.8 * (np.abs(r) - 0.4))),
     ],
     ids=lambda value: type(value).__name__,
@@ -187,7 +185,6 @@ def test_bad_input_is_named() -> None:
         CostItem("c", Speeds(), activation=WeightedQuadratic([1.0, 2.0, 3.0])).parameters()
     for activation, name in (
         (WeightedQuadratic([1.0, -2.0]), "weights"),
-        (SmoothOneNorm(0.0), "epsilon"),
         (Huber([-0.1, 1.0]), "threshold"),
         (SmoothTwoNorm(0.0), "epsilon"),
         (FlatExponential(0.0), "width"),

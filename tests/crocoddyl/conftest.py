@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait, weighted
 from paired_robots import Pair, arm, horizon, paired, quadrotor, talos
-from samples import Unicycle
+from samples import JointEffort, Unicycle
 
 from lgmpc.actions import (
     Contact,
@@ -17,7 +17,7 @@ from lgmpc.actions import (
     MultibodyAction,
 )
 from lgmpc.costs import CostItem
-from lgmpc.costs.library import Control, FrameTranslation, JointEffort, StateError
+from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 
 

@@ -18,7 +18,6 @@ from lgmpc.costs import (
     Quadratic,
     QuadraticBarrier,
     Residual,
-    SmoothOneNorm,
     SmoothTwoNorm,
 )
 from lgmpc.costs.library import (
@@ -202,7 +201,7 @@ def test_activations_of_the_norm(crocoddyl: Any, activation: Activation, name: s
 
 
 @pytest.mark.parametrize("name", ["com", "momentum", "placement", "rotation", "translation", "velocity"])
-@pytest.mark.parametrize("kind", ["quadratic", "barrier", "smooth"])
+@pytest.mark.parametrize("kind", ["quadratic", "barrier"])
 def test_residuals_and_activations(crocoddyl: Any, name: str, kind: str) -> None:
     model, rng = solo().model, np.random.default_rng(2)
     state = crocoddyl.StateMultibody(model)
@@ -211,11 +210,9 @@ def test_residuals_and_activations(crocoddyl: Any, name: str, kind: str) -> None
     activation: Activation
     if kind == "quadratic":
         activation, twin = Quadratic(), crocoddyl.ActivationModelQuad(residual.nr)
-    elif kind == "barrier":
+    else:
         bounds = crocoddyl.ActivationBounds(-bound, bound)
         activation, twin = QuadraticBarrier(-bound, bound), crocoddyl.ActivationModelQuadraticBarrier(bounds)
-    else:
-        activation, twin = SmoothOneNorm(1.0), crocoddyl.ActivationModelSmooth1Norm(residual.nr, 1.0)
     costs = crocoddyl.CostModelSum(state, 12)
     costs.addCost(name, crocoddyl.CostModelResidual(state, twin, there), 0.5)
     actuation, contacts = crocoddyl.ActuationModelFloatingBase(state), crocoddyl.ContactModelMultiple(state, 12)

@@ -101,6 +101,7 @@ def test_infeasible_problems_have_their_status(cart: ShootingProblem) -> None:
     cart.set("limit", [2.0, 0.6, -5.0])
     infeasible = solver.solve()
     assert infeasible.status is Status.INFEASIBLE
+    np.testing.assert_allclose(infeasible.gaps, infeasible.defects(), atol=1e-12)
     assert "constraint: largest violation" in infeasible.explain()
     with pytest.raises(SolverError, match="infeasible"):
         solver.solve(throw=True)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
+from lgmpc.costs import Residual, StageSymbols
 from lgmpc.estimation.invariant_ekf import ErrorForm
 from lgmpc.ocp import ShootingProblem
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -52,6 +53,17 @@ def b1_with_arm() -> Robot:
     """B1 on its feet with a Z1 arm on its back: seven joints that move no foot."""
     feet = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
     return load_robot(RobotSpec(model="b1_z1", contact_frames=feet, contact_radius_m=0.04))
+
+
+class JointEffort(Residual):
+    """Efforts of the actuated joints minus ``reference`` (nu,), N.m (N)."""
+
+    def __init__(self, nu: int, reference: object = 0.0) -> None:
+        self.nr = nu
+        self.parameters = (Parameter("reference", nu, "reference of the efforts, N.m", reference),)
+
+    def expression(self, s: StageSymbols) -> object:
+        return s.tau - s["reference"]
 
 
 class Unicycle(Action):

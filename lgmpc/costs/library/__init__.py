@@ -9,13 +9,11 @@ from lgmpc.costs.library.dynamics import (
     Control,
     ControlGravity,
     JointAcceleration,
-    JointEffort,
     JointPosition,
     StateError,
 )
-from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, SmoothFrictionCone, WrenchCone
+from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, WrenchCone
 from lgmpc.costs.library.frames import (
-    FramePairDistance,
     FramePlacement,
     FrameRotation,
     FrameRotationMatrix,
@@ -33,7 +31,6 @@ __all__ = [
     "ContactForce",
     "Control",
     "ControlGravity",
-    "FramePairDistance",
     "FramePlacement",
     "FrameRotation",
     "FrameRotationMatrix",
@@ -42,10 +39,8 @@ __all__ = [
     "FrameVelocity",
     "FrictionCone",
     "JointAcceleration",
-    "JointEffort",
     "JointPosition",
     "ShapePairDistance",
-    "SmoothFrictionCone",
     "StateError",
     "WrenchCone",
 ]

@@ -20,7 +20,6 @@ __all__ = [
     "Control",
     "ControlGravity",
     "JointAcceleration",
-    "JointEffort",
     "JointPosition",
     "StateError",
 ]
@@ -99,22 +98,6 @@ class JointAcceleration(_Difference):
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
         return s.a[s.robot.nv - self.nr :] - s["reference"]
-
-
-class JointEffort(_Difference):
-    """Efforts of the actuated joints minus ``reference`` (nu,), N.m (N).
-
-    Args:
-        nu: number of actuated joints.
-        reference: default of the parameter ``reference``.
-    """
-
-    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "reference of the joint efforts, N.m", reference)
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.tau - s["reference"]
 
 
 class ControlGravity(Residual):

@@ -14,7 +14,7 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 
-__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "SmoothFrictionCone", "WrenchCone"]
+__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "WrenchCone"]
 
 
 class ContactForce(Residual):
@@ -78,31 +78,6 @@ class FrictionCone(_Cone):
         force = self._force(s)
         half_width = pyramid_half_width(s["friction"], self.facets)
         return ca.vertcat(*friction_margins(force, half_width, self.facets), force[2])
-
-
-class SmoothFrictionCone(_Cone):
-    """The friction cone as the polynomials ``mu^2 f_z^2 - f_x^2 - f_y^2`` (N^2) and ``f_z`` (N), both positive inside.
-
-    Free of square roots, hence differentiable at zero force.
-
-    Args:
-        frame: name of the contact.
-        friction: default of the parameter ``friction``.
-        surface: (3, 3) rotation of the surface in the world, z its normal; level unless given.
-
-    Raises:
-        InputError: no rotation.
-    """
-
-    nr = 2
-
-    def __init__(self, frame: str, friction: float = 0.7, surface: ArrayLike | None = None) -> None:
-        super().__init__(frame, friction, surface)
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the two polynomials."""
-        fx, fy, fz = self._force(s)
-        return ca.vertcat((s["friction"] * fz) ** 2 - fx**2 - fy**2, fz)
 
 
 class CenterOfPressure(Residual):

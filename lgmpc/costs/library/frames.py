@@ -15,7 +15,6 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.lie.symbolic import quaternion, se3, so3
 
 __all__ = [
-    "FramePairDistance",
     "FramePlacement",
     "FrameRotation",
     "FrameRotationMatrix",
@@ -149,26 +148,6 @@ class FrameVelocity(Residual):
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
         return s.velocity(self.frame, self.axes) - s["reference"]
-
-
-class FramePairDistance(Residual):
-    """Distance between the origins of two frames (1,), m. Its derivative at distance zero is taken as zero.
-
-    Args:
-        first: name of a frame.
-        second: name of another.
-    """
-
-    nr = 1
-
-    def __init__(self, first: str, second: str) -> None:
-        self.first = first
-        self.second = second
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the distance."""
-        arm = s.placement(self.first).translation - s.placement(self.second).translation
-        return root_of(ca.dot(arm, arm))
 
 
 def root_of(square: Any) -> Any:

@@ -25,7 +25,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
 
 # Every subpackage may import these.
-FOUNDATION = "errors typing settings shipped compile notebook proxqp chromium"
+FOUNDATION = "errors status typing settings shipped compile notebook proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
@@ -75,6 +75,7 @@ ARROWS: dict[str, str] = {
     "__main__": "cli",
     # The foundation itself, and the package's own module.
     "errors": "",
+    "status": "",
     "typing": "errors",
     "settings": "errors typing notebook",
     "compile": "errors typing",

@@ -20,7 +20,7 @@ from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Settings, Vector3
-from lgmpc.solvers import RealTimeResult
+from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
 __all__ = ["CentroidalMpc", "CentroidalMpcSettings", "CentroidalSqpSettings"]
@@ -154,7 +154,7 @@ class CentroidalMpc(SqpMpc):
         n, nu = self.settings.nodes, self.problem.nu
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
-    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
+    def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         return self._make_plan(t, trajectory.xs, self._forces(trajectory), result.kkt)
 
     def _forces(self, trajectory: Trajectory) -> Array:

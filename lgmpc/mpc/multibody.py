@@ -27,7 +27,7 @@ from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.settings import Positive
-from lgmpc.solvers import RealTimeResult
+from lgmpc.solvers import Solution
 from lgmpc.state import State
 from lgmpc.typing import Array
 
@@ -183,7 +183,7 @@ class MultibodyMpc(SqpMpc):
             upper[:, -1] = highest
         self._refer_forces(self._shares())
 
-    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
+    def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         xs, us, parameters = self._read.inputs
         xs[...] = trajectory.xs
         us[:-1] = trajectory.us

@@ -12,7 +12,7 @@ from lgmpc.mpc.base import BaseMpc, weight_shares
 from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import SqpMpcSettings
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import RealTimeResult, RealTimeSqp, RealTimeStatus
+from lgmpc.solvers import RealTimeSqp, Solution, Status
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["SqpMpc"]
@@ -85,7 +85,7 @@ class SqpMpc(BaseMpc):
         """Return the guess without a last solution: rest in the measured state."""
 
     @abstractmethod
-    def _describe(self, t: float, trajectory: Trajectory, result: RealTimeResult) -> Plan:
+    def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         """Return the plan of a solution that starts at time ``t``; status and timing are filled in later."""
 
     def _advance(self, t: float, start: float) -> Plan:
@@ -102,12 +102,14 @@ class SqpMpc(BaseMpc):
                 result = self.solver.feedback(x0)
                 qp_iterations += result.qp_iterations
                 if not self._is_acceptable(result):
-                    return self._fall_back(_FAILURES[result.status], t, qp_iterations, start)
+                    not_finite = result.status is Status.NOT_FINITE
+                    failure = MpcStatus.NOT_FINITE if not_finite else MpcStatus.SOLVER_FAILED
+                    return self._fall_back(failure, t, qp_iterations, start)
             plan = self._describe(t, result.trajectory, result)
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
-        status = MpcStatus.INACCURATE if result.status is RealTimeStatus.INACCURATE else MpcStatus.SOLVED
+        status = MpcStatus.INACCURATE if result.status is Status.ACCEPTABLE else MpcStatus.SOLVED
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
@@ -122,8 +124,8 @@ class SqpMpc(BaseMpc):
                 ahead -= 1.0
         self._guess_time = t
 
-    def _is_acceptable(self, result: RealTimeResult) -> bool:
-        if result.status is not RealTimeStatus.INACCURATE:
+    def _is_acceptable(self, result: Solution) -> bool:
+        if result.status is not Status.ACCEPTABLE:
             return result.status.usable
         limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
@@ -141,13 +143,6 @@ class SqpMpc(BaseMpc):
     def _shares(self) -> Array:
         """Return (N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
         return weight_shares(self._flags, self._weight)
-
-
-_FAILURES = {
-    RealTimeStatus.INACCURATE: MpcStatus.SOLVER_FAILED,
-    RealTimeStatus.QP_FAILED: MpcStatus.SOLVER_FAILED,
-    RealTimeStatus.NOT_FINITE: MpcStatus.NOT_FINITE,
-}
 
 
 def _columns_without_bounds(problem: ShootingProblem) -> slice | IntArray:

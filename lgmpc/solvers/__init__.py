@@ -8,8 +8,9 @@ from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings
 from lgmpc.solvers.methods import AnySolverSettings, Solver, check_method, make_solver
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
-from lgmpc.solvers.real_time_sqp import RealTimeResult, RealTimeSqp, RealTimeStatus, RealTimeTimings
-from lgmpc.solvers.solution import Solution, Status, Timings
+from lgmpc.solvers.real_time_sqp import RealTimeSqp
+from lgmpc.solvers.solution import Solution, Timings
+from lgmpc.status import Status
 
 __all__ = [
     "AnySolverSettings",
@@ -28,10 +29,7 @@ __all__ = [
     "NlpSolver",
     "PrintProgress",
     "Progress",
-    "RealTimeResult",
     "RealTimeSqp",
-    "RealTimeStatus",
-    "RealTimeTimings",
     "Solution",
     "Solver",
     "SolverSettings",

@@ -31,7 +31,8 @@ from lgmpc.settings import Positive
 from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
-from lgmpc.solvers.solution import Solution, Status
+from lgmpc.solvers.solution import Solution
+from lgmpc.status import Status
 
 __all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
 

@@ -1,26 +1,31 @@
-"""Bounds on controls: extraction from the actions' path constraints, and a backward sweep subject to them."""
+"""Bounds on controls: extraction from the actions' path constraints, and a backward sweep subject to them.
+
+Active sets and their sweeps are one call of C (``box.c``); numpy where nothing can be compiled.
+"""
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action, PythonAction
+from lgmpc.compile import compile_source
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
 from lgmpc.ocp.horizon import runs_of
-from lgmpc.solvers.compiled_sweep import make_sweep
-from lgmpc.solvers.sweep import Expansion, all_finite, bilinear, products
+from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite, bilinear, products
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
 
-ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
-EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
+_ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
+_EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 
 
 class _Limits:
@@ -165,6 +170,7 @@ class BoxSweep:
         held: (N, nu) -1 fixed at the lower bound, 1 at the upper one, 0 free.
         dxs: (N+1, ndx) the minimiser.
         dus: (N, nu).
+        compiled: whether it is machine code.
     """
 
     def __init__(self, functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
@@ -173,11 +179,33 @@ class BoxSweep:
         jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
         last, gains = (f.last_hessian, f.last_gradient), (f.feedback, f.feedforward)
         self._model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, f.compiled)
-        self._sweep = make_sweep(self._model, progress)
+        self._sweep = BackwardSweep(self._model, progress)
         self.value_hessian, self.value_gradient = self._sweep.value_hessian, self._sweep.value_gradient
         self.held: IntArray = np.zeros(functions.us.shape, dtype=np.int64)
         self.dxs: Array = np.zeros(functions.gaps.shape)
         self.dus: Array = np.zeros(functions.us.shape)
+        self._expected = np.zeros(2)
+        source = (files("lgmpc.solvers") / "box.c").read_text()
+        library = compile_source("lgmpc_box", source, progress=progress) if self._sweep.compiled else None
+        self.compiled = library is not None
+        if library is not None:
+            self._bind(ctypes.CDLL(str(library)).lgmpc_box)
+
+    def _bind(self, call: Callable[[Any], int]) -> None:
+        """Give the machine code its arrays."""
+        f, m, sweep, (n, nu), ndx = self._functions, self._model, self._sweep, self.dus.shape, self.dxs.shape[1]
+        self._plan = np.array([n, ndx, nu, 0, _EXCHANGES], dtype=np.int64)
+        arrays = (
+            self._plan, f.jacobian, f.hessian, f.gradient, f.gaps, f.feedback, f.feedforward, self.value_hessian,
+            self.value_gradient, f.us, f.u_lower, f.u_upper, sweep.shift, np.array([_ROUNDING]), self.held, m.jacobian,
+            m.hessian, m.gradient, m.gaps, self.dxs, self.dus, np.zeros(ndx), self._expected,
+            np.zeros(n, dtype=np.int64), f.last_hessian, f.last_gradient,
+        )  # fmt: skip
+        self._memory = arrays  # the frame contains addresses only
+        addresses = [array.ctypes.data for array in arrays]
+        addresses += [sweep.address, ctypes.addressof(sweep.frame), sweep.plan.ctypes.data]
+        self._frame = (ctypes.c_void_p * len(addresses))(*addresses)
+        self._call = call
 
     def run(self, regularization: float, *, closed: bool) -> bool:
         """Minimise, and write the gains; return False if more regularisation is required.
@@ -189,30 +217,37 @@ class BoxSweep:
             regularization: added to the diagonals of the Hessians in controls and states.
             closed: whether all gaps are zero.
         """
+        if not self.compiled:
+            return self._in_numpy(regularization, closed)
+        self._sweep.shift[0], self._plan[3] = regularization, closed
+        return self._call(self._frame) == 0
+
+    def expected(self, *, closed: bool) -> tuple[float, float]:
+        """Return slope and curvature of the model's decrease along its step, of the last run."""
+        slope, curvature = self._expected.tolist()
+        return slope, curvature
+
+    def _in_numpy(self, regularization: float, closed: bool) -> bool:
         f, held = self._functions, self.held
         low, high = f.u_lower - f.us, f.u_upper - f.us
-        rounding = ROUNDING * (1.0 + np.abs(f.us))
+        rounding = _ROUNDING * (1.0 + np.abs(f.us))
         fixed = low == high
         held[fixed] = 1
-        for _ in range(EXCHANGES):
+        for _ in range(_EXCHANGES):
             if not self._minimise(np.where(held > 0, high, np.where(held < 0, low, 0.0)), regularization, closed):
                 return False
             above, below = self.dus > high + rounding, self.dus < low - rounding
             beyond = (held == 0) & (above | below)
             pulled = (held * self._slopes(regularization) > 0.0) & ~fixed
             if not (beyond | pulled).any():
+                step = np.hstack([self.dxs[:-1], self.dus])
+                slope = np.vdot(f.gradient, step) + np.vdot(f.last_gradient, self.dxs[-1])
+                curvature = bilinear(step, f.hessian, step) + self.dxs[-1] @ f.last_hessian @ self.dxs[-1]
+                self._expected[:] = -slope, -curvature
                 return True
             held[pulled] = 0
             held[beyond] = np.where(above, 1, -1)[beyond]
         return False
-
-    def expected(self, *, closed: bool) -> tuple[float, float]:
-        """Return slope and curvature of the model's decrease along its step."""
-        f, dxs = self._functions, self.dxs
-        step = np.hstack([dxs[:-1], self.dus])
-        slope = np.vdot(f.gradient, step) + np.vdot(f.last_gradient, dxs[-1])
-        curvature = bilinear(step, f.hessian, step) + dxs[-1] @ f.last_hessian @ dxs[-1]
-        return -float(slope), -float(curvature)
 
     def _minimise(self, move: Array, regularization: float, closed: bool) -> bool:
         """Minimise over the free controls, the fixed ones changing by ``move`` (N, nu)."""

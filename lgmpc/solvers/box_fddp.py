@@ -12,9 +12,8 @@ import numpy as np
 
 from lgmpc.ocp import Trajectory
 from lgmpc.solvers.box import BoxSweep, control_bounds
-from lgmpc.solvers.compiled_box import make_box_sweep
 from lgmpc.solvers.fddp import Fddp
-from lgmpc.solvers.solution import Status
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 __all__ = ["BoxFddp"]
@@ -37,7 +36,7 @@ class BoxFddp(Fddp):
         self._bounds = control_bounds(self.problem)
 
     def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
-        self._box = make_box_sweep(self.functions, progress)
+        self._box = BoxSweep(self.functions, progress)
         return self._box
 
     def _begin(self, guess: Trajectory) -> Status | None:

@@ -13,7 +13,9 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.ocp import OcpQp, SubproblemFunctions
-from lgmpc.solvers.qp import ActiveSetSolver, QpSolver, QpStatus, penalised_feedback
+from lgmpc.solvers.qp import ActiveSetSolver, QpSolver
+from lgmpc.solvers.sweep import penalised_feedback
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 __all__ = ["CURVATURES", "Hessians", "is_convex", "solve_curved"]
@@ -30,12 +32,12 @@ Hessians = Annotated[
 CURVATURES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125, 0.0)
 """Parts of the difference between exact and Gauss-Newton Hessians, tried in this order until the model is convex."""
 
-Solve = Callable[[], tuple[QpStatus, float]]
+Solve = Callable[[], tuple[Status, float]]
 
 
 def solve_curved(
     functions: SubproblemFunctions, solver: QpSolver, costates: Array, multipliers: Array, solve: Solve
-) -> tuple[QpStatus, float]:
+) -> tuple[Status, float]:
     """Solve a subproblem with exact Hessians, or with the largest part tried that is convex.
 
     lgmpc's own QP solver takes any model whose solution satisfies the optimality conditions: one that is convex along
@@ -56,7 +58,7 @@ def solve_curved(
     functions.set_exact_hessians(costates, multipliers)
     # Bounds may be infinite, and are the same.
     extra = [np.where(array == flat, 0.0, array - flat) for array, flat in zip(arrays, convex, strict=True)]
-    status, kept = QpStatus.NUMERICAL, 1.0
+    status, kept = Status.FAILED, 1.0
     for part in CURVATURES:
         for array, flat, more in zip(arrays, convex, extra, strict=True):
             array[...] = flat + part * more
@@ -65,7 +67,7 @@ def solve_curved(
         elif part > 0.0 and not is_convex(qp):
             continue
         status, kept = solve()
-        if status is QpStatus.SOLVED and kept == 0.0:
+        if status is Status.CONVERGED and kept == 0.0:
             break
         solver.solution.write(*known)
     if own is not None:

@@ -22,12 +22,12 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, LagrangianHessians, ShootingFunctions, ShootingProblem, Trajectory
 from lgmpc.solvers.box import BoxSweep
-from lgmpc.solvers.compiled_sweep import make_sweep
 from lgmpc.solvers.curvature import CURVATURES
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress
-from lgmpc.solvers.solution import Solution, Status, Timings
+from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 __all__ = ["Fddp", "check_unconstrained"]
@@ -77,7 +77,7 @@ class Fddp(IterativeSolver):
         check_unconstrained(self.problem)
 
     def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep | BoxSweep:
-        return make_sweep(self.functions, progress)
+        return BackwardSweep(self.functions, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f = self.functions

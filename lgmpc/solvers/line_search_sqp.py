@@ -37,13 +37,13 @@ from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSetting
 from lgmpc.solvers.qp import (
     ActiveSetSettings,
     ActiveSetSolver,
-    DenseRegulator,
+    DenseRiccati,
     QpSolver,
-    QpStatus,
     make_qp_solver,
 )
-from lgmpc.solvers.solution import Solution, Status, Timings
+from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import all_finite
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 __all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
@@ -53,12 +53,6 @@ _LEAST_TOLERANCE = 1e-13  # smallest decrease that exceeds rounding errors
 _ROUNDING = 1e-13  # of the penalty function
 _IDLE = 30  # steps that do not halve the least residual, after which the augmented Lagrangian takes over
 _PATIENCE = 6  # most steps that do not halve the residual
-_FAILED = {
-    QpStatus.INFEASIBLE: Status.INFEASIBLE,
-    QpStatus.UNBOUNDED: Status.UNBOUNDED,
-    QpStatus.NUMERICAL: Status.FAILED,
-    QpStatus.NOT_FINITE: Status.NOT_FINITE,
-}
 
 
 class LineSearchSqpSettings(SolverSettings):
@@ -124,7 +118,7 @@ class LineSearchSqp(IterativeSolver):
             self.qp_solver = qp_solver(qp)
         else:
             own = ActiveSetSettings(1e-2 * self.settings.tolerance)
-            self.qp_solver = ActiveSetSolver(qp, own, regulator=DenseRegulator(qp, progress), progress=progress)
+            self.qp_solver = ActiveSetSolver(qp, own, riccati=DenseRiccati(qp, progress), progress=progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -228,8 +222,8 @@ class LineSearchSqp(IterativeSolver):
             status, kept = solve_curved(f, self.qp_solver, *known, self._subproblem)
         else:
             status, kept = self._subproblem()
-        if status in _FAILED:
-            return _FAILED[status]
+        if not status.usable:
+            return status
         step = self.qp_solver.solution
         largest = max(float(np.abs(step.costates).max()), float(np.abs(step.multipliers).max(initial=0.0)))
         if self._penalty < s.penalty_margin * largest:
@@ -315,7 +309,7 @@ class LineSearchSqp(IterativeSolver):
             Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
         )  # fmt: skip
 
-    def _subproblem(self) -> tuple[QpStatus, float]:
+    def _subproblem(self) -> tuple[Status, float]:
         """Solve the subproblem, relaxed by a fraction of gaps and violations where it is infeasible."""
         start = time.perf_counter()
         qp = self.qp
@@ -327,7 +321,7 @@ class LineSearchSqp(IterativeSolver):
             upper[...] = whole[2] - kept * np.minimum(whole[2], 0.0)
             self.qp_solver.prepare()
             status = self.qp_solver.solve(np.zeros(qp.structure.ndx))
-            if status is not QpStatus.INFEASIBLE:
+            if status is not Status.INFEASIBLE:
                 break
         gaps[...], lower[...], upper[...] = whole  # a failed subproblem is not followed by another expansion
         self._clock[1] += time.perf_counter() - start

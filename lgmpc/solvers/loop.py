@@ -14,7 +14,8 @@ from pydantic import Field, model_validator
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.settings import Positive, Settings
-from lgmpc.solvers.solution import Solution, Status
+from lgmpc.solvers.solution import Solution
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 __all__ = ["Callback", "History", "Iterate", "IterativeSolver", "PrintProgress", "Progress", "SolverSettings"]

@@ -21,7 +21,8 @@ from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory
 from lgmpc.settings import Positive
 from lgmpc.settings import problem as problem_with
 from lgmpc.solvers.loop import Callback, Progress, SolverSettings
-from lgmpc.solvers.solution import Solution, Status, Timings
+from lgmpc.solvers.solution import Solution, Timings
+from lgmpc.status import Status
 
 __all__ = ["NlpSettings", "NlpSolver"]
 

@@ -11,10 +11,9 @@ dynamics' curvature times the costates; the limit satisfies the exact optimality
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -22,71 +21,13 @@ from lgmpc.compile import BatchKernel, StageKernel, cached
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
-from lgmpc.solvers.qp import QpSolver, QpStatus, make_qp_solver
+from lgmpc.solvers.qp import QpSolver, make_qp_solver
+from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.state import State
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["RealTimeResult", "RealTimeSqp", "RealTimeStatus", "RealTimeTimings"]
-
-
-class RealTimeStatus(Enum):
-    """Outcome of the iterations; the value is the remedy."""
-
-    CONVERGED = "nothing to do"
-    STEPPED = "nothing to do: the requested iterations were taken"
-    INACCURATE = "the last subproblem was solved loosely: give the QP solver more iterations or a looser tolerance"
-    ITERATION_LIMIT = "raise the number of iterations, or start closer to the solution"
-    QP_FAILED = "the subproblem has no solution: check bounds, weights and the first state"
-    NOT_FINITE = "state, references or parameters hold NaN or infinity"
-
-    @property
-    def usable(self) -> bool:
-        """Whether a step was taken."""
-        return self not in (RealTimeStatus.QP_FAILED, RealTimeStatus.NOT_FINITE)
-
-
-@dataclass(frozen=True)
-class RealTimeTimings:
-    """Computing times of the two phases, s.
-
-    Attributes:
-        preparation: expansion, matrices, factorisation.
-        feedback: solution of the subproblem and the step.
-    """
-
-    preparation: float
-    feedback: float
-
-    @property
-    def total(self) -> float:
-        """Preparation and feedback."""
-        return self.preparation + self.feedback
-
-
-@dataclass(frozen=True)
-class RealTimeResult:
-    """The trajectory after the last step of :class:`RealTimeSqp`.
-
-    Attributes:
-        trajectory: states (N+1, nx) and controls (N, nu); arrays of its own.
-        costates: (N, ndx) multipliers of the dynamics.
-        multipliers: (N, ng) of the path constraint.
-        status: outcome.
-        iterations: subproblems solved.
-        qp_iterations: of the QP solver, all subproblems together.
-        kkt: residual of the optimality conditions; of the last subproblem (STEPPED, INACCURATE) or, from
-            :meth:`RealTimeSqp.solve`, of the nonlinear problem.
-        timings: of all iterations together.
-    """
-
-    trajectory: Trajectory
-    costates: Array
-    multipliers: Array
-    status: RealTimeStatus
-    iterations: int
-    qp_iterations: int
-    kkt: KktResidual
-    timings: RealTimeTimings
+__all__ = ["RealTimeSqp"]
 
 
 class RealTimeSqp:
@@ -131,7 +72,7 @@ class RealTimeSqp:
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
         self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)
-        self._preparation = 0.0
+        self._preparation, self._none = 0.0, np.zeros((0, problem.nu, state.ndx))
 
     @property
     def compiled(self) -> bool:
@@ -170,17 +111,18 @@ class RealTimeSqp:
         self.qp_solver.prepare()
         self._preparation = time.perf_counter() - start
 
-    def feedback(self, x0: Array) -> RealTimeResult:
+    def feedback(self, x0: Array) -> Solution:
         """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
 
-        When the subproblem has no usable solution the current trajectory stays as it was.
+        The status is STEPPED, or ACCEPTABLE after a subproblem that was solved roughly. When the subproblem has no
+        usable solution the status is the QP solver's, and the current trajectory stays as it was.
         """
         start = time.perf_counter()
-        status = _AFTER_STEP[self._step(x0)]
+        status = self._step(x0)
         kkt = self._residual(at_step=True) if status.usable else KktResidual.unknown()
         return self._result(status, 1, self.qp_solver.iterations, kkt, start, self._preparation)
 
-    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> RealTimeResult:
+    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> Solution:
         """Iterate from the current trajectory until the nonlinear problem's optimality conditions hold.
 
         Args:
@@ -201,25 +143,26 @@ class RealTimeSqp:
             start += self._preparation  # the rest is the feedback's share
             kkt = self._residual(at_step=False)
             if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
-                return self._result(RealTimeStatus.CONVERGED, taken, inner, kkt, start, preparation)
+                return self._result(Status.CONVERGED, taken, inner, kkt, start, preparation)
             if taken >= max_iterations:
-                return self._result(RealTimeStatus.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
-            status = _AFTER_STEP[self._step(self.problem.x0)]
+                return self._result(Status.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
+            status = self._step(self.problem.x0)
             inner += self.qp_solver.iterations
             if not status.usable:
                 return self._result(status, taken, inner, kkt, start, preparation)
             taken += 1
 
-    def _step(self, x0: Array) -> QpStatus:
+    def _step(self, x0: Array) -> Status:
         f, step = self._functions, self.qp_solver.solution
         self._x0[...] = x0
         self._subtract()
         status = self.qp_solver.solve(self._dx0)
-        if _AFTER_STEP[status].usable:
-            f.xs_base[...], f.dxs[...] = f.xs, step.dxs
-            f.retract()
-            self.us += step.dus
-        return status
+        if not status.usable:
+            return status
+        f.xs_base[...], f.dxs[...] = f.xs, step.dxs
+        f.retract()
+        self.us += step.dus
+        return Status.STEPPED if status is Status.CONVERGED else Status.ACCEPTABLE
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""
@@ -231,27 +174,16 @@ class RealTimeSqp:
         return kkt.residual()
 
     def _result(
-        self, status: RealTimeStatus, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
-    ) -> RealTimeResult:
-        point = self.qp_solver.solution
-        trajectory = Trajectory(self.xs.copy(), self.us.copy())
-        elapsed = time.perf_counter() - start
-        timings = RealTimeTimings(preparation, elapsed)
-        return RealTimeResult(
-            trajectory, point.costates.copy(), point.multipliers.copy(), status, iterations, inner, kkt, timings
-        )
+        self, status: Status, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
+    ) -> Solution:
+        point, elapsed = self.qp_solver.solution, time.perf_counter() - start
+        return Solution(
+            self.problem, self.xs.copy(), self.us.copy(), self._none, self._none[:, 0], point.costates.copy(),
+            point.multipliers.copy(), status, iterations, math.nan, self._none[:, 0], kkt,
+            Timings(preparation + elapsed, preparation, elapsed), qp_iterations=inner,
+        )  # fmt: skip
 
 
 def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:
     """Return the shift of states in time, and their difference."""
     return BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
-
-
-_AFTER_STEP = {
-    QpStatus.SOLVED: RealTimeStatus.STEPPED,
-    QpStatus.MAX_ITERATIONS: RealTimeStatus.INACCURATE,
-    QpStatus.INFEASIBLE: RealTimeStatus.QP_FAILED,
-    QpStatus.UNBOUNDED: RealTimeStatus.QP_FAILED,
-    QpStatus.NUMERICAL: RealTimeStatus.QP_FAILED,
-    QpStatus.NOT_FINITE: RealTimeStatus.NOT_FINITE,
-}

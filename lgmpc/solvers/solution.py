@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields, replace
-from enum import Enum
 from pathlib import Path
 
 import casadi as ca
@@ -17,40 +16,14 @@ from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["Solution", "Status", "Timings"]
+__all__ = ["Solution", "Timings"]
 
 _SCHEMA = "lgmpc solution 1"
 _DERIVATIVES = ("A", "B", "C", "D", "q", "r")
 _ARRAYS = ("xs", "us", "feedback", "feedforward", "costates", "multipliers", "gaps")
-
-
-class Status(Enum):
-    """The outcome of a solve; the value is the remedy."""
-
-    CONVERGED = "nothing to do"
-    ACCEPTABLE = "nothing to do if the accuracy is enough; else reduce the spread of the weights"
-    ITERATION_LIMIT = "raise max_iterations, or start closer to the solution"
-    TIME_LIMIT = "raise time_limit, or start closer to the solution"
-    PRECISION_LIMIT = "rounding errors exceed the decrease: loosen the tolerance, or reduce the spread of the weights"
-    STOPPED = "nothing to do: the callback requested the stop"
-    STALLED = "no step lowers the cost: change the guess, shorten the intervals, or reduce the spread of the weights"
-    DIVERGED = "steps of any length diverge: change the guess, shorten the intervals, or start from more regularisation"
-    INFEASIBLE = "no point nearby satisfies the constraints: check bounds, targets and first state"
-    UNBOUNDED = "the cost falls without limit: give all controls, and states that it rewards, weights or bounds"
-    NOT_FINITE = "check guess, first state, parameters and the action's expressions for NaN, infinity and division by 0"
-    FAILED = "the underlying solver failed: reduce the spread of the weights, or change the guess"
-
-    @property
-    def remedy(self) -> str:
-        """The remedy."""
-        return self.value
-
-    @property
-    def solved(self) -> bool:
-        """Whether the trajectory satisfies the requested conditions."""
-        return self in (Status.CONVERGED, Status.ACCEPTABLE)
 
 
 @dataclass(frozen=True)
@@ -59,8 +32,8 @@ class Timings:
 
     Attributes:
         total: from call to return.
-        expansion: of derivatives.
-        backward: of Riccati sweeps or subproblems.
+        expansion: of derivatives; the preparation of a real-time iteration.
+        backward: of Riccati sweeps or subproblems; the feedback of a real-time iteration.
         forward: of roll-outs or trial points.
     """
 
@@ -75,7 +48,7 @@ class Solution:
     """The last trajectory of a solve, with the problem's data. Its arrays are read-only copies.
 
     Attributes:
-        problem: the problem with the data of this solve (a copy).
+        problem: the problem with the data of this solve, a copy; from a real-time iteration the problem itself.
         xs: (N+1, nx) states.
         us: (N, nu) controls.
         feedback: (N, nu, ndx) K of ``u = us - K (x (-) xs)``; of length 0 from solvers without a sweep. With
@@ -86,11 +59,14 @@ class Solution:
             largest of all actions.
         status: outcome.
         iterations: taken.
-        cost: at the trajectory.
-        gaps: (N+1, ndx) of the dynamics, as computed by the solver; row 0 is the first state's.
-        kkt: residual of the optimality conditions, as computed by the solver.
+        cost: at the trajectory; NaN from a real-time iteration, which does not evaluate it.
+        gaps: (N+1, ndx) of the dynamics, as computed by the solver; row 0 is the first state's. Of length 0 from a
+            real-time iteration.
+        kkt: residual of the optimality conditions, as computed by the solver; after a real-time iteration that of its
+            subproblem.
         timings: computation times.
         criterion: the measure that the solver compared with its tolerance.
+        qp_iterations: of the QP solver, all subproblems together.
     """
 
     problem: ShootingProblem = field(repr=False)
@@ -107,6 +83,7 @@ class Solution:
     kkt: KktResidual
     timings: Timings
     criterion: float = math.nan
+    qp_iterations: int = 0
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -121,7 +98,7 @@ class Solution:
             ("status", ended if self.status.solved else f"{ended}: {self.status.remedy}"),
             ("iterations", self.iterations),
             ("cost", f"{self.cost:.6g}"),
-            ("largest gap", f"{np.abs(self.gaps).max(initial=0.0):.1e}"),
+            ("largest gap", f"{self.kkt.dynamics:.1e}"),
             ("stationarity", f"{self.kkt.stationarity:.1e}"),
             ("constraint violation", f"{self.kkt.constraint:.1e}"),
             ("time", f"{1e3 * self.timings.total:.3g} ms"),
@@ -148,7 +125,12 @@ class Solution:
             InputError: the file cannot be written.
         """
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        numbers = {"cost": self.cost, "criterion": self.criterion, "iterations": self.iterations}
+        numbers = {
+            "cost": self.cost,
+            "criterion": self.criterion,
+            "iterations": self.iterations,
+            "qp_iterations": self.qp_iterations,
+        }
         kkt, timings = ([getattr(part, f.name) for f in fields(part)] for part in (self.kkt, self.timings))
         data = {"x0": self.problem.x0, "parameters": self.problem.parameters}
         named = {"status": self.status.name, "actions": _action_names(self.problem)}
@@ -175,11 +157,11 @@ class Solution:
         if str(found["status"]) not in Status.__members__:
             raise InputError("path", f"'{path}' with status {found['status']}", "a status of this version of lgmpc")
         mine.x0[...], mine.parameters[...] = found["x0"], found["parameters"]
-        arrays = {name: found[name] for name in _ARRAYS}
         return cls(
             problem=mine, status=Status[str(found["status"])], iterations=int(found["iterations"]),
             cost=float(found["cost"]), kkt=KktResidual(*found["kkt"].tolist()),
-            timings=Timings(*found["timings"].tolist()), criterion=float(found["criterion"]), **arrays,
+            timings=Timings(*found["timings"].tolist()), criterion=float(found["criterion"]),
+            qp_iterations=int(found.get("qp_iterations", 0)), **{name: found[name] for name in _ARRAYS},
         )  # fmt: skip
 
     def control(self, node: int, x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The backward sweep of differential dynamic programming, on arrays allocated once.
+"""The backward sweep of differential dynamic programming, on arrays allocated once: one call of machine code.
 
 With the cost-to-go ``1/2 dx^T V dx + v^T dx`` at the end of an interval, ``F = [A B]``, the stage's Hessian H and
 gradient h,
@@ -9,20 +9,38 @@ gradient h,
 with a multiple of the identity added to Quu and to V. v is the gradient with the gap of the node closed:
 ``v <- v + V gap``. Mastalli et al., "Crocoddyl: an efficient and versatile framework for multi-contact optimal
 control", ICRA 2020.
+
+The loop over the stages is C (``sweep.c``), compiled once for each size of a stage: one of 36 states and 12 controls
+takes 200,000 operations, mostly of two products of small matrices, and on tiles that the registers hold these take less
+time than BLAS needs. Where nothing can be compiled it is numpy.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack
 
-from lgmpc.ocp import ShootingFunctions
+from lgmpc.compile import SQUARES, aligned_zeros, compile_source
+from lgmpc.ocp import OcpQp, ShootingFunctions
 from lgmpc.typing import Array
 
-__all__ = ["BackwardSweep", "Expansion", "all_finite", "bilinear", "products"]
+__all__ = [
+    "BackwardSweep",
+    "Expansion",
+    "all_finite",
+    "bilinear",
+    "compile_stages",
+    "penalised_feedback",
+    "products",
+    "work_size",
+]
 
 
 @dataclass
@@ -38,7 +56,7 @@ class Expansion:
         last_gradient: (ndx,).
         feedback: (N, nu, ndx) K.
         feedforward: (N, nu) k.
-        compiled: whether the sweep is to be machine code.
+        compiled: whether the sweep is to be machine code, if there is a compiler.
     """
 
     jacobian: Array
@@ -73,36 +91,41 @@ def bilinear(left: Array, matrices: Array, right: Array) -> float:
 
 
 class BackwardSweep:
-    """The backward sweep over an expansion.
+    """The backward sweep over an expansion (see the module).
 
     Args:
         functions: expansion (read) and gains (written).
+        progress: called with a description of what is being compiled.
 
     Attributes:
         value_hessian: (N+1, ndx, ndx) V.
         value_gradient: (N+1, ndx) v.
         control_gradient: (N, nu) Qu.
+        compiled: whether it is machine code.
+        plan: (3,) of the machine code: number of stages, whether all gaps are zero, the interval that it begins with.
+        shift: (1,) its regularisation.
+        frame: its argument, of addresses.
+        address: of the machine code, 0 if there is none.
     """
 
-    def __init__(self, functions: Expansion | ShootingFunctions) -> None:
-        n, width, ndx = functions.jacobian.shape
-        nu = width - ndx
-        self._functions = functions
-        self._ndx = ndx
+    def __init__(self, functions: Expansion | ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
+        f = self._functions = functions
+        n, width, ndx = f.jacobian.shape
         self.value_hessian: Array = np.zeros((n + 1, ndx, ndx))
         self.value_gradient: Array = np.zeros((n + 1, ndx))
-        self.control_gradient: Array = np.zeros((n, nu))
-        self._product: Array = np.zeros((width, ndx))
-        self._q: Array = np.zeros((width, width))
-        self._right: Array = np.zeros((nu, ndx + 1), order="F")
-        self._drop: Array = np.zeros((ndx, ndx))
-        f = functions
-        self._stages = tuple(
-            (f.jacobian[t], f.jacobian[t].T, f.hessian[t], f.gradient[t], f.feedback[t], f.feedforward[t],
-             self.value_hessian[t], self.value_gradient[t], f.gaps[t],
-             self.value_hessian[t].reshape(-1)[:: ndx + 1], self.control_gradient[t])
-            for t in reversed(range(n))
+        self.control_gradient: Array = np.zeros((n, width - ndx))
+        library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx, progress) if f.compiled else None
+        self.compiled = library is not None
+        self.plan, self.shift = np.array([n, 0, n - 1], dtype=np.int64), np.zeros(1)
+        arrays = (
+            self.plan, self.shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
+            f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
+            aligned_zeros(0 if library is None else work_size(library, "lgmpc_sweep_work")),
         )  # fmt: skip
+        self._memory = arrays  # the frame contains addresses only
+        self.frame = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+        self._call: Callable[[Any], int] = self._in_numpy if library is None else library.lgmpc_sweep
+        self.address: int = 0 if library is None else ctypes.cast(library.lgmpc_sweep, ctypes.c_void_p).value or 0
 
     def run(self, regularization: float, *, closed: bool) -> bool:
         """Sweep once; return False if some Quu is not positive definite or a value is not finite.
@@ -111,38 +134,9 @@ class BackwardSweep:
             regularization: added to the diagonals of Quu and V.
             closed: whether all gaps are zero.
         """
-        f, ndx = self._functions, self._ndx
-        v_next, g_next = self.value_hessian[-1], self.value_gradient[-1]
-        v_next[...] = f.last_hessian
-        v_next.reshape(-1)[:: ndx + 1] += regularization
-        g_next[...] = f.last_gradient
-        if not closed:
-            g_next += v_next @ f.gaps[-1]
-        product, q, drop = self._product, self._q, self._drop
-        qxx, qux, quu = q[:ndx, :ndx], q[ndx:, :ndx], q[ndx:, ndx:]
-        quu_diagonal = q.reshape(-1)[ndx * (q.shape[0] + 1) :: q.shape[0] + 1]
-        matmul, dot, add, subtract = np.matmul, np.dot, np.add, np.subtract
-        for jacobian_t, jacobian, hessian, gradient, feedback, feedforward, v, g, gap, diagonal, qu in self._stages:
-            dot(jacobian_t, v_next, out=product)
-            dot(product, jacobian, out=q)
-            add(q, hessian, out=q)
-            both = jacobian_t.dot(g_next)
-            both += gradient
-            qu[...] = both[ndx:]
-            quu_diagonal += regularization
-            if not self._gains(quu, qux, qu, feedback, feedforward):
-                return False
-            matmul(qux.T, feedback, out=drop)
-            subtract(qxx, drop, out=drop)
-            add(drop, drop.T, out=v)
-            v *= 0.5
-            diagonal += regularization
-            g[...] = both[:ndx]
-            g -= qu.dot(feedback)
-            if not closed:
-                g += v.dot(gap)
-            v_next, g_next = v, g
-        return all_finite(self.value_gradient, v_next)
+        self.shift[0] = regularization
+        self.plan[1] = closed
+        return self._call(self.frame) == 0 and all_finite(self.value_gradient, self.value_hessian[0])
 
     def expected(self, *, closed: bool) -> tuple[float, float]:
         """Return slope and curvature of the model's decrease along its step, without the part of the roll-out's states.
@@ -158,17 +152,89 @@ class BackwardSweep:
             curvature += bilinear(f.gaps, self.value_hessian, f.gaps)
         return slope, curvature
 
-    def _gains(self, quu: Array, qux: Array, qu: Array, feedback: Array, feedforward: Array) -> bool:
-        """Write K and k of one interval."""
-        if quu.size == 0:
-            return True
-        factor, failed = lapack.dpotrf(quu, 1, 0)
-        if failed:
-            return False
-        right = self._right
-        right[:, :-1] = qux
-        right[:, -1] = qu
-        solved, _ = lapack.dpotrs(factor, right, 1)
-        feedback[...] = solved[:, :-1]
-        feedforward[...] = solved[:, -1]
-        return True
+    def _in_numpy(self, frame: object) -> int:
+        """Sweep once without machine code; return 1 if some Quu is not positive definite."""
+        f, ndx, regularization, closed = (
+            self._functions,
+            len(self._functions.last_gradient),
+            self.shift[0],
+            self.plan[1],
+        )
+        v_next, g_next = self.value_hessian[-1], self.value_gradient[-1]
+        v_next[...] = f.last_hessian + regularization * np.eye(ndx)
+        g_next[...] = f.last_gradient
+        if not closed:
+            g_next += v_next @ f.gaps[-1]
+        for t in reversed(range(len(f.jacobian))):
+            jacobian, v, g = f.jacobian[t], self.value_hessian[t], self.value_gradient[t]
+            q = jacobian @ v_next @ jacobian.T + f.hessian[t]
+            both = jacobian @ g_next + f.gradient[t]
+            qux, quu, qu = q[ndx:, :ndx], q[ndx:, ndx:], both[ndx:]
+            self.control_gradient[t] = qu
+            if qu.size:
+                quu += regularization * np.eye(qu.size)
+                factor, failed = lapack.dpotrf(quu, 1, 0)
+                if failed:
+                    return 1
+                solved, _ = lapack.dpotrs(factor, np.column_stack([qux, qu]), 1)
+                f.feedback[t], f.feedforward[t] = solved[:, :-1], solved[:, -1]
+            drop = q[:ndx, :ndx] - qux.T @ f.feedback[t]
+            v[...] = 0.5 * (drop + drop.T) + regularization * np.eye(ndx)
+            g[...] = both[:ndx] - qu @ f.feedback[t]
+            if not closed:
+                g += v @ f.gaps[t]
+            v_next, g_next = v, g
+        return 0
+
+
+def penalised_feedback(qp: OcpQp, weights: Array | float = 0.0) -> Array:
+    """Return the gains (N, nu, ndx) K of ``du = -K dx`` with the cost of each row ``weight / 2 row^2``.
+
+    Args:
+        qp: the problem; its bounds are not used.
+        weights: (N, ng) of the rows.
+
+    Returns:
+        The gains; of length 0 where the cost is not strictly convex along the dynamics.
+    """
+    s = qp.structure
+    m = {name: qp.dense(name) for name in "ABQSRCD"}
+    jacobian = np.concatenate([m["A"], m["B"]], axis=2).swapaxes(1, 2).copy()
+    rows = np.concatenate([m["C"], m["D"]], axis=2)
+    hessian = np.block([[m["Q"], m["S"].swapaxes(1, 2)], [m["S"], m["R"]]])
+    hessian += rows.swapaxes(1, 2) @ (np.broadcast_to(weights, rows.shape[:2])[..., None] * rows)
+    gradient, gaps = np.zeros((s.nodes, s.ndx + s.nu)), np.zeros((s.nodes + 1, s.ndx))
+    gains = np.zeros((s.nodes, s.nu, s.ndx)), np.zeros((s.nodes, s.nu))
+    last = qp.dense_terminal("Q"), np.zeros(s.ndx)
+    model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, compiled=False)
+    return gains[0] if BackwardSweep(model).run(0.0, closed=True) else gains[0][:0]
+
+
+def compile_stages(
+    name: str, package: str, ndx: int, nu: int, progress: Callable[[str], None] | None = None
+) -> ctypes.CDLL | None:
+    """Return the library of a recursion over stages of one size, None where nothing can be compiled.
+
+    Args:
+        name: ``lgmpc_`` and the name of the C source.
+        package: package of the C source.
+        ndx: dimension of a state's tangent space.
+        nu: of the control.
+        progress: called with a description of what is being compiled.
+    """
+    own = files(package) / f"{name.removeprefix('lgmpc_')}.c"
+    parts = (
+        SQUARES,
+        f"#define NX {ndx}\n#define NU {nu}\n",
+        (files("lgmpc.solvers") / "tiles.c").read_text(),
+        own.read_text(),
+    )
+    library = compile_source(f"{name}_{ndx}_{nu}", "".join(parts), progress=progress)
+    return None if library is None else ctypes.CDLL(str(library))
+
+
+def work_size(library: ctypes.CDLL, function: str, *sizes: int) -> int:
+    """Return the size of the work memory that a library's function reports for given integers."""
+    measure = library[function]
+    measure.restype, measure.argtypes = ctypes.c_longlong, [ctypes.c_longlong] * len(sizes)
+    return int(measure(*sizes))

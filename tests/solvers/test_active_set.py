@@ -15,21 +15,20 @@ from lgmpc.solvers.qp import (
     ActiveSetSettings,
     ActiveSetSolver,
     Cascade,
-    DenseRegulator,
+    DenseRiccati,
     OsqpSettings,
     OsqpSolver,
     PiqpSettings,
     PiqpSolver,
     QpSolution,
     QpSolver,
-    QpStatus,
-    SparseRegulator,
-    penalised_feedback,
+    SparseRiccati,
 )
-from lgmpc.solvers.qp.active_set import regulator_for
+from lgmpc.solvers.qp.active_set import riccati_for
+from lgmpc.solvers.sweep import penalised_feedback
 
 NX, NU, NG, NODES = 9, 4, 6, 7
-Kind = type[DenseRegulator] | type[SparseRegulator]
+Kind = type[DenseRiccati] | type[SparseRiccati]
 
 
 def structure(nx: int = NX, nu: int = NU, ng: int = NG, nodes: int = NODES) -> OcpQpStructure:
@@ -127,25 +126,25 @@ def test_a_solution_measures_itself_as_the_compiled_conditions_do() -> None:
     np.testing.assert_allclose(point.constraint_violation()[4:6], [0.5, 0.7], rtol=1e-12)
 
 
-@pytest.fixture(params=[DenseRegulator, SparseRegulator], ids=["dense", "sparse"])
+@pytest.fixture(params=[DenseRiccati, SparseRiccati], ids=["dense", "sparse"])
 def kind(request: pytest.FixtureRequest) -> Kind:
     return request.param
 
 
 def solved(solver: QpSolver, dx0: np.ndarray) -> QpSolution:
     solver.prepare()
-    assert solver.solve(dx0) is QpStatus.SOLVED
+    assert solver.solve(dx0) is Status.CONVERGED
     return solver.solution
 
 
 @pytest.mark.parametrize(("tightness", "equalities"), [(0.3, 0), (0.3, 2), (3.0, 0), (3.0, 2), (10.0, 0)])
 def test_random_problems_have_the_solution_of_piqp_and_osqp(kind: Kind, tightness: float, equalities: int) -> None:
-    tolerance = 1e-9 if kind is DenseRegulator else 1e-7  # which corrects rounding
+    tolerance = 1e-9 if kind is DenseRiccati else 1e-7  # which corrects rounding
     for seed in range(6):
         qp = random_problem(np.random.default_rng(seed), tightness, equalities)
-        solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=tolerance), regulator=kind(qp))
+        solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=tolerance), riccati=kind(qp))
         mine = solved(solver, qp.x0)
-        assert not solver.took_over or (kind is SparseRegulator and equalities)  # a smaller penalty: too many rounds
+        assert not solver.took_over or (kind is SparseRiccati and equalities)  # a smaller penalty: too many rounds
         assert mine.residual().largest < 2 * tolerance
         if tightness > 1.0:
             assert (np.abs(mine.multipliers) > 1e-6).sum() >= 5
@@ -164,10 +163,10 @@ def test_random_problems_have_the_solution_of_piqp_and_osqp(kind: Kind, tightnes
 def test_nearby_problems_take_few_sweeps(kind: Kind) -> None:
     rng = np.random.default_rng(0)
     qp = random_problem(rng, 3.0)
-    solver = ActiveSetSolver(qp, regulator=kind(qp))
+    solver = ActiveSetSolver(qp, riccati=kind(qp))
     solved(solver, qp.x0)
     cold = solver.iterations
-    most = 3 if kind is DenseRegulator else 6  # a smaller penalty: more rounds of multipliers
+    most = 3 if kind is DenseRiccati else 6  # a smaller penalty: more rounds of multipliers
     for _ in range(5):
         solved(solver, qp.x0 + 1e-3 * rng.standard_normal(NX))
         assert solver.iterations <= most < cold and not solver.took_over
@@ -176,7 +175,7 @@ def test_nearby_problems_take_few_sweeps(kind: Kind) -> None:
 @pytest.mark.parametrize("fault", ["bounds", "rows", "nan", "no control weight"])
 def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: Kind, fault: str) -> None:
     qp = random_problem(np.random.default_rng(1), 3.0)
-    solver = ActiveSetSolver(qp, regulator=kind(qp))
+    solver = ActiveSetSolver(qp, riccati=kind(qp))
     expected = solved(solver, qp.x0).dus.copy()
     values = qp.values.copy()
     if fault == "bounds":
@@ -195,10 +194,10 @@ def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: Kind, fault
             put(qp, "S", k, np.zeros((NU, NX)))
     solver.prepare()
     status = solver.solve(qp.x0)
-    outcome = {"nan": QpStatus.NOT_FINITE, "no control weight": QpStatus.SOLVED}.get(fault, QpStatus.INFEASIBLE)
-    assert status is outcome and solver.took_over is (status is not QpStatus.INFEASIBLE)
-    assert status is not QpStatus.INFEASIBLE or solver.iterations < 80  # regulators, of which PIQP's iterations are ten
-    if status is not QpStatus.SOLVED:
+    outcome = {"nan": Status.NOT_FINITE, "no control weight": Status.CONVERGED}.get(fault, Status.INFEASIBLE)
+    assert status is outcome and solver.took_over is (status is not Status.INFEASIBLE)
+    assert status is not Status.INFEASIBLE or solver.iterations < 80  # sweeps, of which PIQP's iterations are ten
+    if status is not Status.CONVERGED:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values
     np.testing.assert_allclose(solved(solver, qp.x0).dus, expected, atol=1e-5)
@@ -213,7 +212,7 @@ def test_only_infeasible_problems_are_called_so(kind: Kind, seed: int) -> None:
     for share in (0.0, 0.05, 0.1, 0.3, 1.0):
         qp.vector("lower")[...] += share * shift
         qp.vector("upper")[...] += share * shift
-        solver, judge = ActiveSetSolver(qp, regulator=kind(qp)), PiqpSolver(qp, PiqpSettings(max_iterations=300))
+        solver, judge = ActiveSetSolver(qp, riccati=kind(qp)), PiqpSolver(qp, PiqpSettings(max_iterations=300))
         found = []
         for each in (solver, judge):
             each.prepare()
@@ -233,7 +232,7 @@ def test_a_state_that_the_motors_cannot_save_is_infeasible_by_their_limits(push:
     solver, judge = ActiveSetSolver(functions.qp), PiqpSolver(functions.qp, PiqpSettings(max_iterations=300))
     for each in (solver, judge):
         each.prepare()
-        assert each.solve(np.zeros(problem.state.ndx)) is QpStatus.INFEASIBLE
+        assert each.solve(np.zeros(problem.state.ndx)) is Status.INFEASIBLE
     assert not solver.took_over
 
 
@@ -245,10 +244,10 @@ def test_the_next_solver_is_tried_where_one_fails() -> None:
     np.testing.assert_allclose(solved(one, qp.x0).dus, expected, atol=1e-6)
     assert one.iterations == 2 + patient.iterations
     hasty.prepare()
-    assert hasty.solve(qp.x0) is not QpStatus.SOLVED
-    assert Cascade([hasty, hasty]).solve(qp.x0) is not QpStatus.SOLVED
+    assert hasty.solve(qp.x0) is not Status.CONVERGED
+    assert Cascade([hasty, hasty]).solve(qp.x0) is not Status.CONVERGED
     qp.vector("b")[3, 0] = np.nan
-    assert one.solve(qp.x0) is QpStatus.NOT_FINITE
+    assert one.solve(qp.x0) is Status.NOT_FINITE
     for solvers in ([], [patient, PiqpSolver(random_problem(np.random.default_rng(7), 3.0))]):
         with pytest.raises(InputError, match="of the same problem"):
             Cascade(solvers)
@@ -266,42 +265,42 @@ def test_the_active_rows_of_another_solver_are_solved_exactly() -> None:
     assert solution.residual().largest < 2e-9
 
 
-def test_regulator_solves_the_equations_of_its_minimum(kind: Kind) -> None:
+def test_riccati_solver_solves_the_equations_of_its_minimum(kind: Kind) -> None:
     """Against one dense system of the penalised problem; the second solve with the factors of the first."""
     rng = np.random.default_rng(2)
     qp = random_problem(rng, 1.0)
-    regulator = kind(qp)
-    regulator.load()
-    regulator.weights[...] = rng.uniform(0.0, 5.0, (NODES, NG)) * (rng.random((NODES, NG)) < 0.6)
-    regulator.dx0[...] = qp.x0
+    riccati = kind(qp)
+    riccati.load()
+    riccati.weights[...] = rng.uniform(0.0, 5.0, (NODES, NG)) * (rng.random((NODES, NG)) < 0.6)
+    riccati.dx0[...] = qp.x0
     for again in (False, True):
-        regulator.targets[...] = rng.standard_normal((NODES, NG))
-        assert regulator.factor() if not again else regulator.solve() is None
-        penalty = regulator.weights * (regulator.rows - regulator.targets)
-        point = QpSolution(qp, regulator.dxs, regulator.dus, regulator.costates, penalty)
+        riccati.targets[...] = rng.standard_normal((NODES, NG))
+        assert riccati.factor() if not again else riccati.solve() is None
+        penalty = riccati.weights * (riccati.rows - riccati.targets)
+        point = QpSolution(qp, riccati.dxs, riccati.dus, riccati.costates, penalty)
         found = point.residual()
         assert found.stationarity < 1e-9 and found.dynamics < 1e-12
-        rows = qp.dense("C") @ regulator.dxs[:-1, :, None] + qp.dense("D") @ regulator.dus[:, :, None]
-        np.testing.assert_allclose(regulator.rows, rows[..., 0], atol=1e-10)
+        rows = qp.dense("C") @ riccati.dxs[:-1, :, None] + qp.dense("D") @ riccati.dus[:, :, None]
+        np.testing.assert_allclose(riccati.rows, rows[..., 0], atol=1e-10)
     cost = 0.0
     for k in range(NODES):
-        x, u = regulator.dxs[k], regulator.dus[k]
+        x, u = riccati.dxs[k], riccati.dus[k]
         m = {name: qp.dense(name)[k] for name in "QSRqr"}
         cost += 0.5 * (x @ m["Q"] @ x + u @ m["R"] @ u) + u @ m["S"] @ x + m["q"][:, 0] @ x + m["r"][:, 0] @ u
-    x = regulator.dxs[-1]
+    x = riccati.dxs[-1]
     cost += 0.5 * x @ qp.dense_terminal("Q") @ x + qp.dense_terminal("q")[:, 0] @ x
-    assert regulator.cost == pytest.approx(cost, rel=1e-10)
+    assert riccati.cost == pytest.approx(cost, rel=1e-10)
     put(qp, "R", 3, -100.0 * np.eye(NU))
-    regulator.load()
-    assert not regulator.factor()
+    riccati.load()
+    assert not riccati.factor()
 
 
 def test_same_inputs_give_the_same_bits(kind: Kind) -> None:
     qp = random_problem(np.random.default_rng(3), 3.0)
-    solver = ActiveSetSolver(qp, regulator=kind(qp))
+    solver = ActiveSetSolver(qp, riccati=kind(qp))
     first = [array.copy() for array in solved(solver, qp.x0).arrays]
     solver.reset()
-    for other in (solver, ActiveSetSolver(qp, regulator=kind(qp))):
+    for other in (solver, ActiveSetSolver(qp, riccati=kind(qp))):
         for one, two in zip(first, solved(other, qp.x0).arrays, strict=True):
             np.testing.assert_array_equal(one, two)
 
@@ -315,14 +314,14 @@ def test_without_compiler_it_is_piqp(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_code_depends_on_the_size() -> None:
-    assert isinstance(regulator_for(OcpQp(structure())), SparseRegulator)
-    assert isinstance(regulator_for(OcpQp(structure(nx=LARGE_STAGE))), DenseRegulator)
+    assert isinstance(riccati_for(OcpQp(structure())), SparseRiccati)
+    assert isinstance(riccati_for(OcpQp(structure(nx=LARGE_STAGE))), DenseRiccati)
 
 
 def test_gains_are_the_slope_of_the_solution_while_rows_stay_at_their_bounds(kind: Kind) -> None:
     rng = np.random.default_rng(5)
     qp = random_problem(rng, 3.0)
-    solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), regulator=kind(qp))
+    solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), riccati=kind(qp))
     first = solved(solver, qp.x0)
     us, multipliers = first.dus.copy(), first.multipliers.copy()
     gains, step = solver.feedback(multipliers), 1e-5 * rng.standard_normal(NX)

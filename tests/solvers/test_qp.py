@@ -15,10 +15,10 @@ from lgmpc.solvers.qp import (
     ActiveSetSolver,
     PiqpSettings,
     PiqpSolver,
-    QpStatus,
-    SparseRegulator,
+    SparseRiccati,
     make_qp_solver,
 )
+from lgmpc.status import Status
 
 # Largest residual of the optimality conditions that a solver's standard settings may leave on the problems below, and
 # largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
@@ -86,7 +86,7 @@ def test_solution_is_that_of_the_dense_problem(name: str, centroidal: Callable[.
     solver = make_qp_solver(name, qp)
     for _ in range(2):  # cold, then warm
         solver.prepare()
-        assert solver.solve(dx0) is QpStatus.SOLVED
+        assert solver.solve(dx0) is Status.CONVERGED
         assert solver.iterations > 0
         assert solver.solution.residual().largest < ACCURACY[name]
         xs, us = dense_solution(qp, dx0)
@@ -104,7 +104,7 @@ def test_coupled_costs_and_rows_on_states(name: str, cart: ShootingProblem) -> N
     dx0 = np.array([-0.05, 0.1])
     solver = make_qp_solver(name, qp)
     solver.prepare()
-    assert solver.solve(dx0) is QpStatus.SOLVED
+    assert solver.solve(dx0) is Status.CONVERGED
     assert solver.solution.residual().largest < ACCURACY[name]
     xs, us = dense_solution(qp, dx0)
     assert (np.abs(solver.solution.multipliers) > 1e-2).sum() >= 3
@@ -140,15 +140,15 @@ def test_contradicting_bounds_are_infeasible_and_leave_the_solution(name: str, c
     qp = expand(cart)
     solver = make_qp_solver(name, qp)
     solver.prepare()
-    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    assert solver.solve(np.zeros(2)) is Status.CONVERGED
     before = solver.solution.dus.copy()
     cart.set("limit", [2.0, 0.6, -5.0])  # the third row bounds u by -5 from above, the first one by -2 from below
     expanded = expand(cart)
     qp.values[:] = expanded.values
     solver.prepare()
-    assert solver.solve(np.zeros(2)) is QpStatus.INFEASIBLE
+    assert solver.solve(np.zeros(2)) is Status.INFEASIBLE
     np.testing.assert_array_equal(solver.solution.dus, before)
-    assert "bounds" in QpStatus.INFEASIBLE.value
+    assert "bounds" in Status.INFEASIBLE.value
 
 
 @pytest.mark.parametrize("name", QP_SOLVERS)
@@ -157,7 +157,7 @@ def test_nan_is_refused_and_has_no_later_effect(name: str, block: str, cart: Sho
     qp = expand(cart)
     solver = make_qp_solver(name, qp)
     solver.prepare()
-    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    assert solver.solve(np.zeros(2)) is Status.CONVERGED
     values, terminal, before = qp.values.copy(), qp.terminal_values.copy(), solver.solution.dus.copy()
     dx0 = np.zeros(2)
     if block == "dx0":
@@ -167,18 +167,18 @@ def test_nan_is_refused_and_has_no_later_effect(name: str, block: str, cart: Sho
     else:
         qp.values[3, qp.structure.blocks[block].where.start] = np.nan
     solver.prepare()
-    assert solver.solve(dx0) is QpStatus.NOT_FINITE
+    assert solver.solve(dx0) is Status.NOT_FINITE
     np.testing.assert_array_equal(solver.solution.dus, before)
     qp.values[:], qp.terminal_values[:] = values, terminal
     solver.prepare()
-    assert solver.solve(np.zeros(2)) is QpStatus.SOLVED
+    assert solver.solve(np.zeros(2)) is Status.CONVERGED
     assert solver.solution.residual().largest < ACCURACY[name]
 
 
-def test_regulator_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
+def test_riccati_solver_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
     qp = expand(cart)
     rng = np.random.default_rng(0)
-    lqr = SparseRegulator(qp)
+    lqr = SparseRiccati(qp)
     dx0 = rng.standard_normal(2)
     weights, targets = rng.uniform(0.0, 5.0, (8, 3)), rng.standard_normal((8, 3))
     lqr.dx0[...], lqr.weights[...], lqr.targets[...] = dx0, weights, targets
@@ -230,9 +230,9 @@ def moving(centroidal: Callable[..., ShootingProblem]) -> OcpQp:
 def test_right_active_set_takes_one_sweep(moving: OcpQp) -> None:
     solver = ActiveSetSolver(moving)
     solver.prepare()
-    assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
+    assert solver.solve(np.zeros(9)) is Status.CONVERGED and not solver.took_over
     solver.prepare()
-    assert solver.solve(np.zeros(9)) is QpStatus.SOLVED and not solver.took_over
+    assert solver.solve(np.zeros(9)) is Status.CONVERGED and not solver.took_over
     assert solver.iterations <= 2  # the multipliers identify the active rows
 
 
@@ -242,7 +242,7 @@ def test_steps_that_raise_the_augmented_lagrangian_are_shortened(moving: OcpQp, 
     solver, other = ActiveSetSolver(moving), PiqpSolver(moving, PiqpSettings(tolerance=1e-9))
     for each in (solver, other):
         each.prepare()
-        assert each.solve(share * HARD) is QpStatus.SOLVED
+        assert each.solve(share * HARD) is Status.CONVERGED
     assert not solver.took_over
     assert np.count_nonzero(solver.solution.multipliers) > 5
     assert solver.solution.residual().largest < ACCURACY["active_set"]
@@ -255,7 +255,7 @@ def test_another_solver_takes_over_where_the_sweeps_are_used_up(moving: OcpQp) -
         settings = ActiveSetSettings(max_sweeps=most, max_iterations=0)  # no interior point method of its own
         solver = ActiveSetSolver(moving, settings, fallback=lambda _, other=other: other)
         solver.prepare()
-        assert solver.solve(HARD) is QpStatus.SOLVED and solver.took_over
+        assert solver.solve(HARD) is Status.CONVERGED and solver.took_over
         assert solver.iterations > other.iterations + most  # also those that show that the problem is feasible
         assert solver.solution.residual().largest < ACCURACY["piqp"]
 

@@ -9,7 +9,7 @@ from samples import Unicycle
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, RealTimeStatus, Solution, Status
+from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, Solution, Status
 from lgmpc.solvers.qp import (
     ActiveSetSettings,
     ActiveSetSolver,
@@ -62,7 +62,7 @@ def test_iterations_converge_to_the_solution_of_ipopt(
     for _ in range(30):
         solver.prepare()
         result = solver.feedback(problem.x0)
-        assert result.status is RealTimeStatus.STEPPED
+        assert result.status is Status.STEPPED
     np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, rtol=0, atol=1e-6)
     np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, rtol=0, atol=1e-5)
     np.testing.assert_allclose(result.costates, reference.costates, rtol=1e-6, atol=1e-5)
@@ -75,7 +75,7 @@ def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
     solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
     result = solver.solve(tolerance=1e-6)
-    assert result.status is RealTimeStatus.CONVERGED
+    assert result.status is Status.CONVERGED
     assert result.kkt.largest <= 1e-6
     assert 2 <= result.iterations <= 10
     xs, us = result.trajectory.xs, result.trajectory.us
@@ -85,7 +85,7 @@ def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
     again = solver.solve(tolerance=1e-6)
     assert again.iterations == 1  # from the solution itself
     solver.set_guess(standing(problem))
-    assert solver.solve(max_iterations=1, tolerance=1e-6).status is RealTimeStatus.ITERATION_LIMIT
+    assert solver.solve(max_iterations=1, tolerance=1e-6).status is Status.ITERATION_LIMIT
 
 
 def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(centroidal: Make) -> None:
@@ -141,11 +141,11 @@ def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
     bad = problem.x0.copy()
     bad[1] = np.nan
     result = solver.feedback(bad)
-    assert result.status is RealTimeStatus.NOT_FINITE and not result.status.usable
+    assert result.status is Status.NOT_FINITE and not result.status.usable
     assert np.isnan(result.kkt.largest)
     np.testing.assert_array_equal(solver.xs, xs)
     problem.x0[0] = np.inf
-    assert solver.solve().status is RealTimeStatus.NOT_FINITE
+    assert solver.solve().status is Status.NOT_FINITE
 
 
 def test_wrong_shapes_are_named(centroidal: Make) -> None:
@@ -168,7 +168,7 @@ def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch:
     assert not solver.compiled
     solver.set_guess(guess)
     result = solver.solve(max_iterations=60, tolerance=1e-6)
-    assert result.status is RealTimeStatus.CONVERGED
+    assert result.status is Status.CONVERGED
     assert (np.abs(result.multipliers) > 1e-3).any()
     np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, atol=1e-5)
     np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, atol=1e-3)

@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
-from lgmpc.solvers.compiled_sweep import CompiledSweep, make_sweep
 from lgmpc.solvers.sweep import BackwardSweep
 
 needs_compiler = pytest.mark.skipif(
@@ -32,8 +30,8 @@ def test_machine_code_and_numpy_agree(unicycle: ShootingProblem, closed: bool) -
     functions = expanded(unicycle)
     if closed:
         functions.gaps[...] = 0.0
-    plain, compiled = BackwardSweep(functions), make_sweep(functions)
-    assert isinstance(compiled, CompiledSweep)
+    plain, compiled = in_numpy(functions), BackwardSweep(functions)
+    assert compiled.compiled and not plain.compiled
     assert plain.run(1e-3, closed=closed)
     gains = functions.feedback.copy(), functions.feedforward.copy()
     functions.feedback[...] = functions.feedforward[...] = np.nan
@@ -46,6 +44,15 @@ def test_machine_code_and_numpy_agree(unicycle: ShootingProblem, closed: bool) -
             getattr(compiled, name), getattr(plain, name), rtol=1e-9, atol=1e-12 * scale, err_msg=name
         )
     np.testing.assert_array_equal(compiled.value_hessian, compiled.value_hessian.transpose(0, 2, 1))
+
+
+def in_numpy(functions: ShootingFunctions | Numbers) -> BackwardSweep:
+    """The sweep on the same arrays without machine code."""
+    given, functions.compiled = functions.compiled, False
+    try:
+        return BackwardSweep(functions)
+    finally:
+        functions.compiled = given
 
 
 @dataclass
@@ -72,7 +79,7 @@ class Numbers:
 @pytest.mark.parametrize(("ndx", "nu"), [(1, 1), (3, 0), (2, 5), (8, 4), (13, 7), (36, 12), (29, 30)])
 def test_machine_code_and_numpy_agree_at_any_size(ndx: int, nu: int, closed: bool) -> None:
     f = Numbers(6, ndx, nu)
-    plain, compiled = BackwardSweep(f), make_sweep(f)
+    plain, compiled = in_numpy(f), BackwardSweep(f)
     results = []
     for sweep in (plain, compiled):
         assert sweep.run(1e-6, closed=closed)
@@ -89,8 +96,8 @@ def test_machine_code_and_numpy_agree_at_any_size(ndx: int, nu: int, closed: boo
 def test_a_sweep_continues_bit_for_bit(first: int, closed: bool) -> None:
     """From an interval behind which nothing has changed."""
     f = Numbers(6, 13, 7)
-    sweep = make_sweep(f)
-    assert isinstance(sweep, CompiledSweep) and sweep.run(1e-6, closed=closed)
+    sweep = BackwardSweep(f)
+    assert sweep.compiled and sweep.run(1e-6, closed=closed)
     f.jacobian[: first + 1] *= 1.1
     f.hessian[: first + 1] *= 1.2
     f.gradient[: first + 1] += 0.3
@@ -110,19 +117,17 @@ def test_a_sweep_continues_bit_for_bit(first: int, closed: bool) -> None:
 @pytest.mark.parametrize("flags", ["-DLANES=1", pytest.param("-DLANES=2", marks=pytest.mark.slow), "-DLANES=8"])
 def test_any_number_of_lanes_gives_the_same_sweep(flags: str, monkeypatch: pytest.MonkeyPatch) -> None:
     f = Numbers(4, 13, 5)
-    assert make_sweep(f).run(1e-6, closed=False)
+    assert BackwardSweep(f).run(1e-6, closed=False)
     expected = f.feedback.copy()
     monkeypatch.setenv("LGMPC_CFLAGS", flags)
-    assert make_sweep(f).run(1e-6, closed=False)
+    assert BackwardSweep(f).run(1e-6, closed=False)
     np.testing.assert_allclose(f.feedback, expected, rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", [BackwardSweep, make_sweep])
-def test_indefinite_and_non_finite_data_are_reported(
-    unicycle: ShootingProblem, kind: Callable[..., BackwardSweep]
-) -> None:
+@pytest.mark.parametrize("kind", ["numpy", "compiled"])
+def test_indefinite_and_non_finite_data_are_reported(unicycle: ShootingProblem, kind: str) -> None:
     functions = expanded(unicycle)
-    sweep = kind(functions)
+    sweep = in_numpy(functions) if kind == "numpy" else BackwardSweep(functions)
     functions.hessian[4, 3, 3] = -1e6
     assert not sweep.run(1e-9, closed=False)
     assert sweep.run(1e7, closed=False)  # regularisation is the remedy
@@ -137,4 +142,4 @@ def test_indefinite_and_non_finite_data_are_reported(
 
 def test_without_compiler_it_is_numpy(unicycle: ShootingProblem, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
-    assert type(make_sweep(ShootingFunctions(unicycle))) is BackwardSweep
+    assert not BackwardSweep(ShootingFunctions(unicycle)).compiled

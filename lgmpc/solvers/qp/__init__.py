@@ -7,14 +7,12 @@ from collections.abc import Callable
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.active_set import LARGE_STAGE, ActiveSetSettings, ActiveSetSolver
-from lgmpc.solvers.qp.cascade import Cascade
-from lgmpc.solvers.qp.dense_regulator import DenseRegulator
-from lgmpc.solvers.qp.feedback import penalised_feedback
+from lgmpc.solvers.qp.dense_riccati import DenseRiccati
 from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
-from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
-from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
+from lgmpc.solvers.qp.piqp import Cascade, PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
 from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
-from lgmpc.solvers.qp.sparse_regulator import SparseRegulator
+from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
 
 __all__ = [
     "LARGE_STAGE",
@@ -22,7 +20,7 @@ __all__ = [
     "ActiveSetSettings",
     "ActiveSetSolver",
     "Cascade",
-    "DenseRegulator",
+    "DenseRiccati",
     "OsqpSettings",
     "OsqpSolver",
     "PiqpSettings",
@@ -31,19 +29,16 @@ __all__ = [
     "ProxqpSolver",
     "QpSolution",
     "QpSolver",
-    "QpStatus",
-    "SparseRegulator",
+    "RiccatiSolver",
+    "SparseRiccati",
     "make_qp_solver",
-    "penalised_feedback",
 ]
 
 _Progress = Callable[[str], None]
 
 _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
     "active_set": lambda qp, progress: ActiveSetSolver(qp, progress=progress),
-    "active_set_dense": lambda qp, progress: ActiveSetSolver(
-        qp, regulator=DenseRegulator(qp, progress), progress=progress
-    ),
+    "active_set_dense": lambda qp, progress: ActiveSetSolver(qp, riccati=DenseRiccati(qp, progress), progress=progress),
     "piqp": lambda qp, _: PiqpSolver(qp),
     "piqp_multistage": lambda qp, _: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
     "osqp": lambda qp, _: OsqpSolver(qp),

@@ -1,20 +1,20 @@
 """lgmpc's own solver: active sets where the last solve identifies them, an interior point method where not.
 
-Both call one :class:`~lgmpc.solvers.qp.regulator.Regulator` with penalised rows, whose computing time does not depend
-on the number of active rows: scalar code where stages are small, dense blocks where they are large.
+Both call one :class:`~lgmpc.solvers.qp.RiccatiSolver` with penalised rows, whose computing time does not depend on the
+number of active rows: scalar code where stages are small, dense blocks where they are large.
 
 *Active sets.* For multiplier estimates mu and a penalty rho the augmented Lagrangian
 
     phi(z) = cost(z) + rho/2 sum_i dist(row_i(z) + mu_i / rho, [lower_i, upper_i])^2,      z satisfying the dynamics,
 
 is convex and piecewise quadratic: the rows outside their (shifted) bounds are the active ones, and the minimiser of the
-piece that they define is one call of the regulator with these rows penalised. Newton's method (Qi and Sun, "A nonsmooth
-version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the last point until they stay the
-same, with an exact line search where phi would not decrease; then ``mu <- rho (row + mu / rho - nearest point)``
-(Hestenes' and Powell's method of multipliers). From one iteration of an SQP, or one tick of an MPC, to the next few
-rows change: one to three sweeps confirm the active set that the multipliers imply.
+piece that they define is one call of the Riccati solver with these rows penalised. Newton's method (Qi and Sun, "A
+nonsmooth version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the last point until they
+stay the same, with an exact line search where phi would not decrease; then ``mu <- rho (row + mu / rho - nearest
+point)`` (Hestenes' and Powell's method of multipliers). From one iteration of an SQP, or one tick of an MPC, to the
+next few rows change: one to three sweeps confirm the active set that the multipliers imply.
 
-*Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the regulator
+*Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the solver's
 with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
 of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
 IFAC 2020). The predictor also identifies the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
@@ -32,21 +32,18 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.cascade import Cascade
-from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
-from lgmpc.solvers.qp.dense_regulator import DenseRegulator
-from lgmpc.solvers.qp.feedback import penalised_feedback
+from lgmpc.solvers.qp.central_path import CentralPath, exact_line_search, nearest_in
+from lgmpc.solvers.qp.dense_riccati import DenseRiccati
 from lgmpc.solvers.qp.infeasibility import is_infeasible
-from lgmpc.solvers.qp.line import exact_line_search
 from lgmpc.solvers.qp.penalties import Penalties
-from lgmpc.solvers.qp.piqp import PiqpSettings, PiqpSolver
-from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, QpStatus
-from lgmpc.solvers.qp.regulator import Regulator
-from lgmpc.solvers.qp.sparse_regulator import SparseRegulator
-from lgmpc.solvers.sweep import all_finite
+from lgmpc.solvers.qp.piqp import Cascade, PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
+from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
+from lgmpc.solvers.sweep import all_finite, penalised_feedback
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["LARGE_STAGE", "ActiveSetSettings", "ActiveSetSolver", "regulator_for"]
+__all__ = ["LARGE_STAGE", "ActiveSetSettings", "ActiveSetSolver", "riccati_for"]
 
 LARGE_STAGE = 30
 """States and controls of a stage from which dense blocks pay."""
@@ -63,7 +60,7 @@ class ActiveSetSettings:
 
     Attributes:
         tolerance: largest residual of the optimality conditions.
-        max_sweeps: regulators that confirm or correct one guess of the active rows.
+        max_sweeps: Riccati sweeps that confirm or correct one guess of the active rows.
         max_iterations: of the interior point method.
     """
 
@@ -77,10 +74,10 @@ class ActiveSetSettings:
             raise InputError("tolerance", self.tolerance, "above 0")
 
 
-def regulator_for(qp: OcpQp, progress: Callable[[str], None] | None = None) -> Regulator:
+def riccati_for(qp: OcpQp, progress: Callable[[str], None] | None = None) -> RiccatiSolver:
     """Return scalar code for small stages, dense blocks for large ones."""
     large = qp.structure.ndx + qp.structure.nu > LARGE_STAGE
-    return DenseRegulator(qp, progress) if large else SparseRegulator(qp, progress)
+    return DenseRiccati(qp, progress) if large else SparseRiccati(qp, progress)
 
 
 class ActiveSetSolver:
@@ -92,7 +89,7 @@ class ActiveSetSolver:
         qp: the problem.
         settings: tolerance and limits.
         fallback: makes the solver that takes over; PIQP unless given, in dense blocks first, then with sparse factors.
-        regulator: of the same problem; :func:`regulator_for` unless given.
+        riccati: of the same problem; :func:`riccati_for` unless given.
         progress: called with a description of what is being compiled.
 
     Attributes:
@@ -112,7 +109,7 @@ class ActiveSetSolver:
         qp: OcpQp,
         settings: ActiveSetSettings | None = None,
         fallback: Callable[[OcpQp], QpSolver] | None = None,
-        regulator: Regulator | None = None,
+        riccati: RiccatiSolver | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         s = qp.structure
@@ -122,7 +119,7 @@ class ActiveSetSolver:
         self.took_over = False
         self.may_take_over = True
         self._fallback = self._piqp(qp) if fallback is None else fallback(qp)
-        self._regulator = r = regulator_for(qp, progress) if regulator is None else regulator
+        self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
         self._penalties = Penalties(qp, r, self.solution.multipliers, self.settings.tolerance, progress)
         self.available = r.available and self._penalties.available
@@ -145,45 +142,45 @@ class ActiveSetSolver:
         if weights.size:
             weights.partition(middle)
             self._scale = float(weights[middle])
-        self._penalties.rho = self._regulator.penalty * self._scale
+        self._penalties.rho = self._riccati.penalty * self._scale
         self._ready = self.available and self._scale > 0.0
         if self._ready:
-            self._regulator.load()
+            self._riccati.load()
 
-    def solve(self, dx0: Array) -> QpStatus:
+    def solve(self, dx0: Array) -> Status:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.iterations, self.took_over = 0, False
-        self._regulator.dx0[...] = dx0
+        self._riccati.dx0[...] = dx0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             if self._ready:
                 self._penalties.resume()
                 if self._active_set():
-                    return QpStatus.SOLVED
+                    return Status.CONVERGED
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
-                return QpStatus.INFEASIBLE
+                return Status.INFEASIBLE
             if self._ready and finite:
                 if self._interior_point():
-                    return QpStatus.SOLVED
-                if is_infeasible(self._regulator, self._scale, self._factor):
-                    return QpStatus.INFEASIBLE
+                    return Status.CONVERGED
+                if is_infeasible(self._riccati, self._scale, self._factor):
+                    return Status.INFEASIBLE
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
-            return QpStatus.NUMERICAL
+            return Status.FAILED
         return self._solve_otherwise(dx0, finite)
 
-    def _solve_otherwise(self, dx0: Array, finite: bool) -> QpStatus:
+    def _solve_otherwise(self, dx0: Array, finite: bool) -> Status:
         """Call the fallback, and solve exactly with the active rows that it finds."""
         self.took_over = True
         self._fallback.prepare()
         status = self._fallback.solve(dx0)
         self.iterations += self._fallback.iterations
-        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+        if status.usable:
             self.solution.write(*self._fallback.solution.arrays)
             with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
                 if self._ready and finite and self._polish():
-                    return QpStatus.SOLVED
+                    return Status.CONVERGED
         return status
 
     def feedback(self, multipliers: Array) -> Array:
@@ -196,8 +193,8 @@ class ActiveSetSolver:
         weights = np.where(np.abs(multipliers) > self.settings.tolerance, _HELD * self._scale, 0.0)
         gains = None
         if self._ready:
-            self._regulator.weights[...], self._regulator.targets[...] = weights, 0.0
-            gains = self._regulator.feedback() if self._factor() else None
+            self._riccati.weights[...], self._riccati.targets[...] = weights, 0.0
+            gains = self._riccati.feedback() if self._factor() else None
         return penalised_feedback(self.qp, weights) if gains is None else gains
 
     def _polish(self) -> bool:
@@ -221,7 +218,7 @@ class ActiveSetSolver:
 
         Active are rows of the point that are outside their bounds, shifted by the multipliers.
         """
-        r, p, tolerance = self._regulator, self._penalties, self.settings.tolerance
+        r, p, tolerance = self._riccati, self._penalties, self.settings.tolerance
         cost, phi, allowed, searching = 0.0, math.inf, p.point.size / 8, False
         for _ in range(self.settings.max_sweeps):
             p.penalise()
@@ -251,7 +248,7 @@ class ActiveSetSolver:
 
     def _interior_point(self) -> bool:
         """Follow the central path until the active rows are known; False if it does not converge."""
-        r, lower, upper = self._regulator, self.qp.vector("lower").copy(), self.qp.vector("upper").copy()
+        r, lower, upper = self._riccati, self.qp.vector("lower").copy(), self.qp.vector("upper").copy()
         path = CentralPath(lower, upper, _START * self._scale, self._penalties.rho)
         path.begin(r.weights, r.targets)
         if not self._factor():
@@ -275,16 +272,16 @@ class ActiveSetSolver:
 
     def _factor(self) -> bool:
         self.iterations += 1
-        return self._regulator.factor() and math.isfinite(self._regulator.cost)
+        return self._riccati.factor() and math.isfinite(self._riccati.cost)
 
     def _is_optimal(self) -> bool:
-        """Take the regulator's point, and its multipliers, if they satisfy the optimality conditions."""
+        """Take the Riccati solver's point, and its multipliers, if they satisfy the optimality conditions."""
         self._penalties.measure()
         return self._penalties.residual <= self.settings.tolerance and self._accept()
 
     def _accept(self) -> bool:
-        """Take the regulator's point, whose rows are within their bounds, and its multipliers, if it is stationary."""
-        r, tolerance = self._regulator, self.settings.tolerance
+        """Take the Riccati solver's point, with rows within their bounds, and its multipliers, if it is stationary."""
+        r, tolerance = self._riccati, self.settings.tolerance
         corrections = r.polish(tolerance)
         if corrections is None or (corrections and not self._bound_residual() <= tolerance):
             return False
@@ -293,7 +290,7 @@ class ActiveSetSolver:
 
     def _bound_residual(self) -> float:
         """Return the largest residual of bounds and complementarity: 0 if only rows at bounds have multipliers."""
-        r = self._regulator
+        r = self._riccati
         return float(np.abs(r.rows - self._nearest_to(r.rows + r.multipliers)).max(initial=0.0))
 
     def _nearest_to(self, rows: Array) -> Array:

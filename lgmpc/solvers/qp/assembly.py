@@ -1,4 +1,4 @@
-"""The linear-quadratic problem as the sparse matrices of a general QP, filled without a loop.
+"""The linear-quadratic problem as the sparse matrices of a general QP, filled without a loop; the base of its solvers.
 
     minimise 1/2 z^T P z + c^T z    subject to    E z = e,    lower <= G z <= upper,
     z = [du_0, dx_1, du_1, dx_2, ..., du_{N-1}, dx_N]
@@ -9,6 +9,8 @@ The patterns never change. Values arrive by one gather a matrix, from positions 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -16,9 +18,10 @@ from scipy import sparse
 from lgmpc.ocp import Block, OcpQp
 from lgmpc.solvers.qp.protocol import QpSolution
 from lgmpc.solvers.sweep import all_finite
+from lgmpc.status import Status
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["GatheredMatrix", "SparseAssembly"]
+__all__ = ["GatheredMatrix", "GeneralQpSolver", "SparseAssembly"]
 
 
 class GatheredMatrix:
@@ -179,6 +182,51 @@ class SparseAssembly:
     def finish(self) -> None:
         """Complete :attr:`solution` after a new point was written into z and y."""
         self._dxs[1:] = self._dxs_later
+
+
+class GeneralQpSolver(ABC):
+    """:class:`~lgmpc.solvers.qp.QpSolver` on a package that takes the whole problem as sparse matrices.
+
+    Args:
+        assembly: of the problem, in the package's form.
+    """
+
+    name: str
+    warm_started: ClassVar[bool]
+    """Whether a solve begins at the package's last iterates, which are discarded after a failure."""
+
+    def __init__(self, assembly: SparseAssembly) -> None:
+        self.qp: OcpQp = assembly.qp
+        self.iterations = 0
+        self.solution: QpSolution = assembly.solution
+        self._assembly = assembly
+        self._solver: Any = None  # the package's, from the first solve on
+        self._finite = False
+
+    @abstractmethod
+    def _run(self) -> Status:
+        """Solve the loaded problem; write :attr:`iterations`, and z and y of the assembly if there is a solution."""
+
+    def reset(self) -> None:
+        """Discard all state of earlier solves."""
+        self._solver = None
+        self._assembly.z[:] = 0.0
+        self._assembly.y[:] = 0.0
+        self._assembly.finish()
+
+    def prepare(self) -> None:
+        """Take over the matrices."""
+        self._finite = self._assembly.load_matrices()
+
+    def solve(self, dx0: Array) -> Status:
+        """Solve from the current point; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        loaded = self._assembly.load_vectors(dx0) and self._finite
+        status = self._run() if loaded else Status.NOT_FINITE
+        if status.usable:
+            self._assembly.finish()
+        elif self.warm_started:
+            self._solver = None
+        return status
 
 
 def _place(block: Block, sources: IntArray, rows: IntArray, columns: IntArray) -> IntArray:

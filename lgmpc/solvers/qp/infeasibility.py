@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.central_path import nearest_in
-from lgmpc.solvers.qp.line import exact_line_search
-from lgmpc.solvers.qp.regulator import Regulator
+from lgmpc.solvers.qp.central_path import exact_line_search, nearest_in
+from lgmpc.solvers.qp.protocol import RiccatiSolver
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["is_certificate", "is_infeasible"]
@@ -20,17 +19,17 @@ _SWEEPS = 8  # with each of them
 _FAR = 1e2  # times the controls of a step with a small penalty: larger ones count as none
 
 
-def is_infeasible(regulator: Regulator, scale: float, factor: Callable[[], bool]) -> bool:
+def is_infeasible(riccati: RiccatiSolver, scale: float, factor: Callable[[], bool]) -> bool:
     """Return whether the multipliers of the least violation prove that every step violates a bound.
 
     The penalised violation is minimised by Newton's method, with penalties that grow.
 
     Args:
-        regulator: of the problem, loaded, with its first state.
+        riccati: of the problem, loaded, with its first state.
         scale: the median control weight.
-        factor: calls the regulator; returns whether there is a finite minimiser.
+        factor: calls the Riccati solver; returns whether there is a finite minimiser.
     """
-    r, qp = regulator, regulator.qp
+    r, qp = riccati, riccati.qp
     lower, upper = qp.vector("lower").copy(), qp.vector("upper").copy()
     r.weights[...], r.targets[...] = scale, nearest_in(np.zeros_like(lower), lower, upper)
     if not factor():

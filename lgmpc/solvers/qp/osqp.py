@@ -12,21 +12,20 @@ import numpy as np
 
 from lgmpc.errors import MissingDependencyError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.general import GeneralQpSolver
-from lgmpc.solvers.qp.protocol import QpStatus
+from lgmpc.solvers.qp.assembly import GeneralQpSolver, SparseAssembly
+from lgmpc.status import Status
 
 __all__ = ["OsqpSettings", "OsqpSolver"]
 
 _INFINITY = 1e30  # OSQP's
 _STATUS = {
-    "OSQP_SOLVED": QpStatus.SOLVED,
-    "OSQP_SOLVED_INACCURATE": QpStatus.MAX_ITERATIONS,
-    "OSQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
-    "OSQP_PRIMAL_INFEASIBLE": QpStatus.INFEASIBLE,
-    "OSQP_PRIMAL_INFEASIBLE_INACCURATE": QpStatus.INFEASIBLE,
-    "OSQP_DUAL_INFEASIBLE": QpStatus.UNBOUNDED,
-    "OSQP_DUAL_INFEASIBLE_INACCURATE": QpStatus.UNBOUNDED,
+    "OSQP_SOLVED": Status.CONVERGED,
+    "OSQP_SOLVED_INACCURATE": Status.ITERATION_LIMIT,
+    "OSQP_MAX_ITER_REACHED": Status.ITERATION_LIMIT,
+    "OSQP_PRIMAL_INFEASIBLE": Status.INFEASIBLE,
+    "OSQP_PRIMAL_INFEASIBLE_INACCURATE": Status.INFEASIBLE,
+    "OSQP_DUAL_INFEASIBLE": Status.UNBOUNDED,
+    "OSQP_DUAL_INFEASIBLE_INACCURATE": Status.UNBOUNDED,
 }
 
 
@@ -73,7 +72,7 @@ class OsqpSolver(GeneralQpSolver):
         self._module: Any = ext_builtin
         self._zero = np.zeros(self._assembly.size)
         self._codes = {
-            int(v): _STATUS.get(k, QpStatus.NUMERICAL) for k, v in ext_builtin.osqp_status_type.__members__.items()
+            int(v): _STATUS.get(k, Status.FAILED) for k, v in ext_builtin.osqp_status_type.__members__.items()
         }
 
     def prepare(self) -> None:
@@ -83,7 +82,7 @@ class OsqpSolver(GeneralQpSolver):
         if self._finite and self._solver is not None:
             self._solver.update_data_mat(a.hessian.matrix.data, None, a.constraints[0].matrix.data, None)
 
-    def _run(self) -> QpStatus:
+    def _run(self) -> Status:
         a = self._assembly
         np.maximum(a.lower, -_INFINITY, out=a.lower)
         np.minimum(a.upper, _INFINITY, out=a.upper)
@@ -96,7 +95,7 @@ class OsqpSolver(GeneralQpSolver):
         info = self._solver.info
         self.iterations = int(info.iter)
         status = self._codes[int(info.status_val)]
-        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+        if status.usable:
             a.z[:] = self._solver.solution.x
             a.y[:] = self._solver.solution.y
         return status

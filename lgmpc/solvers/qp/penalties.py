@@ -15,18 +15,18 @@ import numpy as np
 
 from lgmpc.compile import compile_source
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.regulator import Regulator
+from lgmpc.solvers.qp.protocol import RiccatiSolver
 from lgmpc.typing import Array
 
 __all__ = ["Penalties"]
 
 
 class Penalties:
-    """Penalties of the rows of a problem, on the memory of its regulator.
+    """Penalties of the rows of a problem, on the memory of its Riccati solver.
 
     Args:
         qp: the problem, whose bounds are read.
-        regulator: its rows are read, its weights, targets and multipliers written.
+        riccati: its rows are read, its weights, targets and multipliers written.
         known: (N, ng) multipliers that :meth:`resume` begins with.
         least: smaller ones count as zero.
         progress: called with a description of what is being compiled.
@@ -44,7 +44,7 @@ class Penalties:
     def __init__(
         self,
         qp: OcpQp,
-        regulator: Regulator,
+        riccati: RiccatiSolver,
         known: Array,
         least: float,
         progress: Callable[[str], None] | None = None,
@@ -56,7 +56,7 @@ class Penalties:
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))
         self._numbers, self._measures = np.array([least, 0.0]), np.zeros(4)
-        r = regulator
+        r = riccati
         parts = (
             np.array([s.nodes, s.ng, s.size], dtype=np.int64), self._numbers, qp.vector("lower"), qp.vector("upper"),
             known, self.mu, self.point, r.weights, r.targets, r.rows, r.multipliers, self._measures,
@@ -86,6 +86,6 @@ class Penalties:
         self._penalise(self._frame)
 
     def measure(self) -> None:
-        """Write the multipliers with which the regulator's minimiser is stationary, and the measures of its rows."""
+        """Write the multipliers with which the solver's minimiser is stationary, and the measures of its rows."""
         self._measure(self._frame)
         self.difference, self.residual, self.squares, self.changed = self._measures.tolist()

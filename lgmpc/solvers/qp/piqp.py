@@ -1,7 +1,11 @@
-"""PIQP: a proximal interior point method, accurate from any start (Schwan, Jiang, Kuhn, Jones, CDC 2023)."""
+"""PIQP: a proximal interior point method, accurate from any start (Schwan, Jiang, Kuhn, Jones, CDC 2023).
+
+Interior point methods fail on different problems: a cascade tries several in turn.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,20 +13,21 @@ import numpy as np
 
 from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.general import GeneralQpSolver
-from lgmpc.solvers.qp.protocol import QpStatus
+from lgmpc.solvers.qp.assembly import GeneralQpSolver, SparseAssembly
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver
+from lgmpc.status import Status
+from lgmpc.typing import Array
 
-__all__ = ["PiqpSettings", "PiqpSolver"]
+__all__ = ["Cascade", "PiqpSettings", "PiqpSolver"]
 
 KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
 _FAR = 1e3  # times the tolerance: a point that is further from feasible than this is no approximate solution
 _NEAR = 1e-6  # a point that is nearer than this is one, whatever the tolerance
 _STATUS = {
-    "PIQP_SOLVED": QpStatus.SOLVED,
-    "PIQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
-    "PIQP_PRIMAL_INFEASIBLE": QpStatus.INFEASIBLE,
-    "PIQP_DUAL_INFEASIBLE": QpStatus.UNBOUNDED,
+    "PIQP_SOLVED": Status.CONVERGED,
+    "PIQP_MAX_ITER_REACHED": Status.ITERATION_LIMIT,
+    "PIQP_PRIMAL_INFEASIBLE": Status.INFEASIBLE,
+    "PIQP_DUAL_INFEASIBLE": Status.UNBOUNDED,
 }
 
 
@@ -72,7 +77,7 @@ class PiqpSolver(GeneralQpSolver):
         self.name = "piqp" if self.settings.kkt_solver == "sparse_ldlt" else "piqp_multistage"
         self._module: Any = piqp
 
-    def _run(self) -> QpStatus:
+    def _run(self) -> Status:
         a, m = self._assembly, self._assembly.equalities
         equality, inequality = (c.matrix for c in a.constraints)
         free = np.isinf(a.lower[m:]) & np.isinf(a.upper[m:])
@@ -94,12 +99,62 @@ class PiqpSolver(GeneralQpSolver):
         code = self._solver.solve()
         result = self._solver.result
         self.iterations = int(result.info.iter)
-        status = _STATUS.get(code.name, QpStatus.NUMERICAL)
+        status = _STATUS.get(code.name, Status.FAILED)
         far = not result.info.primal_res <= max(_FAR * self.settings.tolerance, _NEAR)
-        if status is QpStatus.MAX_ITERATIONS and far:
-            status = QpStatus.INFEASIBLE  # PIQP often runs out of iterations before it can prove infeasibility
-        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+        if status is Status.ITERATION_LIMIT and far:
+            status = Status.INFEASIBLE  # PIQP often runs out of iterations before it can prove infeasibility
+        if status.usable:
             a.z[:] = result.x
             a.y[:m] = result.y
             np.subtract(result.z_u, result.z_l, out=a.y[m:])
         return status
+
+
+class Cascade:
+    """:class:`~lgmpc.solvers.qp.QpSolver` that tries the next one where one does not solve the problem.
+
+    Where none does, the first approximate solution counts; without any, the last solver's status.
+
+    Args:
+        solvers: of the same :class:`~lgmpc.ocp.OcpQp`, in the order in which they are tried.
+
+    Attributes:
+        iterations: of all that were tried in the last solve.
+
+    Raises:
+        InputError: no solver, or solvers of different problems.
+    """
+
+    name = "cascade"
+
+    def __init__(self, solvers: Sequence[QpSolver]) -> None:
+        if not solvers or any(solver.qp is not solvers[0].qp for solver in solvers):
+            raise InputError("solvers", f"{len(solvers)}", "at least one, all of the same problem")
+        self.qp: OcpQp = solvers[0].qp
+        self.iterations = 0
+        self._solvers = tuple(solvers)
+        self.solution = QpSolution.zeros(self.qp)
+
+    def reset(self) -> None:
+        """Discard all state of earlier solves."""
+        self.solution.write(0.0, 0.0, 0.0, 0.0)
+        for solver in self._solvers:
+            solver.reset()
+
+    def prepare(self) -> None:
+        """Do nothing: :meth:`solve` prepares each solver that it tries."""
+
+    def solve(self, dx0: Array) -> Status:
+        """Solve; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        self.iterations = 0
+        approximate = False
+        for solver in self._solvers:
+            solver.prepare()
+            status = solver.solve(dx0)
+            self.iterations += solver.iterations
+            if status is Status.CONVERGED or (status is Status.ITERATION_LIMIT and not approximate):
+                approximate = True
+                self.solution.write(*solver.solution.arrays)
+            if status in (Status.CONVERGED, Status.NOT_FINITE):
+                return status
+        return Status.ITERATION_LIMIT if approximate else status

@@ -9,17 +9,16 @@ import numpy as np
 
 from lgmpc.errors import MissingDependencyError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.assembly import SparseAssembly
-from lgmpc.solvers.qp.general import GeneralQpSolver
-from lgmpc.solvers.qp.protocol import QpStatus
+from lgmpc.solvers.qp.assembly import GeneralQpSolver, SparseAssembly
+from lgmpc.status import Status
 
 __all__ = ["ProxqpSettings", "ProxqpSolver"]
 
 _STATUS = {
-    "PROXQP_SOLVED": QpStatus.SOLVED,
-    "PROXQP_MAX_ITER_REACHED": QpStatus.MAX_ITERATIONS,
-    "PROXQP_PRIMAL_INFEASIBLE": QpStatus.INFEASIBLE,
-    "PROXQP_DUAL_INFEASIBLE": QpStatus.UNBOUNDED,
+    "PROXQP_SOLVED": Status.CONVERGED,
+    "PROXQP_MAX_ITER_REACHED": Status.ITERATION_LIMIT,
+    "PROXQP_PRIMAL_INFEASIBLE": Status.INFEASIBLE,
+    "PROXQP_DUAL_INFEASIBLE": Status.UNBOUNDED,
 }
 
 
@@ -64,7 +63,7 @@ class ProxqpSolver(GeneralQpSolver):
         self._module: Any = proxqp
         self._zero = np.zeros(self._assembly.size)
 
-    def _run(self) -> QpStatus:
+    def _run(self) -> Status:
         a, m = self._assembly, self._assembly.equalities
         equality, inequality = (c.matrix for c in a.constraints)
         data = (a.hessian.matrix, a.gradient, equality, a.lower[:m], inequality, a.lower[m:], a.upper[m:])
@@ -81,8 +80,8 @@ class ProxqpSolver(GeneralQpSolver):
         self._solver.solve(self._zero, a.y[:m], a.y[m:])
         results = self._solver.results
         self.iterations = int(results.info.iter)
-        status = _STATUS.get(results.info.status.name, QpStatus.NUMERICAL)
-        if status in (QpStatus.SOLVED, QpStatus.MAX_ITERATIONS):
+        status = _STATUS.get(results.info.status.name, Status.FAILED)
+        if status.usable:
             a.z[:] = results.x
             a.y[:m] = results.y
             a.y[m:] = results.z

@@ -1,4 +1,4 @@
-"""The regulator of large stages: a loop over dense stages in C (``dense_regulator.c``).
+"""The Riccati solver of large stages: a loop over dense stages in C (``dense_riccati.c``).
 
 Where a stage has tens of states, dense blocks are faster than scalar code without zeros, and are compiled once for each
 size of a stage. A second solve with the same weights and other targets uses the factors of the first, at a fraction of
@@ -15,18 +15,18 @@ import numpy as np
 
 from lgmpc.compile import aligned_zeros
 from lgmpc.ocp import OcpQp, OcpQpStructure
-from lgmpc.solvers.compiled_sweep import compile_stages, work_size
+from lgmpc.solvers.sweep import compile_stages, work_size
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["DenseRegulator"]
+__all__ = ["DenseRiccati"]
 
 _VALUES = 2  # their place in a frame
 _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
 _REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
 
 
-class DenseRegulator:
-    """:class:`~lgmpc.solvers.qp.regulator.Regulator` on dense blocks (see the module).
+class DenseRiccati:
+    """:class:`~lgmpc.solvers.qp.protocol.RiccatiSolver` on dense blocks (see the module).
 
     Args:
         qp: the problem.
@@ -39,12 +39,12 @@ class DenseRegulator:
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
         self.qp, s = qp, qp.structure
         n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
-        library = compile_stages("lgmpc_dense_regulator", "lgmpc.solvers.qp", nx, nu, progress)
+        library = compile_stages("lgmpc_dense_riccati", "lgmpc.solvers.qp", nx, nu, progress)
         self.available = library is not None
-        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_regulator
+        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_riccati
 
         def measure(part: str, *sizes: int) -> int:
-            return 0 if library is None else work_size(library, f"lgmpc_dense_regulator_{part}", *sizes)
+            return 0 if library is None else work_size(library, f"lgmpc_dense_riccati_{part}", *sizes)
 
         self._tall = measure("tall")
         self._factors = aligned_zeros(n * measure("factors"))

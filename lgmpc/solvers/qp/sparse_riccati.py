@@ -1,4 +1,4 @@
-"""The regulator of small stages: sparse scalar code of a stage, compiled for any horizon.
+"""The Riccati solver of small stages: sparse scalar code of a stage, compiled for any horizon.
 
 With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost with its penalties, the sweep is
 
@@ -21,11 +21,11 @@ from lgmpc.compile import StageKernel, cached
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
-__all__ = ["SparseRegulator"]
+__all__ = ["SparseRiccati"]
 
 
-class SparseRegulator:
-    """:class:`~lgmpc.solvers.qp.regulator.Regulator` in scalar code, on the problem's own memory.
+class SparseRiccati:
+    """:class:`~lgmpc.solvers.qp.protocol.RiccatiSolver` in scalar code, on the problem's own memory.
 
     Args:
         qp: the problem; R + D^T diag(weights) D has to be positive definite.

@@ -1,4 +1,4 @@
-/* The regulator of large stages; dense_regulator.py says what it solves. tiles.c comes before.
+/* The Riccati solver of large stages; dense_riccati.py says what it solves. tiles.c comes before.
 
    A stage's matrices are H = [Q S^T; S R] (W rows), F = [A B] (X rows), F^T (W rows) and [C D]^T (W rows, a column for
    each row of the path constraint). Factors are the controls' columns of the eliminated Hessian (W rows) and the
@@ -13,15 +13,15 @@ INLINE double dot(long n, const double* a, const double* b) {
   return sum;
 }
 
-EXPORT long long lgmpc_dense_regulator_tall(void) { return W; }
-EXPORT long long lgmpc_dense_regulator_high(void) { return X; }
-EXPORT long long lgmpc_dense_regulator_stage(long long ng) { return W * NW + X * NW + W * NX + W * ng; }
-EXPORT long long lgmpc_dense_regulator_factors(void) { return W * NU + WHOLE(NU); }
-EXPORT long long lgmpc_dense_regulator_togo(void) { return X * NX; }
-EXPORT long long lgmpc_dense_regulator_work(long long ng) { return X * NW + W * (NW + LANES) + W * ng + 6 * W + WHOLE(ng); }
+EXPORT long long lgmpc_dense_riccati_tall(void) { return W; }
+EXPORT long long lgmpc_dense_riccati_high(void) { return X; }
+EXPORT long long lgmpc_dense_riccati_stage(long long ng) { return W * NW + X * NW + W * NX + W * ng; }
+EXPORT long long lgmpc_dense_riccati_factors(void) { return W * NU + WHOLE(NU); }
+EXPORT long long lgmpc_dense_riccati_togo(void) { return X * NX; }
+EXPORT long long lgmpc_dense_riccati_work(long long ng) { return X * NW + W * (NW + LANES) + W * ng + 6 * W + WHOLE(ng); }
 
 /* Returns 0, or 1 + the stage whose Hessian in the controls is not positive definite. */
-EXPORT int lgmpc_dense_regulator(void** frame) {
+EXPORT int lgmpc_dense_riccati(void** frame) {
   const long long *plan = frame[0], *places = frame[1];
   double *values = frame[2], *stages = frame[3], *factors = frame[4], *togo = frame[5], *slopes = frame[6];
   double *work = frame[7], *weights = frame[8], *last_hessian = frame[9], *last_gradient = frame[10];
@@ -30,7 +30,7 @@ EXPORT int lgmpc_dense_regulator(void** frame) {
   double* residual = frame[21];
   const long n = plan[0], ng = plan[1], mode = plan[4];
   const long long size = plan[2], entries = plan[3];
-  const long block = lgmpc_dense_regulator_stage(ng), kept = lgmpc_dense_regulator_factors(), square = X * NX;
+  const long block = lgmpc_dense_riccati_stage(ng), kept = lgmpc_dense_riccati_factors(), square = X * NX;
   double *p = work, *q = p + X * NW, *scaled = q + W * (NW + LANES), *g = scaled + W * ng, *z = g + W, *hz = z + W;
   double *s = hz + W, *k = s + W, *pull = k + 2 * W;
   long long e;

@@ -17,8 +17,9 @@ from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.robot import Robot
 from lgmpc.simulation.mujoco import MujocoPlant
+from lgmpc.status import Status
 from lgmpc.typing import Array
-from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
+from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
 CONFIG = Path(__file__).parent.parent / "configs" / "solo12_balance.yaml"
 PARTS = ("sense", "QP data", "solver")
@@ -46,7 +47,7 @@ def pushed_run(robot: Robot, settings: WholeBodySettings) -> tuple[Array, int]:
         whole.sense(sample.q, sample.v)
         status = whole.solve()
         times[k, 3] = perf_counter() - started
-        if status is not TickStatus.SOLVED:
+        if status is not Status.CONVERGED:
             raise SystemExit(f"tick {k}: {status.name} ({status.value})")
         started = perf_counter()
         apart.sense(sample.q, sample.v)

@@ -24,9 +24,9 @@ from lgmpc.mpc import MpcStatus
 from lgmpc.runs import Metrics, RunLog, WalkingMetrics
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.simulation.mujoco import MujocoPlant
+from lgmpc.status import Status
 from lgmpc.sweeps import Point, load_sweep
 from lgmpc.typing import Array
-from lgmpc.wbc import TickStatus
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANTS = ["mujoco", "pinocchio"]
@@ -250,7 +250,7 @@ class Faulty:
     ) -> None:
         self.controller = session.controller
         self.commands: list[Command] = []
-        self.statuses: list[tuple[float, MpcStatus | None, TickStatus]] = []
+        self.statuses: list[tuple[float, MpcStatus | None, Status]] = []
         self.forces: list[np.ndarray] = []
         self._fault, self._begin, self._end = fault, begin, end
         self._update = session.controller.update
@@ -296,7 +296,7 @@ def test_a_failing_mpc_keeps_the_previous_plan_with_the_new_contacts() -> None:
     stance = log.stance[failed] != 0
     assert not np.array_equal(stance[0], stance[-1]), "contacts change meanwhile"
     for k, standing in zip(failed, stance, strict=True):
-        assert faulty.statuses[k][2] is TickStatus.SOLVED
+        assert faulty.statuses[k][2] is Status.CONVERGED
         np.testing.assert_allclose(faulty.forces[k][~standing], 0.0, atol=1e-6)
         # The bound on a foot's force opens within 25 ms of its touchdown.
         carries = log.stance[k - 10 : k + 1].all(axis=0)
@@ -326,7 +326,7 @@ def test_a_failing_whole_body_qp_holds_the_last_torques_with_damping() -> None:
     assert len(failed) == 10
     before = faulty.commands[failed[0] - 1]
     for k in failed:
-        assert faulty.statuses[k][2] is TickStatus.NOT_FINITE
+        assert faulty.statuses[k][2] is Status.NOT_FINITE
         np.testing.assert_array_equal(faulty.commands[k].tau, before.tau)
         assert (faulty.commands[k].kd > 0.0).all()
     assert not faulty.commands[failed[-1] + 1].kd.any()

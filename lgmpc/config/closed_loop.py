@@ -30,8 +30,9 @@ from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Loop, Rates, Sensing, Tick, TrueState
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.plant import Plant
+from lgmpc.status import Status
 from lgmpc.typing import Array
-from lgmpc.wbc import TickStatus, WholeBodyTerms
+from lgmpc.wbc import WholeBodyTerms
 
 __all__ = ["ClosedLoopSession", "Observed", "RunObserver", "failed", "judged"]
 
@@ -257,7 +258,7 @@ class RunObserver:
             "base_reference": controller.base_target,
             "push": tick.disturbance.wrench,
             "push_point": tick.disturbance.point,
-            "wbc_status": 2 if tick.replaced else 0 if wbc.status is TickStatus.SOLVED else 1,
+            "wbc_status": 2 if tick.replaced else 0 if wbc.status is Status.CONVERGED else 1,
             "wbc_ms": controller.wbc_ms,
             "command": (command.vx, command.vy, command.yaw_rate),
             "mode": _MODE_CODES[controller.modes.mode],

@@ -23,8 +23,9 @@ from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
+from lgmpc.status import Status
 from lgmpc.typing import Array
-from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodyTerms
+from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
 __all__ = ["LeggedController"]
 
@@ -159,7 +160,7 @@ class LeggedController:
         if planner is not None:
             self._plan(state.time, planner, missed)
         status = self.wbc.solve()
-        self._expect(planner, status is TickStatus.SOLVED)
+        self._expect(planner, status is Status.CONVERGED)
         command = self._command(state)
         self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
         return command
@@ -222,7 +223,7 @@ class LeggedController:
             situation.failure, situation.folded = self._fall.tilted(upright), self._folding.done(time)
         else:
             height = terms.z if terms.finite else math.nan
-            solved = self.wbc.status is TickStatus.SOLVED
+            solved = self.wbc.status is Status.CONVERGED
             situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
             if mode.upright and not situation.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
@@ -365,7 +366,7 @@ class LeggedController:
     def _command(self, state: RobotState) -> Command:
         """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
         torques, joints = self.wbc.tau.copy(), state.q[self._joints]
-        if self.wbc.status is TickStatus.SOLVED:
+        if self.wbc.status is Status.CONVERGED:
             return Command.feed_forward(torques, joints)
         return Command.damping(torques, joints, self.wbc.damping)
 

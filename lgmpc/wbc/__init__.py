@@ -4,7 +4,7 @@ from lgmpc.wbc.assembly import Contacts, WholeBodyQp
 from lgmpc.wbc.controller import WholeBodyController
 from lgmpc.wbc.library import standard_tasks
 from lgmpc.wbc.settings import Gain, WholeBodySettings
-from lgmpc.wbc.solver import TickStatus, WholeBodySolver
+from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
@@ -14,7 +14,6 @@ __all__ = [
     "NumericTask",
     "SymbolicTask",
     "Task",
-    "TickStatus",
     "WholeBodyController",
     "WholeBodyQp",
     "WholeBodySettings",

@@ -10,11 +10,12 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
+from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc.assembly import WholeBodyQp
 from lgmpc.wbc.library import standard_tasks
 from lgmpc.wbc.settings import WholeBodySettings
-from lgmpc.wbc.solver import TickStatus, WholeBodySolver
+from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
@@ -84,7 +85,7 @@ class WholeBodyController:
         self.forces = self._flat_forces.reshape(robot.nc, 3)
         self.acceleration = np.zeros(robot.nv)
         self._solved = self.solver.solution[: robot.nv], self.solver.solution[robot.nv :]
-        self.status = TickStatus.SOLVED
+        self.status = Status.CONVERGED
         self.failures = 0
         self.stand()
 
@@ -94,7 +95,7 @@ class WholeBodyController:
         self.tau[:] = 0.0
         self.forces[:] = 0.0
         self.acceleration[:] = 0.0
-        self.status = TickStatus.SOLVED
+        self.status = Status.CONVERGED
         self.failures = 0
 
     def stand(self) -> None:
@@ -124,15 +125,15 @@ class WholeBodyController:
         self.terms.update(q, v)
         return self.terms
 
-    def solve(self) -> TickStatus:
+    def solve(self) -> Status:
         """Solve the QP at the sensed state; :attr:`tau`, :attr:`forces` and :attr:`acceleration` hold the result."""
-        solved_before = self.status is TickStatus.SOLVED
+        solved_before = self.status is Status.CONVERGED
         if not math.isfinite(self.qp.update()):
             self.solver.reset()
-            self.status = TickStatus.NOT_FINITE
+            self.status = Status.NOT_FINITE
         else:
             self.status = self.solver.solve()
-        if self.status is TickStatus.SOLVED:
+        if self.status is Status.CONVERGED:
             self.acceleration[...], self._flat_forces[...] = self._solved
             self.qp.write_torques(self.tau)
         else:
@@ -146,7 +147,7 @@ class WholeBodyController:
     @property
     def damping(self) -> float:
         """Joint damping to add to :attr:`tau`, N.m.s/rad: zero after a solved tick."""
-        return 0.0 if self.status is TickStatus.SOLVED else self.settings.fallback_damping_nms
+        return 0.0 if self.status is Status.CONVERGED else self.settings.fallback_damping_nms
 
 
 def _by_name(tasks: Sequence[Task]) -> dict[str, Task]:

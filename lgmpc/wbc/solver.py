@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from enum import Enum
 from importlib.resources import files
 from typing import Any, ClassVar, Literal
 
@@ -23,9 +22,10 @@ import numpy as np
 
 from lgmpc.compile import compile_source
 from lgmpc.proxqp import proxqp
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["ActiveSetSolver", "TickStatus", "WholeBodySolver"]
+__all__ = ["DualActiveSet", "WholeBodySolver"]
 
 _MOST_STEPS = 200  # limits added or removed in a solve
 _INFEASIBILITY_TOLERANCE = 1e-10
@@ -33,19 +33,10 @@ _NEWTON_STEPS = 10
 _MU_EQUALITIES, _MU_INEQUALITIES = 1e-5, 1e-3
 
 
-class TickStatus(Enum):
-    """Outcome of a tick's QP; the value states the remedy."""
-
-    SOLVED = "nothing to do"
-    MAX_ITERATIONS = "the limits may contradict each other or the state; else raise wbc.max_iterations or wbc.tolerance"
-    INFEASIBLE = "the limits contradict each other: check torque, friction and normal-force limits"
-    NOT_FINITE = "the state or a target contains NaN or infinity"
-
-
 class WholeBodySolver:
     """The QP's memory, and two solvers of it with a status instead of an exception.
 
-    :class:`ActiveSetSolver` solves the QP exactly, starting with the limits that were active at the last tick. ProxQP,
+    :class:`DualActiveSet` solves the QP exactly, starting with the limits that were active at the last tick. ProxQP,
     which is slower, takes the remaining cases: a Hessian that is only positive semidefinite, limits that contradict
     each other, and a machine without a C compiler.
 
@@ -114,7 +105,7 @@ class WholeBodySolver:
         self.box_upper: Array = model.u_box
         for bound, value in ((self.lower, -1), (self.upper, 1), (self.box_lower, -1), (self.box_upper, 1)):
             bound[:] = value * self.UNBOUNDED
-        self._active_set = ActiveSetSolver(
+        self._active_set = DualActiveSet(
             self.hessian, self.gradient, self.equality, self.equality_rhs, self.inequality, self.lower, self.upper,
             self.box_lower, self.box_upper, tolerance,
         )  # fmt: skip
@@ -141,32 +132,32 @@ class WholeBodySolver:
         for name in ("mu_eq", "mu_in", "rho"):
             setattr(mine.info, name, getattr(theirs.info, name))
 
-    def solve(self) -> TickStatus:
+    def solve(self) -> Status:
         """Solve the QP in memory; the result is in :attr:`solution`."""
         self.took_over = not self._try_active_set()
         if self.took_over:
             return self._solve_by_proxqp()
         self._fresh = True  # ProxQP's multipliers are of an earlier tick
-        return TickStatus.SOLVED
+        return Status.CONVERGED
 
-    def _solve_by_proxqp(self) -> TickStatus:
+    def _solve_by_proxqp(self) -> Status:
         """Solve; a warm start that fails is followed by one cold start on the same problem."""
         status = self._cold_start() if self._fresh else self._warm_start()
-        if status is not TickStatus.SOLVED and not self._fresh:
+        if status is not Status.CONVERGED and not self._fresh:
             status = self._cold_start()
-        self._fresh = status is not TickStatus.SOLVED
+        self._fresh = status is not Status.CONVERGED
         self.solution[:] = self._qp.results.x
         np.dot(self.inequality, self.solution, out=self.values)
         return status
 
-    def _cold_start(self) -> TickStatus:
+    def _cold_start(self) -> Status:
         qp, model = self._qp, self._qp.model
         qp.settings.initial_guess = proxqp.InitialGuess.EQUALITY_CONSTRAINED_INITIAL_GUESS
         qp.init(model.H, model.g, model.A, model.b, model.C, model.l, model.u, model.l_box, model.u_box, False)
         qp.solve()
         return self._read_status()
 
-    def _warm_start(self) -> TickStatus:
+    def _warm_start(self) -> Status:
         self._qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         # The data is in place already; naming one matrix makes ProxQP factorise it anew.
         self._qp.update(A=self.equality)
@@ -178,20 +169,20 @@ class WholeBodySolver:
         """Limits added and removed in the last solve; ProxQP's inner iterations if it took over."""
         return int(self._qp.results.info.iter) if self.took_over else self._active_set.steps
 
-    def _read_status(self) -> TickStatus:
+    def _read_status(self) -> Status:
         code = self._qp.results.info.status
         if code == proxqp.QPSolverOutput.PROXQP_SOLVED:
-            return TickStatus.SOLVED
+            return Status.CONVERGED
         if code == proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED:
-            return TickStatus.MAX_ITERATIONS
-        return TickStatus.INFEASIBLE
+            return Status.ITERATION_LIMIT
+        return Status.INFEASIBLE
 
 
 def _not_tried() -> bool:
     return False
 
 
-class ActiveSetSolver:
+class DualActiveSet:
     """Solves one QP after another in memory that the caller writes to (see the module).
 
     ::

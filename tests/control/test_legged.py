@@ -16,7 +16,7 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.control.reference import CircleReference
 from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
-from lgmpc.wbc import TickStatus
+from lgmpc.status import Status
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 
@@ -52,11 +52,11 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
             command = controller.update(RobotState(1e-3 * k, broken, rest))
             np.testing.assert_array_equal(command.tau, good.tau)
             assert (command.kd > 0.0).all()
-    assert controller.wbc.status is TickStatus.NOT_FINITE
+    assert controller.wbc.status is Status.NOT_FINITE
     assert controller.planner is not None and controller.planner.status is MpcStatus.NOT_FINITE
     assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
     recovered = controller.update(RobotState(0.03, robot.q_reference, rest))
-    assert controller.wbc.status is TickStatus.SOLVED
+    assert controller.wbc.status is Status.CONVERGED
     assert not recovered.kd.any() and np.isfinite(recovered.tau).all()
 
 
@@ -70,7 +70,7 @@ def test_a_stale_plan_is_not_followed(controller: LeggedController, robot: Robot
     mass[:] = np.nan  # the fault: a number of the MPC's model is lost, all else is sound
     for k in range(1, 80):
         command = controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
-        assert controller.wbc.status is TickStatus.SOLVED
+        assert controller.wbc.status is Status.CONVERGED
         assert np.isfinite(command.tau).all()
     assert planner.status is MpcStatus.STALE
     np.testing.assert_array_equal(controller.wbc.tasks["com"].target.position, controller.target)
@@ -91,7 +91,7 @@ def test_a_tick_without_solution_is_left_out_of_the_observation(controller: Legg
     kept = weight.copy()
     weight[:] = np.nan  # the fault: a tick's QP cannot be solved
     controller.update(RobotState(0.001, robot.q_reference, rest))
-    assert controller.wbc.status is TickStatus.NOT_FINITE
+    assert controller.wbc.status is Status.NOT_FINITE
     weight[:] = kept
     controller.update(RobotState(0.002, robot.q_reference, moving))  # it gained speed unobserved
     np.testing.assert_allclose(planner.observer.wrench, 0.0, atol=1e-6)
@@ -102,7 +102,7 @@ def test_it_waits_for_a_first_finite_state(controller: LeggedController, robot: 
     np.testing.assert_array_equal(command.tau, 0.0)
     assert (command.kd > 0.0).all()
     controller.update(RobotState(0.001, robot.q_reference, np.zeros(robot.nv)))
-    assert controller.wbc.status is TickStatus.SOLVED
+    assert controller.wbc.status is Status.CONVERGED
     assert np.isfinite(controller.target).all()
 
 

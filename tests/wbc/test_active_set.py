@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lgmpc.wbc.solver import ActiveSetSolver
+from lgmpc.wbc.solver import DualActiveSet
 
 N, E, M = 12, 3, 20
 
@@ -24,7 +24,7 @@ class Problem:
         self.box_lower, self.box_upper = inside - rng.uniform(0.01, 1.0, N), inside + rng.uniform(0.01, 1.0, N)
 
     def solver(self, tolerance=1e-8):
-        return ActiveSetSolver(
+        return DualActiveSet(
             self.hessian, self.gradient, self.equality, self.equality_rhs, self.inequality, self.lower, self.upper,
             self.box_lower, self.box_upper, tolerance,
         )  # fmt: skip

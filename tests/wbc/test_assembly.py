@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.wbc import Gain, NumericTask, SymbolicTask, TickStatus, WholeBodyController, WholeBodySettings
+from lgmpc.status import Status
+from lgmpc.wbc import Gain, NumericTask, SymbolicTask, WholeBodyController, WholeBodySettings
 from lgmpc.wbc.library import ComTask
 
 
@@ -128,7 +129,7 @@ def test_solved_ticks_obey_the_equations_of_motion_and_every_limit(solo12, rando
         controller.reset()
         terms = controller.sense(q, v)
         randomise(controller, rng)
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         pin.forwardKinematics(solo12.model, data, q)
         com = pin.centerOfMass(solo12.model, solo12.create_data(), q)
         points = np.array([frame_point(solo12, q, frame) for frame in solo12.contact_ids])
@@ -156,11 +157,11 @@ def test_solved_ticks_obey_the_equations_of_motion_and_every_limit(solo12, rando
 def test_the_torque_limit_is_hard(solo12, controller):
     """An impossible jump takes all the torque there is, and no more."""
     controller.tasks["com"].target.acceleration[2] = 200.0
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     assert np.abs(controller.tau).max() == pytest.approx(1.8, abs=1e-5)
     weak = WholeBodyController(dataclasses.replace(solo12, effort_limit=np.full(12, 1.0)), WholeBodySettings())
     weak.tasks["com"].target.acceleration[2] = 200.0
-    assert weak.solve() is TickStatus.SOLVED
+    assert weak.solve() is Status.CONVERGED
     assert np.abs(weak.tau).max() == pytest.approx(1.0, abs=1e-5)
 
 
@@ -172,7 +173,7 @@ def test_friction_given_at_a_tick_keeps_the_forces_inside_that_cone(solo12, face
     for friction in ([0.2, 0.3, 0.4, 0.5], [0.6, 0.6, 0.1, 0.1]):
         controller.contacts.friction[:] = friction
         controller.tasks["com"].target.acceleration[:2] = 200.0 * np.cos(direction), 200.0 * np.sin(direction)
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         tangential = np.linalg.norm(controller.forces[:, :2], axis=1)
         ratio = tangential / (np.array(friction) * controller.forces[:, 2])
         assert ratio.max() <= 1.0 + 1e-5
@@ -186,13 +187,13 @@ def test_normal_forces_keep_the_bounds_that_each_foot_has_at_a_tick(solo12, cont
     contacts = controller.contacts
     contacts.highest_normal[0] = 2.0
     contacts.lowest_normal[3] = 7.5
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     assert controller.forces[0, 2] == pytest.approx(2.0, abs=1e-4)
     assert controller.forces[3, 2] >= 7.5 - 1e-4
     contacts.highest_normal[0] = 25.0
     contacts.stance[3] = False  # its bounds are those of a foot in the air: no force
     controller.tasks["swing"].target.position[:] = controller.terms.contact_points
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     np.testing.assert_allclose(controller.forces[3], 0.0, atol=1e-4)
     assert controller.forces[:, 2].sum() == pytest.approx(9.81 * solo12.mass, rel=0.05)
 
@@ -204,7 +205,7 @@ def test_weights_and_gains_are_buffers_too(solo12, controller):
 
     def acceleration():
         controller.reset()
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         return controller.acceleration[6]
 
     light = acceleration()
@@ -332,7 +333,7 @@ def test_a_task_in_numpy_adds_what_its_expression_adds(solo12, random_state):
             scale = np.abs(expected).max()
             np.testing.assert_allclose(getattr(numeric.solver, name), expected, atol=1e-12 * scale)
     tasks[0].target.position[0] = np.nan
-    assert numeric.solve() is TickStatus.NOT_FINITE
+    assert numeric.solve() is Status.NOT_FINITE
 
 
 def test_an_interpreted_controller_computes_what_a_compiled_one_does(solo12, random_state, randomise, monkeypatch):
@@ -343,7 +344,7 @@ def test_an_interpreted_controller_computes_what_a_compiled_one_does(solo12, ran
     for wbc in (compiled, interpreted):
         wbc.sense(*state)
         randomise(wbc, np.random.default_rng(25))
-        assert wbc.solve() is TickStatus.SOLVED
+        assert wbc.solve() is Status.CONVERGED
     np.testing.assert_allclose(interpreted.tau, compiled.tau, atol=1e-5)
 
 
@@ -402,4 +403,4 @@ def test_tasks_without_weight_are_left_out(solo12):
     np.testing.assert_array_equal(alone.solver.hessian, beside.solver.hessian)
     everything = WholeBodyController(solo12, settings)
     everything.tasks["base_position"].target.position[:] = np.nan  # its weight is 0 by default
-    assert everything.solve() is TickStatus.SOLVED
+    assert everything.solve() is Status.CONVERGED

@@ -6,7 +6,8 @@ import pytest
 
 from lgmpc.robot import load_robot
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
+from lgmpc.status import Status
+from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
 
 def at_rest(controller):
@@ -20,7 +21,7 @@ def test_standing_torques_are_those_of_statics(solo12):
     forces = controller.contacts.target_forces
     forces[:, 2] *= (1.2, 0.9, 0.7, 1.1)  # not in equilibrium
     forces[:, 0] = 0.3, -0.1, 0.2, 0.1
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     model, data = solo12.model, solo12.create_data()
     gravity = pin.computeGeneralizedGravity(model, data, solo12.q_reference)
     jacobians = []
@@ -39,7 +40,7 @@ def test_standing_torques_are_those_of_statics(solo12):
 
 def test_an_external_wrench_is_carried_by_the_feet(solo12, controller):
     controller.external_wrench[:] = 2.0, -3.0, 1.0, 0.1, 0.2, -0.1
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     lever = controller.terms.contact_points - controller.terms.com
     weight = [0, 0, 9.81 * solo12.mass]
     np.testing.assert_allclose(controller.forces.sum(axis=0), weight - controller.external_wrench[:3], atol=0.02)
@@ -57,7 +58,7 @@ def test_poisoned_states_keep_the_last_torques_until_it_passes(solo12, controlle
             x = solo12.x_reference.copy()
             x[where] = poison
             controller.sense(x[: solo12.nq], x[solo12.nq :])
-            assert controller.solve() is TickStatus.NOT_FINITE
+            assert controller.solve() is Status.NOT_FINITE
             ticks += 1
             assert controller.failures == ticks
             assert controller.damping == 0.1
@@ -67,7 +68,7 @@ def test_poisoned_states_keep_the_last_torques_until_it_passes(solo12, controlle
         "whole-body QP NOT_FINITE: last torques with joint damping until it solves again"
     ]
     at_rest(controller)
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     assert controller.damping == 0.0 and controller.failures == ticks
     np.testing.assert_allclose(controller.tau, good[0], atol=1e-4)
 
@@ -89,16 +90,16 @@ def test_a_nan_in_a_target_is_a_failed_tick(controller):
     for buffer in inputs:
         kept = buffer.copy()
         buffer.flat[0] = np.nan
-        assert controller.solve() is TickStatus.NOT_FINITE
+        assert controller.solve() is Status.NOT_FINITE
         buffer[...] = kept
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
 
 
 def test_contradictory_limits_end_in_a_named_status(solo12):
     """Feet that must press with 500 N each have no torques to do it, and none may be made up."""
     controller = WholeBodyController(solo12, WholeBodySettings(normal_force_n=(500.0, 1000.0)))
     for tick in range(3):
-        assert controller.solve() in (TickStatus.INFEASIBLE, TickStatus.MAX_ITERATIONS)
+        assert controller.solve() in (Status.INFEASIBLE, Status.ITERATION_LIMIT)
         assert controller.failures == tick + 1
     assert not controller.tau.any() and controller.damping > 0
 
@@ -106,10 +107,10 @@ def test_contradictory_limits_end_in_a_named_status(solo12):
 def test_a_target_beyond_all_reason_does_not_stall_a_tick(controller):
     """1e20 is finite, so it reaches the solver; its steps are bounded, where they took 45 s at ProxQP's defaults."""
     controller.tasks["com"].target.position[1] = 1e20
-    assert controller.solve() in (TickStatus.INFEASIBLE, TickStatus.MAX_ITERATIONS)
+    assert controller.solve() in (Status.INFEASIBLE, Status.ITERATION_LIMIT)
     assert controller.solver.iterations <= 200 * 11
     controller.tasks["com"].target.position[1] = controller.terms.com[1]
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
 
 
 def commands(controller, states):
@@ -117,7 +118,7 @@ def commands(controller, states):
     taken = []
     for q, v in states:
         controller.sense(q, v)
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         taken.append(np.concatenate([controller.tau, controller.forces.ravel(), controller.acceleration]))
     return np.array(taken)
 
@@ -133,7 +134,7 @@ def test_same_inputs_after_a_reset_give_the_same_bits(solo12, random_state):
     target = controller.tasks["com"].target.position
     kept = target.copy()
     target[0] = np.nan  # a failure in between leaves no trace either
-    assert controller.solve() is TickStatus.NOT_FINITE
+    assert controller.solve() is Status.NOT_FINITE
     target[:] = kept
     np.testing.assert_array_equal(commands(controller, states), first)
     other = WholeBodyController(solo12, WholeBodySettings())
@@ -160,15 +161,15 @@ def test_after_a_failed_tick_the_solver_starts_anew(controller):
     """As at the first tick: with torques at their limits, so that ProxQP is called, and its warm start counts."""
     acceleration = controller.tasks["com"].target.acceleration
     acceleration[2] = 200.0
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     first = controller.tau.copy()
     acceleration[0] = 100.0
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     acceleration[0] = 0.0
     controller.external_wrench[0] = np.nan
-    assert controller.solve() is TickStatus.NOT_FINITE
+    assert controller.solve() is Status.NOT_FINITE
     controller.external_wrench[0] = 0.0
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     np.testing.assert_array_equal(controller.tau, first)
 
 
@@ -186,7 +187,7 @@ def closed_loop(robot, duration, push=(0.0, 0.0, 0.0)):
         terms = controller.sense(sample.q, sample.v)
         if tick == 0:
             controller.stand()
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         tilt = max(tilt, np.degrees(np.arccos(min(1.0, terms.rotation[2, 2]))))
         plant.step(controller.tau)
     return samples, tilt
@@ -217,11 +218,11 @@ def test_known_joint_friction_is_supplied_on_top_within_the_torque_limits(solo12
     smooth, compensating = (WholeBodyController(robot, WholeBodySettings(tolerance=1e-9)) for robot in (solo12, rough))
     for controller in (smooth, compensating):
         controller.sense(solo12.q_reference, v)
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
     friction = np.tile([0.0, 0.05, 0.1], 4)
     np.testing.assert_allclose(compensating.tau - smooth.tau, friction * np.tanh(rates / 0.1), atol=1e-6)
     np.testing.assert_allclose(compensating.acceleration, smooth.acceleration, atol=1e-4)
     for controller in (smooth, compensating):
         controller.tasks["com"].target.acceleration[2] = 200.0
-        assert controller.solve() is TickStatus.SOLVED
+        assert controller.solve() is Status.CONVERGED
         assert np.abs(controller.tau).max() == pytest.approx(1.8, abs=1e-3)  # the limit binds, friction included

@@ -6,7 +6,8 @@ import pytest
 
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.simulation.parameters import PlantSettings
-from lgmpc.wbc import TickStatus, WholeBodyController, WholeBodySettings
+from lgmpc.status import Status
+from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def solver_name(request):
 def test_same_solution_as_an_interior_point_method(solo12, trials, measures, solver_name):
     for qp in trials(WholeBodyController(solo12, WholeBodySettings(tolerance=1e-9, solver=solver_name))):
         qp.reset()
-        assert qp.solve() is TickStatus.SOLVED
+        assert qp.solve() is Status.CONVERGED
         assert qp.took_over == (solver_name == "proxqp")
         other = measures.solve_by_interior_point(qp)
         z = qp.solution
@@ -48,7 +49,7 @@ def test_same_solution_as_an_interior_point_method(solo12, trials, measures, sol
 def test_solutions_are_optimal(solo12, trials, measures, solver_name):
     for qp in trials(WholeBodyController(solo12, WholeBodySettings(tolerance=1e-8, solver=solver_name))):
         qp.reset()
-        assert qp.solve() is TickStatus.SOLVED
+        assert qp.solve() is Status.CONVERGED
         assert measures.stationarity(qp, qp.solution) < 1e-5 * max(1.0, np.abs(qp.gradient).max())
 
 
@@ -66,7 +67,7 @@ def test_warm_and_cold_starts_agree(solo12, solver_name):
             wbc.sense(q, v)
         cold.reset()
         for wbc in (warm, cold):
-            assert wbc.solve() is TickStatus.SOLVED
+            assert wbc.solve() is Status.CONVERGED
         iterations += warm.solver.iterations, cold.solver.iterations
         np.testing.assert_allclose(warm.forces, cold.forces, atol=1e-3)
         np.testing.assert_allclose(warm.acceleration, cold.acceleration, atol=1e-2)
@@ -90,7 +91,7 @@ def test_the_data_stays_in_the_solvers_memory(solo12, trials, solver_name):
         written = {name: getattr(qp, name).copy() for name in names}
         if trial % 3 == 0:
             qp.reset()
-        assert qp.solve() is TickStatus.SOLVED
+        assert qp.solve() is Status.CONVERGED
         model = qp._qp.model
         current = (model.H, model.g, model.A, model.b, model.C, model.l, model.u, model.l_box, model.u_box)
         for name, theirs in zip(names, current, strict=True):
@@ -123,9 +124,9 @@ def test_a_warm_start_that_leads_nowhere_is_followed_by_a_cold_one(solo12):
             rng = np.random.default_rng(seed)
             solver.reset()
             draw(wbc, rng)
-            assert solver.solve() is TickStatus.SOLVED
+            assert solver.solve() is Status.CONVERGED
             draw(wbc, rng)
-            outcomes.append(start() is TickStatus.SOLVED)
+            outcomes.append(start() is Status.CONVERGED)
         warm, cold, either = outcomes
         assert either == (warm or cold)
         rescued += cold and not warm
@@ -145,7 +146,7 @@ def pushed_ticks(robot, seconds):
         wbc.contacts.stance[0] = tick < 200  # a foot lifts off meanwhile
         sample = plant.sense()
         wbc.sense(sample.q, sample.v)
-        assert wbc.solve() is TickStatus.SOLVED
+        assert wbc.solve() is Status.CONVERGED
         yield wbc.solver
         plant.step(wbc.tau)
 
@@ -163,7 +164,7 @@ def test_no_tick_of_a_push_is_left_to_proxqp(solo12, measures):
         assert measures.violation(qp, z) < 1e-7
         assert measures.stationarity(qp, z) < 1e-5
         others = [measures.solve_by_interior_point(qp)]
-        assert qp._cold_start() is TickStatus.SOLVED
+        assert qp._cold_start() is Status.CONVERGED
         others.append(qp._qp.results.x.copy())
         for other in others:
             np.testing.assert_allclose(z, other, rtol=1e-4, atol=1e-3)
@@ -183,8 +184,8 @@ def test_active_sets_solve_whatever_proxqp_does(robot):
         draw(wbc, rng)
         if trial % 2:
             wbc.solver.reset()
-        first = wbc.solver.solve() is TickStatus.SOLVED and not wbc.solver.took_over
-        second = wbc.solver._cold_start() is TickStatus.SOLVED
+        first = wbc.solver.solve() is Status.CONVERGED and not wbc.solver.took_over
+        second = wbc.solver._cold_start() is Status.CONVERGED
         assert first or not second
         solved += first, second
     assert solved.min() > 10
@@ -196,7 +197,7 @@ def test_a_foot_in_the_air_or_without_load_has_no_force(solo12, controller):
     controller.contacts.lowest_normal[3] = controller.contacts.highest_normal[3] = 0.0  # just touched down
     controller.contacts.highest_normal[1:3] = 100.0
     controller.contacts.target_forces[:, :2] = 1.0
-    assert controller.solve() is TickStatus.SOLVED
+    assert controller.solve() is Status.CONVERGED
     np.testing.assert_array_equal(controller.forces[[0, 3]], 0.0)
     assert controller.forces[1:3, 2].min() > 1.0
 
@@ -204,6 +205,6 @@ def test_a_foot_in_the_air_or_without_load_has_no_force(solo12, controller):
 def test_without_a_weight_on_the_forces_proxqp_solves_alone(solo12):
     """The Hessian is not positive definite then."""
     wbc = WholeBodyController(solo12, WholeBodySettings().replace({"weights.force": 0.0}))
-    assert wbc.solve() is TickStatus.SOLVED
+    assert wbc.solve() is Status.CONVERGED
     assert wbc.solver.took_over
     assert wbc.forces[:, 2].sum() == pytest.approx(9.81 * solo12.mass, rel=1e-4)

@@ -17,7 +17,7 @@ import typer
 
 from lgmpc import __version__
 from lgmpc.cli.screen import show_crash, show_error, show_interrupted, silence
-from lgmpc.errors import Interrupted, LgmpcError
+from lgmpc.errors import Interrupted, LgmpcError, shortened
 
 __all__ = ["EXIT_CRASH", "EXIT_HANGUP", "EXIT_INTERRUPTED", "guarded"]
 
@@ -29,6 +29,12 @@ EXIT_INTERRUPTED = 130
 EXIT_HANGUP = 129
 """Exit code after the terminal closed (128 + SIGHUP)."""
 
+_OF_FILES = frozenset(
+    getattr(errno, name)
+    for name in ("EACCES", "EDQUOT", "EFBIG", "EISDIR", "ELOOP", "ENAMETOOLONG", "ENOSPC", "ENOTDIR", "EPERM", "EROFS")
+)
+"""Numbers of errors of files and folders that the user named, not of lgmpc."""
+
 P = ParamSpec("P")
 
 
@@ -36,8 +42,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     """Run ``command`` and convert every exception to a message and an exit code.
 
     The message of an :class:`LgmpcError` is printed, with its exit code; a signal gives 128 + its number, 130 for
-    Ctrl-C; a closed terminal is no error; a full disk is an error of the input. The traceback of any other exception is
-    saved to a file, which the message names, and the exit code is 70.
+    Ctrl-C; a closed terminal is no error; a file that cannot be used and a full disk are errors of the input. The
+    traceback of any other exception is saved to a file, which the message names, and the exit code is 70.
     """
 
     @functools.wraps(command)
@@ -62,9 +68,11 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             if _came_of_ctrl_c(error):
                 show_interrupted()
                 raise typer.Exit(EXIT_INTERRUPTED) from error
-            if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-                show_error(LgmpcError(f"cannot write {error.filename or 'the output'}: no space left on device"))
-                silence(sys.stdout)
+            if isinstance(error, OSError) and error.errno in _OF_FILES:
+                file = shortened(str(error.filename or "the output"))
+                show_error(LgmpcError(f"{file} cannot be used: {str(error.strerror).lower()}"))
+                if error.errno == errno.ENOSPC:
+                    silence(sys.stdout)
                 raise typer.Exit(LgmpcError.exit_code) from error
             show_crash(error, _save_traceback())
             raise typer.Exit(EXIT_CRASH) from error

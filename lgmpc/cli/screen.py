@@ -6,14 +6,16 @@ import json
 import os
 import shlex
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.errors import ConfigError, LgmpcError, ModelError
+from lgmpc.errors import ConfigError, LgmpcError, ModelError, legible, shortened
 
 if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
@@ -45,7 +47,16 @@ def silence(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-class _ResultsConsole(Console):
+class _Console(Console):
+    """A console that prints control characters of texts, such as names in a config, as escapes."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Yield the segments of ``renderable``."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else legible(text), style, control)
+
+
+class _ResultsConsole(_Console):
     """A console whose reader, such as ``head``, may close the pipe: the command and its exit code stay the same."""
 
     def on_broken_pipe(self) -> None:
@@ -61,7 +72,7 @@ def out() -> Console:
 
 def err() -> Console:
     """Return the console for progress, notes and errors."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return _Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def plain_table(*headings: str) -> Table:
@@ -79,7 +90,7 @@ def show_error(error: LgmpcError) -> None:
     console.print(Text.assemble(("error: ", "bold red"), head))
     length = 80 * (MOST_LINES // max(1, min(len(problems), MOST_PROBLEMS))) - 4
     for problem in problems[:MOST_PROBLEMS]:
-        console.print(Text(f"  - {_shorten(problem, length)}"))
+        console.print(Text(f"  - {shortened(problem, length)}"))
     if len(problems) > MOST_PROBLEMS:
         console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
 
@@ -87,14 +98,10 @@ def show_error(error: LgmpcError) -> None:
 def _parts(error: LgmpcError) -> tuple[str, list[str]]:
     """Return a headline and, if there are several problems, all of them."""
     if isinstance(error, ModelError):
-        return f"robot '{error.robot}' cannot be used", list(error.problems)
+        return f"robot '{shortened(error.robot)}' cannot be used", list(error.problems)
     if isinstance(error, ConfigError) and len(error.problems) > 1:
         return f"{len(error.problems)} problems in the config", [str(problem) for problem in error.problems]
     return str(error), []
-
-
-def _shorten(text: str, length: int) -> str:
-    return text if len(text) <= length else text[: length - 4] + " ..."
 
 
 def show_interrupted() -> None:

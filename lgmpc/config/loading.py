@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from lgmpc import __version__
 from lgmpc.config.schema import COMMAND_LINE, Config, ConfigSource, Document, SolveConfig
-from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
+from lgmpc.config.yaml_text import parse_scalar, parse_yaml, read_text, write_yaml
 from lgmpc.errors import ConfigError, InputError, as_one_error
 from lgmpc.settings import Settings
 from lgmpc.settings.dotted import write_at
@@ -164,7 +164,8 @@ def dump_config(config: Config | SolveConfig) -> str:
 
 def _file(path: str | Path) -> _Text:
     path = config_file(path)
-    return {"text": _read(path), "name": str(path), "folder": path.parent}
+    expected = "a YAML file, or the name of a shipped config (`lgmpc configs` lists them)"
+    return {"text": read_text(path, expected, [*shipped_configs()]), "name": str(path), "folder": path.parent}
 
 
 def _parse(text: str, name: str, folder: Path | None, overrides: Sequence[str]) -> tuple[dict[str, Any], ConfigSource]:
@@ -206,22 +207,6 @@ def validated(root: type[S], data: dict[str, Any], source: ConfigSource) -> S:
             for each in find_problems(error, root, data)
         ]
         raise as_one_error(found) from error
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        choices = [*sorted(str(each) for each in path.parent.glob("*.y*ml")), *shipped_configs()]
-        expected = "a YAML file, or the name of a shipped config (`lgmpc configs` lists them)"
-        raise ConfigError(str(path), "", "no such file", expected, choices, word=str(path)) from error
-    except IsADirectoryError as error:
-        inside = sorted(str(each) for each in path.glob("*.yaml"))
-        raise ConfigError(str(path), "", "a folder", "a YAML file", inside) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(path), "", f"a byte that is not UTF-8 text (at {error.start})", "a YAML file") from error
-    except OSError as error:
-        raise ConfigError(str(path), "", f"a file that cannot be read ({error.strerror})", "a YAML file") from error
 
 
 def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSource) -> None:

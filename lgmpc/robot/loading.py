@@ -22,6 +22,9 @@ from lgmpc.typing import Array
 
 __all__ = ["load_robot"]
 
+MOST_VELOCITIES = 200
+"""Largest number of degrees of freedom: Pinocchio's data grow with its cube, to 4 GB and 6 s each for 500 joints."""
+
 
 def load_robot(spec: RobotSpec) -> Robot:
     """Return the robot that ``spec`` describes. No mesh is read.
@@ -52,6 +55,8 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     """Return a robot and the problems that prevent its use."""
     source = resolve(spec)
     model, notes = build_model(source)
+    if model.nv > MOST_VELOCITIES:
+        raise ModelError(model.name, [f"{model.nv} degrees of freedom; at most {MOST_VELOCITIES} are supported"])
     text = read_urdf_text(source.files.urdf)
     name = spec.model or model.name
     _read_srdf(model, source)

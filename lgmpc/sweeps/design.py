@@ -13,7 +13,7 @@ from typing import Any
 
 from lgmpc.config.loading import apply_overrides, load_config, validated
 from lgmpc.config.schema import Config, ConfigSource
-from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.config.yaml_text import parse_yaml, read_text
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import metric_names, versions
 from lgmpc.settings.messages import show_value
@@ -73,12 +73,8 @@ def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) ->
             draw, variant or search is of a key that the base configs do not have, or gives it an invalid value.
     """
     file = sweep_file(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        expected = "a YAML file, or the name of a shipped sweep (`lgmpc configs` lists them)"
-        got = error.strerror.lower() if isinstance(error, OSError) and error.strerror else "a file that is not text"
-        raise ConfigError(str(file), "", got, expected, list(shipped_sweeps()), word=str(file)) from error
+    expected = "a YAML file, or the name of a shipped sweep (`lgmpc configs` lists them)"
+    text = read_text(file, expected, list(shipped_sweeps()))
     return parse_sweep(text, name=str(file), folder=file.parent, overrides=overrides)
 
 

@@ -18,9 +18,8 @@ from pydantic import Field
 
 from lgmpc.config.loading import validated
 from lgmpc.config.schema import ConfigSource
-from lgmpc.config.yaml_text import parse_yaml
+from lgmpc.config.yaml_text import parse_yaml, read_text
 from lgmpc.errors import ClusterError, ConfigError, InputError, MissingDependencyError
-from lgmpc.runs.atomic import reason_of
 from lgmpc.settings import Count, Positive, Settings
 from lgmpc.settings.messages import show_value
 
@@ -60,12 +59,7 @@ def load_slurm(file: Path) -> SlurmSettings:
     Raises:
         ConfigError: if it cannot be read, is not YAML, or has keys or values that cannot be used.
     """
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        got = reason_of(error) if isinstance(error, OSError) else "a file that is not text"
-        raise ConfigError(str(file), "", got, "a YAML file of cores, memory_gb, walltime, ...") from error
-    data, places = parse_yaml(text, str(file))
+    data, places = parse_yaml(read_text(file, "a YAML file of cores, memory_gb, walltime, ..."), str(file))
     if not isinstance(data, dict):
         raise ConfigError(
             str(file), "", show_value(data), "a table of keys (cores: ..., memory_gb: ..., walltime: ...)"

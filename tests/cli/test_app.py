@@ -164,5 +164,5 @@ def test_a_full_device_as_output_is_one_error() -> None:
     finished = subprocess.run(
         ["bash", "-c", f"{sys.executable} -m lgmpc configs > /dev/full"], capture_output=True, text=True
     )
-    assert finished.stderr == "error: cannot write the output: no space left on device\n"
+    assert finished.stderr == "error: the output cannot be used: no space left on device\n"
     assert finished.returncode == 2

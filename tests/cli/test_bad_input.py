@@ -1,11 +1,15 @@
 """Wrong input of users: exit code 2, one screen, no traceback, and a remedy."""
 
+import os
+import threading
 from pathlib import Path
 
 import pytest
+from rich.text import Text
 from typer.testing import CliRunner
 
 from lgmpc.cli.app import app
+from lgmpc.cli.screen import out, plain_table
 
 from .conftest import BALANCE, Invoke
 
@@ -158,3 +162,69 @@ def test_a_schema_that_cannot_be_written_is_refused(invoke: Invoke, tmp_path: Pa
     code, output = invoke("schema", "--out", tmp_path / "no" / "schema.json")
     assert code == 2
     assert "--out" in output and "No such file" in output
+
+
+LONG_NAMES = {"name": "a" * 300, "path": "/".join(["b" * 100] * 50)}
+LONG = {
+    "check": ["check", "LONG"],
+    "sweep": ["sweep", "LONG"],
+    "play": ["play", "LONG"],
+    "report": ["report", "LONG"],
+    "compare": ["compare", "LONG", "LONG"],
+    "from": ["run", "--from", "LONG@1"],
+    "out": ["run", BALANCE, "--out", "LONG"],
+    "runs": ["explain", "latest", "--runs", "LONG"],
+    "copy": ["configs", "--copy", "solo12_stand", "LONG"],
+    "schema": ["schema", "--out", "LONG"],
+    "urdf": ["check", BALANCE, "robot.model=null", "robot.urdf=LONG"],
+    "srdf": ["check", BALANCE, "robot.srdf=LONG"],
+    "model": ["check", BALANCE, "robot.model=LONG"],
+    "key": ["check", BALANCE, "LONG=1"],
+    "name": ["check", BALANCE, "name=LONG"],
+}
+
+
+@pytest.mark.parametrize("length", LONG_NAMES)
+@pytest.mark.parametrize("case", LONG)
+def test_names_that_no_file_can_have_are_refused(
+    case: str, length: str, invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, output = invoke(*(str(each).replace("LONG", LONG_NAMES[length]) for each in LONG[case]))
+    assert code == 2
+    assert output.startswith("error: ") and "internal error" not in output
+    assert_one_screen(output)
+
+
+def test_files_without_an_end_or_of_another_kind_are_refused(invoke: Invoke, tmp_path: Path) -> None:
+    for command in ("check", "sweep"):
+        code, output = invoke(command, "/dev/zero")
+        assert (code, output.partition(";")[0]) == (2, "error: /dev/zero: got a device")
+    large = tmp_path / "large.yaml"
+    large.write_text("a: 1\n" * 400_000, encoding="utf-8")
+    code, output = invoke("check", large)
+    assert code == 2 and "large.yaml: got more than 262144 bytes" in output
+
+
+def test_a_config_from_a_pipe_is_read(invoke: Invoke, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(BALANCE.read_bytes(),))
+    writer.start()
+    code, _ = invoke("check", tmp_path / "pipe")
+    writer.join()
+    assert code == 0
+
+
+def test_names_of_a_config_do_not_command_the_terminal(invoke: Invoke, tmp_path: Path) -> None:
+    config = tmp_path / "red.yaml"
+    config.write_text('"key\\e[31m": 1\nname: x\nrobot: {model: solo12, "key\\e[2J": 1}\n', encoding="utf-8")
+    code, output = invoke("check", config)
+    assert code == 2
+    assert "\x1b" not in output and r"robot.key\x1b[2J" in output
+    console = out()
+    table = plain_table("figure")
+    table.add_row("max\x1b]0;title\x07")
+    with console.capture() as shown:
+        console.print(table)
+        console.print(Text("a\x1b[1mb"), style="red")
+    assert "\x1b]" not in shown.get() and r"max\x1b]0" in shown.get() and r"a\x1b[1mb" in shown.get()

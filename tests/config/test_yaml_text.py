@@ -88,8 +88,14 @@ def test_broken_text_names_its_line(text: str, line: int, words: str) -> None:
 
 @pytest.mark.parametrize("value", ["!!int abc", "!!bool maybe", "!!timestamp soon", "!!float ''"])
 def test_a_tag_on_a_value_of_another_type_is_a_config_error(value: str) -> None:
-    with pytest.raises(ConfigError, match=r"f\.yaml: got a value that its tag does not allow"):
-        parse_yaml(f"a: {value}", "f.yaml")
+    tag = value.partition(" ")[0]
+    with pytest.raises(ConfigError, match=rf"f\.yaml:2: got {tag} .*; expected a value that the tag {tag} allows"):
+        parse_yaml(f"b: 1\na: {value}", "f.yaml")
+
+
+def test_the_size_of_a_text_is_refused_before_it_is_parsed() -> None:
+    with pytest.raises(ConfigError, match=r"^f\.yaml: got 2000000 characters; expected at most 262144$"):
+        parse_yaml("a: 1\n" * 400_000, "f.yaml")
 
 
 def tower(levels: int, merged: bool) -> str:

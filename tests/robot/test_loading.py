@@ -186,6 +186,18 @@ def test_a_urdf_that_cannot_be_read_is_quoted_by_its_parser(tmp_path, capfd) -> 
     assert capfd.readouterr().err == ""
 
 
+def test_more_joints_than_pinocchio_has_memory_for_are_one_error(tmp_path) -> None:
+    joint = (
+        '<link name="l{0}"/><joint name="j{0}" type="revolute"><parent link="l{1}"/><child link="l{0}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="5"/></joint>'
+    )
+    path = tmp_path / "chain.urdf"
+    chain = "".join(joint.format(i, i - 1) for i in range(1, 501))
+    path.write_text(f'<robot name="chain"><link name="l0"/>{chain}</robot>')
+    with pytest.raises(ModelError, match="506 degrees of freedom; at most 200 are supported"):
+        load_robot(RobotSpec(urdf=path))
+
+
 def test_robots_load_in_several_threads() -> None:
     """The parser's messages are captured from a file descriptor of the whole process, which is restored."""
     source = resolve(RobotSpec(model="solo12"))

@@ -110,7 +110,7 @@ def build_recorder(
         friction: coefficient of its floor.
         estimated: whether an estimate is recorded beside the true state.
     """
-    mpc = config.mpc
+    mpc = next((part.mpc for _, part in config.parts() if part.mpc.enabled), None)
     return Recorder(
         nq=robot.nq,
         nv=robot.nv,
@@ -125,9 +125,9 @@ def build_recorder(
         contact_radius=robot.contact_radius,
         control_period_s=rates.period,
         ticks=rates.ticks,
-        mpc_nodes=mpc.nodes if mpc.enabled else 0,
-        mpc_period_s=1.0 / mpc.rate_hz if mpc.enabled else 0.0,
-        mpc_updates=int(config.duration_s * mpc.rate_hz) + 1 if mpc.enabled else 0,
+        mpc_nodes=0 if mpc is None else mpc.nodes,
+        mpc_period_s=0.0 if mpc is None else 1.0 / mpc.rate_hz,
+        mpc_updates=0 if mpc is None else int(config.duration_s * mpc.rate_hz) + 1,
     )
 
 
@@ -141,21 +141,37 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     Raises:
         LgmpcError: what cannot be built, naming the key.
     """
+    session: ClosedLoopSession | None = None
+    for begin_s, part in config.parts():
+        session = _build_session(config, part, notify, session, round(begin_s * config.wbc.rate_hz))
+    assert session is not None
+    return session
+
+
+def _build_session(
+    whole: Config, config: Config, notify: Notify, before: ClosedLoopSession | None, first: int
+) -> ClosedLoopSession:
+    """Return the session of a part of a run, which begins at tick ``first`` and continues another session."""
     notify("loading the robot")
     robot = build_robot(config)
     world = make_world(config.world, config.plant.friction)
-    plant = make_plant(robot, config.plant, world)
+    same = before is not None and before.simulated == config.plant
+    plant = before.plant if before and same else make_plant(robot, config.plant, world)
     controller = build_controller(config, robot, notify)
     estimator = build_estimator(config, robot, notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
-    recorder = build_recorder(
-        config,
-        robot,
-        rates,
-        effort_limit=real_effort_limit(robot, config.plant),
-        mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
-        friction=config.plant.friction,
-        estimated=estimator is not None,
+    recorder = (
+        before.recorder
+        if before
+        else build_recorder(
+            whole,
+            robot,
+            rates,
+            effort_limit=real_effort_limit(robot, config.plant),
+            mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
+            friction=config.plant.friction,
+            estimated=estimator is not None,
+        )
     )
     return ClosedLoopSession(
         robot=robot,
@@ -172,6 +188,7 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
         sensing=_build_sensing(config, robot, estimator),
         hardware=_build_hardware(config, plant, controller, estimator),
         estimator=estimator,
+        earlier=(*before.earlier, (before, first)) if before else (),
     )
 
 

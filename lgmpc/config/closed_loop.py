@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from lgmpc.config.limits import joint_limits
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
-from lgmpc.config.takeover import Beginning, take_over
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
 from lgmpc.errors import LgmpcError, cause_of
@@ -28,7 +27,7 @@ from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Loop, Rates, Sensing, Tick, TrueState
-from lgmpc.simulation.parameters import PlantSettings
+from lgmpc.simulation.parameters import PlantSettings, real_effort_limit
 from lgmpc.simulation.plant import Plant
 from lgmpc.status import Status
 from lgmpc.typing import Array
@@ -100,6 +99,8 @@ class ClosedLoopSession:
         sensing: source of the controller's state; None for the plant's true state without delay.
         hardware: drives and delays that commands pass through, and computing times.
         estimator: estimator of the state from the measurements; None if the controller receives the true state.
+        earlier: sessions with the settings before each change, and the tick at which each of them ends; they share the
+            recorder.
     """
 
     robot: Robot
@@ -116,14 +117,17 @@ class ClosedLoopSession:
     sensing: Sensing | TrueState | None = None
     hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
+    earlier: tuple[tuple[ClosedLoopSession, int], ...] = ()
     _loop: Loop = field(init=False, repr=False)
     _elapsed: float = field(init=False, default=0.0)
     _fell_s: float = field(init=False, default=math.inf)
-    _taken_over: int = field(init=False, default=0)  # number of recorded ticks taken over from another session
+    _begun: int = field(init=False, default=0)  # number of ticks that were recorded by earlier sessions
 
     def __post_init__(self) -> None:
         self.plant.reset(self.initial)
         self._loop = Loop(self.plant, self.controller, self.pushes, self.rates, self.sensing, self.hardware)
+        if self.earlier:
+            self.earlier[0][0]._loop.samples = []
 
     @property
     def log_bytes(self) -> int:
@@ -132,23 +136,29 @@ class ClosedLoopSession:
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Simulate to the end; see :meth:`lgmpc.config.session.Session.run`."""
-        interrupted, failure = False, ""
+        interrupted, failure, active, before = False, "", self, None
         try:
-            self.advance(progress)
+            for active, end in (*self.earlier, (self, None)):
+                if before is not None:
+                    active._continue(before)
+                    active._loop.samples = None if end is None else before._loop.samples
+                if not active.advance(progress, end):
+                    break
+                before = active
         except KeyboardInterrupt:
             interrupted = True
         except (Exception, SystemExit) as error:
-            failure = failed(error, self._loop.index * self.rates.period)
+            failure = failed(error, active._loop.index * self.rates.period)
         log = self.recorder.log()
         metrics, verdict = judged(
-            log, self.gate, self.robot, elapsed_s=self._elapsed, interrupted=interrupted, failure=failure
+            log, self.gate, self.robot, elapsed_s=active._elapsed, interrupted=interrupted, failure=failure
         )
-        # Without the first tick of a continuation, whose logged forces acted in a step of the session before.
-        certificate = self._certificate(log.since(self._taken_over + 1) if self._taken_over else log)
+        # Without the first tick after a change, whose logged forces acted in a step of the session before.
+        certificate = active._certificate(log.since(active._begun + 1) if active._begun else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
 
-    def advance(self, progress: ProgressReport, until: int | None = None) -> None:
-        """Simulate up to tick ``until``, exclusive, or to the end.
+    def advance(self, progress: ProgressReport, until: int | None = None) -> bool:
+        """Simulate up to tick ``until``, exclusive, or to the end; return whether no fall ended the run before.
 
         Raises:
             SolverError: the plant's state diverged.
@@ -158,34 +168,33 @@ class ClosedLoopSession:
         observer = RunObserver(self, progress, self._fell_s)
         started = perf_counter()
         try:
-            self._loop.run(observer, until)
+            return self._loop.run(observer, until)
         finally:
             self._elapsed += perf_counter() - started
             self._fell_s = observer.fell_s
 
-    def beginning(self) -> Beginning:
-        """Return a record of all state before the first tick, for a session that takes it over later."""
-        return Beginning(self._loop)
-
-    def take_over(self, old: ClosedLoopSession, beginning: Beginning, *, draws: bool) -> tuple[str, ...]:
-        """Take over the state of another session, which cannot be used afterwards.
-
-        Args:
-            old: the other session.
-            beginning: its record from before its first tick, see :meth:`beginning`.
-            draws: whether to take over the state of random number generators; otherwise they start from this session's
-                seed.
-
-        Returns:
-            Paths of the objects that were reset because they have another structure here.
-
-        Raises:
-            InputError: the structures differ in an object that cannot be reset.
-        """
-        anew = take_over(beginning, self._loop, draws=draws)
-        self.recorder.take_over(old.recorder)
-        self._elapsed, self._fell_s, self._taken_over = old._elapsed, old._fell_s, self.recorder.ticks
-        return anew
+    def _continue(self, before: ClosedLoopSession) -> None:
+        """Continue the run of another session, whose every state this one's sensors and controllers receive first."""
+        samples = before._loop.samples
+        assert samples is not None
+        control = logging.getLogger("lgmpc.control")
+        level = control.level
+        control.setLevel(logging.CRITICAL)  # nothing that it decides happens
+        try:
+            self._loop.follow(samples)
+        finally:
+            control.setLevel(level)
+        if self.controller.fallen and not before.controller.fallen:
+            _LOG.warning("with the settings from %.3f s on, the controller gave up before", samples[-1].time)
+        self.controller.take_estimates(before.controller)
+        if self.plant is not before.plant:
+            self.plant.resume(before.plant.sense())
+        self._elapsed, self._fell_s, self._begun = before._elapsed, before._fell_s, self.recorder.ticks
+        self.recorder.set_limits(
+            friction=self.simulated.friction,
+            effort_limit=real_effort_limit(self.robot, self.simulated),
+            mass=self.simulated.mass_scale * self.robot.mass + self.simulated.base_added_mass_kg,
+        )
 
     def _certificate(self, log: RunLog) -> Certificate | None:
         finite, _ = finite_part(log)

@@ -124,6 +124,8 @@ def serve_config(
 def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) -> _DeploymentSession:
     if isinstance(config.estimator, GroundTruth):
         raise config.error("estimator.kind", "ground_truth", "inekf: a robot measures no state")
+    if config.changes:
+        raise config.error("changes", f"{len(config.changes)} entries", "none: only simulated runs change settings")
     notify("loading the robot")
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)

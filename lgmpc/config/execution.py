@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from signal import Signals
 from typing import TYPE_CHECKING
@@ -19,7 +20,8 @@ from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
-from lgmpc.runs.origin import Origin
+from lgmpc.runs.origin import Origin, SettingsChange
+from lgmpc.settings.dotted import differing
 
 if TYPE_CHECKING:
     from lgmpc.config.session import Iteration, Progress
@@ -28,17 +30,14 @@ if TYPE_CHECKING:
 __all__ = [
     "FinishedRun",
     "FinishedSolve",
-    "new_folder",
     "run_config",
     "run_session",
-    "save_run",
-    "simulated",
     "solve_config",
 ]
 
 
 @contextmanager
-def new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:
+def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:
     """Create ``out/<time>-<name>/`` with the config in it, for the duration of a block.
 
     It is created before the run, so that an unwritable folder is reported first. If an exception leaves the block (the
@@ -123,7 +122,7 @@ def run_config(
 
     Ctrl-C, SIGTERM or SIGHUP during the simulation end it between two ticks: the partial log is saved, marked as
     interrupted. While the run is being saved they are deferred; a second Ctrl-C acts at once. A run that cannot start,
-    fails, or cannot be saved leaves no folder (:func:`new_folder`).
+    fails, or cannot be saved leaves no folder.
 
     Args:
         config: the closed loop.
@@ -147,22 +146,26 @@ def run_session(
     *,
     notify: Notify | None = None,
     progress: ProgressReport | None = None,
+    verify: Callable[[SessionResult], Origin | None] = lambda result: None,
 ) -> FinishedRun:
-    """Run the session that ``prepare`` returns and save it; see :func:`run_config`."""
+    """Run the session that ``prepare`` returns and save it, see :func:`run_config`, unless ``verify`` raises.
+
+    ``verify`` takes the result and returns the recorded run that it repeats, if any.
+    """
     with (
         stop_signals() as stop,
-        new_folder(config, out, stop) as folder,
-        reports(notify, progress, simulated) as (announce, advance),
+        _new_folder(config, out, stop) as folder,
+        reports(notify, progress, _simulated) as (announce, advance),
     ):
         session = prepare(stop.checked(announce))
         folder.check_space(session.log_bytes)
         with stop.deferred(advance) as report:
             result = session.run(report)
-            saved = save_run(folder, config, result)
+            saved = _save_run(folder, config, result, verify(result))
     return FinishedRun(folder, saved, config, result, stop.received if result.interrupted else None)
 
 
-def save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:
+def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:
     """Write log and ``run.json`` of a simulated config, and return the content of the latter.
 
     Raises:
@@ -176,9 +179,17 @@ def save_run(folder: RunFolder, config: Config, result: SessionResult, origin: O
         seed=config.seed,
         certificate=result.certificate,
         origin=origin,
+        changes=tuple(_settings_changes(config)),
     )
     folder.write_result(saved)
     return saved
+
+
+def _settings_changes(config: Config) -> Iterator[SettingsChange]:
+    """Yield the values before and after each of the config's changes."""
+    for (_, before), (time_s, after) in pairwise(config.parts()):
+        values = differing(before.model_dump(mode="json"), after.model_dump(mode="json"))
+        yield SettingsChange(time_s, {key: (a, b) for key, a, b in values})
 
 
 @dataclass(frozen=True)
@@ -227,7 +238,7 @@ def solve_config(
         raise InputError("config", type(config).__name__, "a SolveConfig, see lgmpc.load_solve_config")
     with (
         stop_signals() as stop,
-        new_folder(config, out, stop) as folder,
+        _new_folder(config, out, stop) as folder,
         reports(notify, progress, _iterated) as (announce, advance),
     ):
         session = prepare_solve(config, notify=stop.checked(announce))
@@ -249,7 +260,7 @@ def solve_config(
     return FinishedSolve(folder, saved, outcome, stop.received if interrupted else None)
 
 
-def simulated(now: Progress) -> tuple[float, str]:
+def _simulated(now: Progress) -> tuple[float, str]:
     """Return the fraction done and a text on the progress of a simulation, for a notebook's bar."""
     words = f"{now.time_s:.1f} of {now.duration_s:g} s simulated, {now.real_time_factor:.1f} x real time"
     return now.time_s / now.duration_s, words

@@ -16,7 +16,7 @@ from pydantic.json_schema import models_json_schema
 
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
-from lgmpc.errors import ConfigError
+from lgmpc.errors import ConfigError, InputError, nearest
 from lgmpc.estimation import DelaySettings, JointFrictionSettings, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeploymentSettings
 from lgmpc.locomotion.command import Timeline
@@ -26,6 +26,8 @@ from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
 from lgmpc.settings import NonNegative, Positive, Problem, Settings, problem, problems
+from lgmpc.settings.base import Words
+from lgmpc.settings.dotted import leaves
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.drives import TimingSettings
 from lgmpc.simulation.parameters import PlantSettings
@@ -37,6 +39,8 @@ from lgmpc.world import FloorSettings, WorldSettings
 __all__ = [
     "COMMAND_LINE",
     "MOST_TICKS",
+    "WHILE_RUNNING",
+    "Change",
     "Config",
     "ConfigSource",
     "Document",
@@ -75,6 +79,12 @@ MOST_TICKS = 3_600_000
 
 D = TypeVar("D", bound="Document")
 
+WHILE_RUNNING = ("seed", "plant", "timing", "sensors", "estimator", "mpc", "wbc", "reference", "locomotion", "delays",
+                  "joint_friction", "modes")  # fmt: skip
+"""Sections that can change during a run."""
+_FROM_THE_START = ("wbc.rate_hz", "plant.kind", "plant.rate_hz", "plant.initial_", "estimator.kind")
+"""Beginnings of their keys that cannot, because they act at its start or determine its time grid and its channels."""
+
 
 class Document(Settings):
     """A whole config file."""
@@ -111,6 +121,15 @@ class Document(Settings):
         Arguments as in :class:`lgmpc.errors.ConfigError`.
         """
         return ConfigError(self.source.where(key), key, got, expected, choices, word=word)
+
+
+class Change(Settings):
+    """Settings that act from some time of a run on."""
+
+    at_s: Positive = Field(description="Time of the change, s, rounded to a control tick.")
+    set: dict[str, Any] = Field(
+        min_length=1, description="{dotted key: value}, such as {plant.friction: 0.3, mpc.enabled: false}."
+    )
 
 
 class GroundTruth(Settings):
@@ -153,6 +172,11 @@ class Config(Document):
         default=DeploymentSettings(), description="Limits of `lgmpc deploy`, which runs the controllers on a robot."
     )
     pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
+    changes: tuple[Change, ...] = Field(
+        default=(),
+        description="Settings that change during the run, in order of time. New controllers, estimators and sensors "
+        "receive all that happened before, so that they continue from where the others are.",
+    )
     gate: Gate = Field(default=Gate(), description="Criteria of success.")
     log: LogSettings = Field(default=LogSettings(), description="Settings of the saved log.")
 
@@ -182,6 +206,45 @@ class Config(Document):
             raise problems(found)
         return self
 
+    def parts(self) -> tuple[tuple[float, Config], ...]:
+        """Return the beginning, s, and the config of each part of the run: before the first change, after it, ...
+
+        Raises:
+            InputError: a value that cannot be used; names its key.
+        """
+        found: list[tuple[float, Config]] = [(0.0, self.replace({"changes": ()}) if self.changes else self)]
+        for change in self.changes:
+            found.append((change.at_s, found[-1][1].replace(change.set)))
+        return tuple(found)
+
+    @model_validator(mode="after")
+    def _changes_can_be_made(self) -> Config:
+        part, last = self.replace({"changes": ()}) if self.changes else self, 0.0
+        half = 0.5 / self.wbc.rate_hz
+        for i, change in enumerate(self.changes):
+            if not last + half < change.at_s < self.duration_s - half:
+                words = f"a time after {last:g} s and before duration_s ({self.duration_s:g})"
+                raise problem(words, key=f"changes.{i}.at_s", got=change.at_s)
+            table = f"changes.{i}.set"
+            for key, value in leaves(change.set):
+                if key.split(".")[0] not in WHILE_RUNNING or key.startswith(_FROM_THE_START):
+                    words = f"no change during a run, as of {_changeable(part, key)}"
+                    raise problem(words, f"{table}.{key}", Words(value))
+            try:
+                following = part.replace(change.set)
+            except InputError as error:
+                words = str(error).partition("; expected ")[2]
+                raise problem(words, f"{table}.{error.argument}", Words(error.got)) from None
+            nodes = [each.mpc.nodes for each in (part, following) if each.mpc.enabled]
+            if len(set(nodes)) > 1:
+                words = f"{nodes[0]}, because a log has horizons of one length"
+                raise problem(words, f"{table}.mpc.nodes", nodes[1])
+            if (part.joint_friction is None) is not (following.joint_friction is None):
+                words = "estimated from the start or never, because a log has the same channels throughout"
+                raise problem(words, f"{table}.joint_friction", Words(change.set.get("joint_friction")))
+            part, last = following, change.at_s
+        return self
+
     @model_validator(mode="after")
     def _has_ticks(self) -> Config:
         """Check the number of ticks, all of which are recorded in memory."""
@@ -190,6 +253,13 @@ class Config(Document):
             expected = f"a number from {1.0 / rate:g} to {MOST_TICKS / rate:g}, at a wbc.rate_hz of {rate:g}"
             raise problem(expected, key="duration_s", got=self.duration_s)
         return self
+
+
+def _changeable(config: Config, key: str) -> str:
+    """Return the keys nearest to a key, or the sections, that can change during a run."""
+    keys = [each for each, _ in leaves(config.model_dump(mode="json")) if each.partition(".")[0] in WHILE_RUNNING]
+    close = nearest(key, [each for each in keys if not each.startswith(_FROM_THE_START)])
+    return " or ".join(close) if close else f"one in {', '.join(WHILE_RUNNING)}"
 
 
 class SolveConfig(Document):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -135,6 +136,18 @@ class LeggedController:
             self._predictor.reset()
         if self.joint_friction is not None:
             self.joint_friction.reset()
+
+    def take_estimates(self, other: LeggedController) -> None:
+        """Continue with another controller's estimates of what its commands, which acted, did to the robot."""
+        pairs: list[tuple[Any, Any]] = [
+            (self.floor, other.floor),
+            (self._predictor, other._predictor),
+            (self.joint_friction, other.joint_friction),
+            (self.planner and self.planner.observer, other.planner and other.planner.observer),
+        ]
+        for mine, theirs in pairs:
+            if mine is not None and theirs is not None:
+                mine.set_state(theirs.state())
 
     def update(self, state: RobotState) -> Command:
         """Return the joint torques for the measured state; never raises for what the robot does."""

@@ -185,12 +185,6 @@ class PlanSampler:
         """Forget the plan."""
         self.plan = self.motion = self.posture = None
 
-    def take_over(self, old: PlanSampler) -> None:
-        """Take over another sampler's plan, at the ticks of this one."""
-        self._sampler = None
-        if self.plan is not None:
-            self.load(self.plan, self.start)
-
     def load(self, plan: Plan, time: float) -> None:
         """Sample ``plan`` from ``time`` (s) on."""
         self.plan, self.start = plan, time

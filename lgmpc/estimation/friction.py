@@ -76,6 +76,14 @@ class FrictionMonitor:
         self._speeds_squared.clear()
         self._velocities.clear()
 
+    def state(self) -> tuple[float, list[float], list[tuple[float, float]]]:
+        """Return a copy of the state: coefficient, squared speeds and velocities of the contact points."""
+        return self.coefficient, list(self._speeds_squared), list(self._velocities)
+
+    def set_state(self, state: tuple[float, list[float], list[tuple[float, float]]]) -> None:
+        """Continue from another monitor's state."""
+        self.coefficient, self._speeds_squared, self._velocities = state
+
     def update(self, contact_velocities: Array, stance: Sequence[bool], forces: Array) -> float:
         """Return the new coefficient.
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from lgmpc.compile import StageKernel
@@ -92,12 +93,33 @@ class JointFrictionEstimator:
         self._commands = np.full((round(delay / period) + 1, robot.nu), np.nan)  # the newest first
         self._clear = np.zeros(robot.nc)  # s that each leg has been in the air
         self._sums = np.zeros((4, robot.nu))  # of ones, signs, residuals, signs times residuals
+        self._memory: tuple[NDArray[Any], ...] = (
+            self.friction,
+            self.estimate,
+            self.excited,
+            self._clear,
+            self._sums,
+            self._q,
+            self._v,
+        )
         self.reset()
 
     def reset(self) -> None:
         """Forget what was measured, but not the friction."""
         self._clear[:] = self._sums[:] = 0.0
         self._commands[:] = np.nan
+
+    def state(self) -> tuple[NDArray[Any], ...]:
+        """Return a copy of the state: estimates, sums of the regression, last measurement, and last commands."""
+        return tuple(each.copy() for each in (*self._memory, self._commands))
+
+    def set_state(self, state: tuple[NDArray[Any], ...]) -> None:
+        """Continue from another estimator's state; commands further back than its memory are unknown."""
+        for mine, theirs in zip(self._memory, state[:-1], strict=True):
+            mine[:] = theirs
+        self._commands[:] = np.nan
+        count = min(len(state[-1]), len(self._commands))
+        self._commands[:count] = state[-1][:count]
 
     def update(self, state: RobotState, stance: BoolArray, missed: int = 0) -> Array:
         """Take the measured state of this tick and return :attr:`friction`; :meth:`expect` follows.
@@ -110,7 +132,7 @@ class JointFrictionEstimator:
         for _ in range(min(missed, len(self._commands))):
             self._commands[1:] = self._commands[:-1]
         flying = ~stance if state.contacts is None else ~(stance | state.contacts)
-        self._clear = np.where(flying, self._clear + self._period, 0.0)
+        self._clear[:] = np.where(flying, self._clear + self._period, 0.0)
         free = np.asarray(self._legs[self._clear > _CLEAR_S].any(axis=0))
         if bool(free.any()) and not missed:
             np.subtract(state.v, self._v, out=self._acceleration)

@@ -70,6 +70,17 @@ class StatePredictor:
         self._next[:] = 0.0
         self._time = math.nan
 
+    def state(self) -> tuple[float, Array, Array]:
+        """Return a copy of the state: time of the last prediction, next acceleration, and those in flight."""
+        return self._time, self._next.copy(), self._accelerations.copy()
+
+    def set_state(self, state: tuple[float, Array, Array]) -> None:
+        """Continue from another predictor's state; commands further back than its memory accelerate nothing."""
+        self._time, self._next[:], rows = state
+        self._accelerations[:] = 0.0
+        count = min(len(rows), len(self._accelerations))
+        self._accelerations[:count] = rows[:count]
+
     def predict(self, state: RobotState) -> RobotState:
         """Return the state ``lead`` after the arrival of a measured one, with its contacts; call once a tick."""
         rows, period = self._accelerations, self._period

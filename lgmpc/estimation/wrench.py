@@ -86,6 +86,17 @@ class WrenchObserver:
         self._state[6:] = 0.0
         self._state[16] = self._least_time
 
+    def state(self) -> tuple[Array, Array]:
+        """Return a copy of the state: the estimate with its filter's memory, and the rates of the last commands."""
+        return self._state.copy(), self._rates.copy()
+
+    def set_state(self, state: tuple[Array, Array]) -> None:
+        """Continue from another observer's state; of commands further back than its memory nothing is known."""
+        self._state[:], rates = state
+        self._rates[:] = math.nan
+        count = min(len(rates), len(self._rates))
+        self._rates[:count] = rates[:count]
+
     @property
     def time_constant(self) -> float:
         """The present filter time constant, s."""

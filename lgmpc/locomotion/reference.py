@@ -99,10 +99,6 @@ class ReferenceBuilder:
         self._attitude = (math.nan, 0.0, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
-    def take_over(self, old: ReferenceBuilder) -> None:
-        """Take over the state of another builder, in this builder's own memory."""
-        self._bound = None
-
     def begin(self, com: Array, yaw: float) -> None:
         """Start at the measured centre of mass (3,) and heading."""
         self.x, self.y, self.yaw = float(com[0]), float(com[1]), yaw

@@ -12,7 +12,7 @@ from lgmpc.runs.estimate import CONTACT_FORCE_N, tilt_and_yaw_deg
 from lgmpc.runs.intervals import intervals, joined_intervals
 from lgmpc.runs.limited import Limited
 from lgmpc.runs.log import MODES, RunLog, push_intervals
-from lgmpc.runs.origin import Origin
+from lgmpc.runs.origin import SettingsChange
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Event", "EventKind", "EventLine", "event_lines", "find_events"]
@@ -125,13 +125,15 @@ def event_lines(events: Sequence[Event]) -> tuple[EventLine, ...]:
     return tuple(sorted(lines, key=lambda line: events.index(line.events[0])))
 
 
-def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | None = None) -> tuple[Event, ...]:
+def find_events(
+    log: RunLog, quantities: Sequence[Limited], changes: Sequence[SettingsChange] = ()
+) -> tuple[Event, ...]:
     """Return the events of a log, in order of their start.
 
     Args:
         log: log, finite throughout.
         quantities: quantities with limits, see :func:`lgmpc.runs.limited.limited_quantities`.
-        origin: the run that this one continues with other settings, if any.
+        changes: of settings during the run.
     """
     finders: tuple[Callable[[RunLog], Iterator[Event]], ...] = (
         _pushes,
@@ -145,9 +147,9 @@ def find_events(log: RunLog, quantities: Sequence[Limited], origin: Origin | Non
     found = [event for find in finders for event in find(log)]
     for quantity in quantities:
         found += _reached(log, quantity)
-    if origin is not None and origin.changes:
-        words = f"settings changed: {origin.differences}"
-        found.append(Event(origin.time_s, origin.time_s, EventKind.CAUSE, "settings", words))
+    for change in changes:
+        words = f"settings changed: {change.differences}"
+        found.append(Event(change.time_s, change.time_s, EventKind.CAUSE, "settings", words))
     # Of events that begin at the same tick, the cause is first.
     return tuple(sorted(found, key=lambda each: (each.start_s, list(EventKind).index(each.kind))))
 

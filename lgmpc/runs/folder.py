@@ -1,7 +1,6 @@
 """The run folder: ``config.yaml``, ``run.json``, and ``log.npz`` or ``trajectory.npz``, each complete or absent.
 
-A run that continues another one also has ``before.yaml``, the configs of its earlier parts; one of a robot,
-``deployment.json``.
+A run of a robot also has ``deployment.json``.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
 
 __all__ = [
-    "BEFORE_FILE",
     "CONFIG_FILE",
     "DEPLOYMENT_FILE",
     "LOG_FILE",
@@ -57,7 +55,7 @@ _DAMAGE = (
 _OTHER_FILES = 1_000_000
 """Upper bound of the size of config, result and the arrays' headers, B."""
 
-CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE, BEFORE_FILE = "config.yaml", "log.npz", "trajectory.npz", "before.yaml"
+CONFIG_FILE, LOG_FILE, TRAJECTORY_FILE = "config.yaml", "log.npz", "trajectory.npz"
 DEPLOYMENT_FILE = "deployment.json"
 """Figures of the link and of the loop's timing, in the folder of a run of a robot."""
 
@@ -71,14 +69,12 @@ class Run:
         config: text of its ``config.yaml``.
         log: its arrays.
         result: its ``run.json``.
-        before: text of its ``before.yaml``; empty if it continues no other run.
     """
 
     path: Path
     config: str = field(repr=False)
     log: RunLog = field(repr=False)
     result: RunResult
-    before: str = field(default="", repr=False)
 
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
@@ -168,10 +164,6 @@ class RunFolder:
         """Write the resolved configuration, YAML."""
         self._write(CONFIG_FILE, text)
 
-    def write_before(self, text: str) -> None:
-        """Write the configs of the parts before the folder's own, YAML."""
-        self._write(BEFORE_FILE, text)
-
     def write_log(self, log: RunLog) -> None:
         """Write the arrays: numbers and strings only, so that nothing in the file is pickled."""
         self._write_arrays(LOG_FILE, log.arrays())
@@ -203,9 +195,7 @@ class RunFolder:
         path = Path(path)
         config, result = _texts(path)
         parsed = RunResult.from_json(result, str(path / RESULT_FILE))
-        log = _read_arrays(path / LOG_FILE, RunLog.from_arrays)
-        before = _text(path / BEFORE_FILE) if (path / BEFORE_FILE).is_file() else ""
-        return Run(path, config, log, parsed, before)
+        return Run(path, config, _read_arrays(path / LOG_FILE, RunLog.from_arrays), parsed)
 
     @staticmethod
     def load_solved(path: Path | str) -> SolvedRun:

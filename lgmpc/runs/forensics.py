@@ -102,7 +102,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
         overall = verdict.reasons[0] if verdict.reasons else verdict.outcome.value
         failure = _failure(log, quantities, broke_s) or _Failure(None, overall)
     failed_s = failure.time_s
-    events = find_events(log, quantities, run.result.origin)
+    events = find_events(log, quantities, run.result.changes)
     chain, earlier = _chain(events, failed_s)
     end = log.ticks if failed_s is None else int(np.searchsorted(log.time, failed_s, side="right"))
     # The threshold of the event is no limit of slip.

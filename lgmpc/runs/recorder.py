@@ -98,7 +98,7 @@ class Recorder:
         self._joint_names = np.array(list(joints), dtype=np.str_)
         self._contact_frames = np.array(list(contact_frames), dtype=np.str_)
         self._friction = float(friction)
-        self._earlier: tuple[tuple[int, float, Array], ...] = ()  # ticks of other recorders, floor, torque limits
+        self._limits = [(0, self._friction, self._effort_limit)]  # first tick, floor, torque limits
         self._contact_radius = float(contact_radius)
         self._control_period_s = float(control_period_s)
         self._mpc_period_s = float(mpc_period_s)
@@ -161,37 +161,22 @@ class Recorder:
         """
         self._updates.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
-    def take_over(self, old: Recorder) -> None:
-        """Begin with the records of another recorder of the same robot, which cannot be used afterwards.
-
-        Raises:
-            InputError: it has updates of an MPC with another number of nodes.
-        """
-        self._earlier = (*old._earlier, (old.ticks - old._taken_over, old._friction, old._effort_limit))
-        self._ticks.take_over(old._ticks)
-        if not old.mpc_updates:
-            return
-        nodes, before = (rows.shapes["mpc_horizon_com"][0] - 1 for rows in (self._updates, old._updates))
-        if nodes and nodes != before:
-            raise InputError("mpc.nodes", nodes, f"{before}, because a log has horizons of one length")
-        self._updates = old._updates
-        self._mpc_period_s = self._mpc_period_s or old._mpc_period_s
+    def set_limits(self, *, friction: float, effort_limit: ArrayLike, mass: float) -> None:
+        """Change floor, torque limits and mass from the next tick on; units as in the constructor."""
+        self._friction, self._effort_limit, self._mass = friction, np.array(effort_limit, dtype=np.float64), mass
+        self._limits.append((self.ticks, self._friction, self._effort_limit))
 
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
         return -(-self._ticks.log_bytes // every) + self._updates.log_bytes
 
-    @property
-    def _taken_over(self) -> int:
-        return sum(ticks for ticks, _, _ in self._earlier)
-
-    def _limits(self) -> dict[str, Any]:
+    def _limit_channels(self) -> dict[str, Any]:
         """Return the channels of limits; none if they did not change."""
-        parts = (*self._earlier, (self.ticks - self._taken_over, self._friction, self._effort_limit))
-        if all(mu == self._friction and np.array_equal(effort, self._effort_limit) for _, mu, effort in parts):
+        if all(mu == self._friction and np.array_equal(effort, self._effort_limit) for _, mu, effort in self._limits):
             return {}
-        friction = np.concatenate([np.full(ticks, mu) for ticks, mu, _ in parts])
-        effort = np.concatenate([np.tile(limit, (ticks, 1)) for ticks, _, limit in parts])
+        friction, effort = np.empty(self.ticks), np.empty((self.ticks, len(self._effort_limit)))
+        for first, mu, limit in self._limits:
+            friction[first:], effort[first:] = mu, limit
         return dict(zip(LIMIT_CHANNELS, (friction, effort), strict=True))
 
     def log(self) -> RunLog:
@@ -199,7 +184,7 @@ class Recorder:
         return RunLog(
             **self._ticks.columns(),
             **self._updates.columns(),
-            **self._limits(),
+            **self._limit_channels(),
             contact_frames=self._contact_frames.copy(),
             joint_names=self._joint_names.copy(),
             effort_limit=self._effort_limit.copy(),
@@ -254,17 +239,6 @@ class _Rows:
         self._table[i] = self._row  # one copy into memory that is in no cache yet
         # Counted last: an interrupted row is not part of the log.
         self.count = i + 1
-
-    def take_over(self, old: _Rows) -> None:
-        """Begin with the rows of another table; channels that it lacks are zero in them."""
-        if old._names == self._names:
-            self._table, self.count = old._table, old.count
-            return
-        self.count = old.count
-        self._table = np.zeros((max(len(old._table), len(self._table)), self._table.shape[1]))
-        for name in self._names:
-            if name in old._places:
-                self._table[: self.count, self._places[name]] = old._table[: self.count, old._places[name]]
 
     def columns(self) -> dict[str, Any]:
         """Return a copy of each channel, with its own axes and type."""

@@ -18,7 +18,7 @@ from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
 from lgmpc.runs.modes import ModeMetrics
-from lgmpc.runs.origin import Origin
+from lgmpc.runs.origin import Origin, SettingsChange
 from lgmpc.runs.verdict import Outcome, Verdict
 from lgmpc.runs.walking import WalkingMetrics
 
@@ -131,6 +131,7 @@ class RunResult(_Result):
         seed: seed of the run's random numbers.
         certificate: checks of physics and hardware; ``None`` in older files.
         origin: the run that it continues; ``None`` if it began by itself.
+        changes: of settings during the run.
     """
 
     kind: ClassVar[str] = "closed_loop"
@@ -139,6 +140,7 @@ class RunResult(_Result):
     seed: int = 0
     certificate: Certificate | None = None
     origin: Origin | None = None
+    changes: tuple[SettingsChange, ...] = ()
 
     def shown(self) -> dict[str, float]:
         """Return a few metrics."""
@@ -149,15 +151,17 @@ class RunResult(_Result):
         metrics = None if self.metrics is None else json_values(asdict(self.metrics))
         certificate = None if self.certificate is None else self.certificate.content()
         origin = {} if self.origin is None else {"from": self.origin.content()}
-        return {"seed": self.seed, **origin, "metrics": metrics, "certificate": certificate}
+        changes = {"changes": [each.content() for each in self.changes]} if self.changes else {}
+        return {"seed": self.seed, **origin, **changes, "metrics": metrics, "certificate": certificate}
 
     @classmethod
     def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> RunResult:
         given = content.get("certificate")
         certificate = None if given is None else Certificate.of(given)
         origin = Origin.of(content["from"]) if "from" in content else None
-        metrics = _metrics(content["metrics"])
-        return cls(**common, seed=content["seed"], metrics=metrics, certificate=certificate, origin=origin)
+        changes = tuple(map(SettingsChange.of, content.get("changes", ())))
+        own: dict[str, Any] = {"certificate": certificate, "origin": origin, "changes": changes}
+        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]), **own)
 
 
 @dataclass(frozen=True)

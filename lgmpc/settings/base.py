@@ -38,6 +38,7 @@ __all__ = [
     "Settings",
     "Vector2",
     "Vector3",
+    "Words",
     "problem",
     "problems",
 ]
@@ -152,6 +153,10 @@ def _short(value: Any) -> str:
 
 def _plain(value: Any) -> Any:
     return value._given() if isinstance(value, Settings) else value
+
+
+class Words(str):
+    """A value in words, as a message shows it."""
 
 
 @dataclass(frozen=True)

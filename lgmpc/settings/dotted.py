@@ -7,7 +7,7 @@ from typing import Any
 
 from lgmpc.errors import InputError
 
-__all__ = ["differing", "write_at"]
+__all__ = ["differing", "leaves", "write_at"]
 
 _NAMED = ("world",)
 """Sections for which the name of their kind stands."""
@@ -82,6 +82,15 @@ def differing(first: Any, second: Any, key: str = "") -> Iterator[tuple[str, Any
         return
     for name, a, b in parts:
         yield from differing(a, b, f"{key}.{name}" if key else str(name))
+
+
+def leaves(table: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys and values of nested tables, as far as the values are no tables."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{key}{name}.")
+        else:
+            yield f"{key}{name}", value
 
 
 def _nested(values: list[Any]) -> bool:

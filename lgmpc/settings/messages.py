@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from lgmpc.errors import InputError
-from lgmpc.settings.base import PROBLEM, Problem, Settings
+from lgmpc.settings.base import PROBLEM, Problem, Settings, Words
 
 __all__ = ["Finding", "find_problems", "first_input_error", "show_value"]
 
@@ -87,6 +87,8 @@ def show_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, float):
         return "NaN (.nan)" if math.isnan(value) else f"{value:g}"
+    if isinstance(value, Words):
+        return str(value)
     if isinstance(value, str):
         return f"the text '{_shorten(value)}'"
     if isinstance(value, Mapping):

@@ -7,7 +7,7 @@ observer (a recorder, a progress bar) at every control tick.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -158,6 +158,7 @@ class Loop:
 
     Attributes:
         index: number of the next tick.
+        samples: the plant's state at every step so far, if a list is given before the first one; None otherwise.
     """
 
     def __init__(
@@ -170,10 +171,28 @@ class Loop:
         hardware: Hardware | None = None,
     ) -> None:
         self.index = 0
+        self.samples: list[PlantSample] | None = None
         self._plant, self._controller, self._rates, self._sensing = plant, controller, rates, sensing
         self._hardware = _ideal(plant) if hardware is None else hardware
-        self._disturber = _Disturber(plant, pushes)
+        self._pushes, self._disturber = pushes, _Disturber(plant, pushes)
         self._ready = -math.inf
+
+    def follow(self, samples: Sequence[PlantSample]) -> None:
+        """Compute what this loop's controller commands at the states of another loop's plant, which act on nothing.
+
+        Sensors, estimator, controller and drives are then in the state in which they are after watching that run; the
+        loop continues from there with its own plant.
+
+        Args:
+            samples: of every step of the other plant, from the first one on; whole ticks.
+        """
+        plant = self._plant
+        self._plant = recorded = _Recorded(samples, plant)
+        self._disturber = _Disturber(recorded, self._pushes)
+        try:
+            self.run(lambda tick: True, len(samples) // self._rates.substeps)
+        finally:
+            self._plant, self._disturber = plant, _Disturber(plant, self._pushes)
 
     def run(self, on_tick: Callable[[Tick], bool], until: int | None = None) -> bool:
         """Simulate tick after tick.
@@ -187,9 +206,11 @@ class Loop:
             Whether all these ticks were simulated, and ``on_tick`` did not end the run.
         """
         plant, rates, hardware, disturber = self._plant, self._rates, self._hardware, self._disturber
-        drives = hardware.drives
+        drives, kept = hardware.drives, self.samples
         while self.index < (rates.ticks if until is None else until):
             sample = plant.sense()
+            if kept is not None:
+                kept.append(sample)
             state = true_state(sample) if self._sensing is None else self._sensing.state(sample)
             disturbance = disturber.apply(sample.time)
             continues = True
@@ -207,6 +228,8 @@ class Loop:
             plant.step(torque)
             for _ in range(rates.substeps - 1):
                 now = plant.sense()
+                if kept is not None:
+                    kept.append(now)
                 disturber.apply(now.time)
                 plant.step(drives.torque(now.time, now.q, now.v))
             self.index += 1
@@ -241,13 +264,33 @@ def true_state(sample: PlantSample) -> RobotState:
     return RobotState(sample.time, sample.q, sample.v, np.any(sample.contact_forces, axis=1))
 
 
+class _Recorded:
+    """A plant that has been simulated: its steps lead from sample to sample, whatever the torques and wrenches are."""
+
+    def __init__(self, samples: Sequence[PlantSample], plant: Plant) -> None:
+        self._samples, self._index = samples, 0
+        self.dt, self.bodies, self.reset, self.resume = plant.dt, plant.bodies, plant.reset, plant.resume
+
+    def step(self, tau: Array) -> None:
+        self._index += 1
+
+    def sense(self) -> PlantSample:
+        return self._samples[self._index]
+
+    def set_wrench(self, body: str, wrench: Array) -> None:
+        pass
+
+    def body_point(self, body: str) -> Array:
+        return np.zeros(3)
+
+
 class _Disturber:
     """Applies the pushes of a schedule; calls the plant only while there are any."""
 
     def __init__(self, plant: Plant, pushes: PushSchedule) -> None:
         self._plant, self._pushes = plant, pushes
         self._nothing = Disturbance(np.zeros(6), np.zeros(3))
-        self._pushing = False
+        self._pushing = True  # the plant may have a wrench from before
 
     def apply(self, time: float) -> Disturbance:
         """Apply the pushes of the step that begins now; of several bodies pushed at once, return the first."""

@@ -72,26 +72,15 @@ class MujocoPlant:
         self._lowest_effort = -self._effort
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
-        self._look_up()
-        self._tau = np.zeros(self._nu)
-        self._steps = 0
-        self.reset(robot.x_reference)
-
-    def _look_up(self) -> None:
-        """Store views into the engine's memory, whose address is constant: a look-up takes longer than their use."""
+        # Views into the engine's memory, whose address is constant: a look-up takes longer than their use.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._quaternion, self._velocity = self._qpos[3:7], self._qvel[:3]
         self._joint_force = self.data.qfrc_applied[self._robot.joint_v]
         self._applied = self.data.xfrc_applied
         self._contact_forces = self.data.sensordata.reshape(self._nc, 3)
-
-    def take_over(self, old: MujocoPlant) -> None:
-        """Continue with the engine's data of another plant of the same robot: state, warm start, last forces.
-
-        Parameters of the world are in :attr:`model`, which stays.
-        """
-        self.data = old.data
-        self._look_up()
+        self._tau = np.zeros(self._nu)
+        self._steps = 0
+        self.reset(robot.x_reference)
 
     @property
     def dt(self) -> float:
@@ -118,6 +107,12 @@ class MujocoPlant:
         self._wrenches.clear()
         self._tau = np.zeros(self._nu)
         self._steps = 0
+
+    def resume(self, sample: PlantSample) -> None:
+        """Continue, without wrenches, from a sample of another plant of the same robot and engine."""
+        self.reset(np.concatenate([sample.q, sample.v]))
+        self._contact_forces[...] = sample.contact_forces
+        self._tau, self._steps = sample.tau, round(sample.time / self._dt)
 
     def step(self, tau: Array) -> None:
         """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.

@@ -106,6 +106,12 @@ class PinocchioPlant:
         self._applied: dict[int, Array] = {}
         self._solver.reset()
 
+    def resume(self, sample: PlantSample) -> None:
+        """Continue, without wrenches, from a sample of another plant of the same robot and engine."""
+        self.reset(np.concatenate([sample.q, sample.v]))
+        self._solver.impulses[: self._robot.nc] = sample.contact_forces * self._dt
+        self._tau, self._steps = sample.tau, round(sample.time / self._dt)
+
     def step(self, tau: Array) -> None:
         """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.
 
@@ -236,11 +242,6 @@ class _ContactSolver:
         self._results = pin.PGSSolverResult(), pin.ADMMSolverResult()
         self.failures = 0
         self.clear()
-
-    def take_over(self, old: _ContactSolver) -> None:
-        """Continue with the solvers of another plant, under the friction of this one."""
-        self._solvers, self._results = old._solvers, old._results
-        self._problems = {}
 
     def clear(self) -> None:
         """Set all impulses to zero: there are no contacts."""

@@ -53,6 +53,9 @@ class Plant(Protocol):
     def reset(self, x: Array) -> None:
         """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero."""
 
+    def resume(self, sample: PlantSample) -> None:
+        """Continue, without wrenches, from a sample of another plant of the same robot and engine."""
+
     def step(self, tau: Array) -> None:
         """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits."""
 

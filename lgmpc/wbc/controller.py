@@ -110,15 +110,8 @@ class WholeBodyController:
         """
         if stepping is not self._stepping:
             self._stepping = stepping
-            self._write_weights()
-
-    def take_over(self, old: WholeBodyController) -> None:
-        """Take over the state of another controller, with the weights of this one."""
-        self._write_weights()
-
-    def _write_weights(self) -> None:
-        for name, (standing, moving) in self._weights.items():
-            self.tasks[name].weight[:] = moving if self._stepping else standing
+            for name, (standing, moving) in self._weights.items():
+                self.tasks[name].weight[:] = moving if stepping else standing
 
     def sense(self, q: Array, v: Array) -> WholeBodyTerms:
         """Refresh :attr:`terms` at the measured state; call once a tick, before :meth:`solve`."""

@@ -120,18 +120,6 @@ class WholeBodySolver:
         self._active_set.reset()
         self._fresh = True
 
-    def take_over(self, old: WholeBodySolver) -> None:
-        """Begin ProxQP's next solve where that of another solver of a QP of this size ended."""
-        if self._fresh:
-            return
-        data = (getattr(old._qp.model, name) for name in ("H", "g", "A", "b", "C", "l", "u", "l_box", "u_box"))
-        self._qp.init(*data, False)
-        mine, theirs = self._qp.results, old._qp.results
-        for name in ("x", "y", "z", "se", "si"):
-            setattr(mine, name, getattr(theirs, name))
-        for name in ("mu_eq", "mu_in", "rho"):
-            setattr(mine.info, name, getattr(theirs.info, name))
-
     def solve(self) -> Status:
         """Solve the QP in memory; the result is in :attr:`solution`."""
         self.took_over = not self._try_active_set()

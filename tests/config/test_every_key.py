@@ -160,6 +160,7 @@ EXEMPT: dict[str, str] = {
     "robot.floating_base": "a fixed base is refused in a closed loop, and for a quadruped",
     "robot.collision_shapes": "only a plant has them; walked in a closed loop, shape by shape",
     "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",
+    "changes": "settings of the other keys",
     "deployment.silence_s": "of `lgmpc deploy`, whose tests are in tests/hardware",
     "deployment.lost_s": "of `lgmpc deploy`",
     "deployment.damping_nms": "of `lgmpc deploy`",

@@ -172,15 +172,15 @@ def test_missing_channels_are_all_named(standing) -> None:
 
 
 def test_limits_that_change_are_channels_of_the_log() -> None:
-    first, second, third = new_recorder(), new_recorder(effort_limit=np.full(12, 2.5)), new_recorder(friction=0.3)
-    record_standing(first, 4)
-    assert first.log().floor_friction is None
-    tick = {name: first.log().arrays()[name][-1] for name in CHANNELS}
-    second.take_over(first)
-    third.take_over(second)
+    recorder = new_recorder()
+    record_standing(recorder, 4)
+    assert recorder.log().floor_friction is None
+    tick = {name: recorder.log().arrays()[name][-1] for name in CHANNELS}
+    recorder.set_limits(friction=0.6, effort_limit=np.full(12, 2.5), mass=2.5)
+    recorder.set_limits(friction=0.3, effort_limit=np.full(12, 1.8), mass=2.5)
     for time in (0.01, 0.011):
-        third.record(**{**tick, "time": time})
-    log = RunLog.from_arrays(third.log().arrays())
+        recorder.record(**{**tick, "time": time})
+    log = RunLog.from_arrays(recorder.log().arrays())
     np.testing.assert_array_equal(log.friction_over_time, [0.6] * 4 + [0.3] * 2)
     np.testing.assert_array_equal(log.effort_limit_over_time, np.full((6, 12), 1.8))
     np.testing.assert_array_equal(log.since(3).friction_over_time, [0.6, 0.3, 0.3])

@@ -16,9 +16,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from snapshot import headless_chromium, snapshots
+
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.runs import atomic_write
-from lgmpc.viz.snapshot import headless_chromium, snapshots
 
 PANEL = (480, 330)
 GAP = 4

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from snapshot import headless_chromium, snapshots
 
 from lgmpc.config import parse_config
 from lgmpc.config.build import build_robot
@@ -22,7 +23,6 @@ from lgmpc.errors import LgmpcError
 from lgmpc.runs import PushInterval, Run, RunFolder, RunLog, atomic_write, push_intervals
 from lgmpc.runs.walking import body_velocity
 from lgmpc.viz import replay_page, write_page
-from lgmpc.viz.snapshot import headless_chromium, snapshots
 
 PANEL = (560, 460)
 PAGE = """<!DOCTYPE html><meta charset="utf-8"><style>

@@ -1,14 +1,13 @@
 """Runs: recorder, run folder, metrics and verdict."""
 
 from lgmpc.runs.atomic import atomic_write
-from lgmpc.runs.compare import Change, compare, flat_metrics, metric_names
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
 from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.log import PushInterval, RunLog, push_intervals
-from lgmpc.runs.metrics import Metrics, Timing, compute_metrics
+from lgmpc.runs.metrics import Metrics, Timing, compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.recorder import LogSettings, Recorder
 from lgmpc.runs.result import RunResult, SolveResult
@@ -17,7 +16,6 @@ from lgmpc.runs.verdict import Outcome, Verdict, judge, measured
 from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = [
-    "Change",
     "EstimatorErrors",
     "Gate",
     "HostInfo",
@@ -39,7 +37,6 @@ __all__ = [
     "Verdict",
     "WalkingMetrics",
     "atomic_write",
-    "compare",
     "compute_metrics",
     "flat_metrics",
     "host_info",

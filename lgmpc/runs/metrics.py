@@ -6,7 +6,8 @@ length of that part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from typing import get_args, get_type_hints
 
 import numpy as np
 
@@ -22,7 +23,9 @@ __all__ = [
     "Metrics",
     "Timing",
     "compute_metrics",
+    "flat_metrics",
     "friction_margin",
+    "metric_names",
     "rotate",
     "rpy_deg",
     "slide",
@@ -184,6 +187,27 @@ def compute_metrics(
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
         joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[end - 1].mean()),
     )
+
+
+def metric_names() -> tuple[str, ...]:
+    """Return the names of all metrics of a run, in order; those of groups as in ``mpc_ms.p50``."""
+    names: list[str] = []
+    for name, hint in get_type_hints(Metrics).items():
+        group = next((each for each in (hint, *get_args(hint)) if is_dataclass(each)), None)
+        names += [name] if group is None else [f"{name}.{part.name}" for part in fields(group)]
+    return tuple(names)
+
+
+def flat_metrics(metrics: Metrics) -> dict[str, float | None]:
+    """Return the metrics of a run by their names; groups that were not measured, such as ``walking``, are left out."""
+    found: dict[str, float | None] = {}
+    for name in metric_names():
+        owner, _, part = name.rpartition(".")
+        group = getattr(metrics, owner) if owner else metrics
+        if group is not None:
+            value = getattr(group, part)
+            found[name] = None if value is None else float(value)
+    return found
 
 
 def rotate(quaternion: Array, vector: Array) -> Array:

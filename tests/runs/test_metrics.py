@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.runs import compare, compute_metrics
+from lgmpc.runs import compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.log import CHANNELS
 from lgmpc.runs.metrics import rotate, rpy_deg, tilt_deg
 
@@ -293,18 +293,10 @@ def test_fixed_base_robots_have_no_base_to_move() -> None:
     assert metrics.rms_joint_velocity_rad_s == pytest.approx(2.0)
 
 
-def test_comparison_of_two_runs(standing, changed) -> None:
-    def lean(arrays):
-        arrays["q"][500, 0] += 0.01
-
-    changes = {c.metric: c for c in compare(compute_metrics(standing), compute_metrics(changed(lean)))}
-    assert changes["max_displacement_m"].difference == pytest.approx(0.01)
-    assert changes["mpc_ms.p99"].difference == 0.0
-    assert changes["real_time_factor"].difference is None
-
-
-def test_comparison_of_runs_with_and_without_mpc(standing) -> None:
-    first = compute_metrics(standing)
-    names = [c.metric for c in compare(first, replace(first, mpc_ms=None))]
-    assert "mpc_ms" not in names
-    assert [name for name in names if name.startswith("mpc_ms")] == ["mpc_ms.p50", "mpc_ms.p99", "mpc_ms.max"]
+def test_metrics_by_name(standing) -> None:
+    metrics = compute_metrics(standing)
+    found = flat_metrics(metrics)
+    assert list(found) == [name for name in metric_names() if name in found]
+    assert (found["max_tilt_deg"], found["real_time_factor"]) == (metrics.max_tilt_deg, None)
+    assert [name for name in found if name.startswith("mpc_ms")] == ["mpc_ms.p50", "mpc_ms.p99", "mpc_ms.max"]
+    assert not any(name.startswith("mpc_ms") for name in flat_metrics(replace(metrics, mpc_ms=None)))

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from snapshot import headless_chromium, snapshots
 
 from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
 from lgmpc.viz import replay_page, write_page
-from lgmpc.viz.snapshot import headless_chromium, snapshots
 
 pytestmark = [
     pytest.mark.browser,

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from snapshot import headless_chromium
 
 from lgmpc.chromium import find_chromium
 from lgmpc.runs import Run
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.viz.figure_files import svg_figures
 from lgmpc.viz.report import Figure, Report, Section, report_page
-from lgmpc.viz.snapshot import headless_chromium
 from lgmpc.viz.style import X, Y
 from lgmpc.viz.sweep_plots import PassShare, boundary_drawing, share_drawing
 

@@ -13,13 +13,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from matplotlib.image import imread
+from snapshot import headless_chromium, snapshots
 
 from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Outcome, SolvedRun, SolveResult, TrajectoryLog, Verdict
 from lgmpc.viz.figure_files import Plots
-from lgmpc.viz.snapshot import headless_chromium, snapshots
 from lgmpc.viz.trajectory_overlay import Pictures
 from lgmpc.viz.trajectory_plots import plot_trajectory
 from lgmpc.viz.trajectory_replay import trajectory_page

@@ -180,7 +180,7 @@ class Row:
     @classmethod
     def of(cls, figure: str, value: float | None, limit: float | None = None, *, highest: bool = True) -> Row:
         """Return the row of a figure, whose name determines words and unit: ``slip_m`` is "slip", in mm."""
-        words, unit, scale = figure_words(figure)
+        words, unit, scale = figure_words(figure, value, limit)
         shown = None if value is None else scale * value
         return cls(words, unit, shown, None if limit is None else scale * limit, highest)
 

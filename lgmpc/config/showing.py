@@ -23,7 +23,6 @@ from lgmpc.viz import (
     plot_run,
     plot_trajectory,
     replay_page,
-    report_page,
     run_report,
     serve_page,
     solve_report,
@@ -178,7 +177,7 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
         content = solve_report(robot, loaded, gate.bounds)
     else:
         content = run_report(robot, loaded, _config_of(loaded).gate, _explained(loaded, robot))
-    return write_page(report_page(content), html or loaded.path / "report.html")
+    return write_page(content, html or loaded.path / "report.html")
 
 
 def _explained(run: Run, robot: Robot) -> Explanation:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-__all__ = ["figure_number", "figure_of", "figure_words", "is_signed", "judge_figures", "short_number", "unknown_bounds"]
+__all__ = [
+    "figure_number",
+    "figure_of",
+    "figure_words",
+    "is_signed",
+    "judge_figures",
+    "length_unit",
+    "short_number",
+    "unknown_bounds",
+]
 
 _UNITS = {
     "_rad_s": ("rad/s", 1.0),
@@ -42,11 +51,21 @@ def is_signed(figure: str) -> bool:
     return _stem(figure).rpartition("_")[2] in _SIGNED or figure.startswith("least_")
 
 
-def figure_words(figure: str) -> tuple[str, str, float]:
-    """Return a figure's words, unit of display and factor to it: of ``com_error_m`` ("CoM error", "mm", 1000)."""
+def figure_words(figure: str, *values: float | None) -> tuple[str, str, float]:
+    """Return a figure's words, unit of display and factor to it: of ``com_error_m`` ("CoM error", "mm", 1000).
+
+    Args:
+        figure: its name.
+        values: shown together; lengths of a metre or more are in m.
+    """
     stem = _stem(figure)
     unit, scale = _UNITS.get(figure.removeprefix(stem), ("", 1.0))
-    return _words(stem), unit, scale
+    return _words(stem), *(length_unit(*values) if unit == "mm" else (unit, scale))
+
+
+def length_unit(*values: float | None) -> tuple[str, float]:
+    """Return the unit in which lengths are shown, and the factor to it: mm, or m if one is a metre or longer."""
+    return ("m", 1.0) if max((abs(each) for each in values if each is not None), default=0.0) >= 1.0 else ("mm", 1e3)
 
 
 def figure_number(value: float, unit: str = "", limit: float | None = None) -> str:
@@ -84,7 +103,7 @@ def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> 
     for bound, limit in bounds.items():
         value, highest = figures[figure_of(bound)], bound.startswith("max_")
         if not (value <= limit if highest else value >= limit):
-            words, unit, scale = figure_words(figure_of(bound))
+            words, unit, scale = figure_words(figure_of(bound), value, limit)
             shown, allowed = short_number(scale * value, scale * limit)
             ending, side = f" {unit}" if unit else "", "most" if highest else "least"
             reasons.append(f"{words} {shown}{ending}, allowed at {side} {allowed}{ending} ({bound})")

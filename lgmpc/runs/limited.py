@@ -266,7 +266,7 @@ def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
         if key in _OVER_TIME or value is None or (limit == 0.0 and value == 0.0):
             continue
         highest = key.startswith("max_")
-        words, unit, scale = figure_words(figure_of(key))
+        words, unit, scale = figure_words(figure_of(key), value, limit)
         over, under = (value, limit) if highest else (limit, value)
         if under > 0.0:
             used = over / under

@@ -199,7 +199,7 @@ class SolveResult(_Result):
 
 def figure_cells(name: str, value: float) -> tuple[str, str]:
     """Return name and value of a figure as a table displays them."""
-    words, unit, scale = figure_words(name)
+    words, unit, scale = figure_words(name, value)
     return (f"{words} / {unit}" if unit else words), figure_number(scale * value, unit)
 
 

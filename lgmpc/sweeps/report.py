@@ -15,9 +15,8 @@ from lgmpc.sweeps.results import Results
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, point_table, search_words
-from lgmpc.viz.figure_files import svg_figures
 from lgmpc.viz.page import write_page
-from lgmpc.viz.report import Block, Code, Figure, Folded, Report, Section, Table, Words, report_page
+from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 
 __all__ = ["load_results", "write_sweep_report"]
 
@@ -55,14 +54,9 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
     """
     sweep, rows = load_results(folder)
     summary = summarize(sweep, rows)
-    report = Report(
-        summary.name,
-        summary.verdict,
-        f"sweep of {', '.join(sweep.settings.base)} · {summary.count}",
-        summary.complaints,
-        tuple(_sections(folder, sweep, rows, summary)),
-    )
-    return write_page(report_page(report), html or folder / "report.html")
+    about = f"sweep of {', '.join(sweep.settings.base)} · {summary.count}"
+    page = report_page(summary.name, summary.verdict, about, summary.complaints, _sections(folder, sweep, rows, summary))
+    return write_page(page, html or folder / "report.html")
 
 
 def _place(item: Any) -> str:
@@ -70,36 +64,34 @@ def _place(item: Any) -> str:
     return json.dumps([item.base, item.variant, dict(item.levels), item.draw], sort_keys=True)
 
 
-def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[Section]:
+def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[str]:
     metrics = sweep.settings.metrics
-    found: list[Block] = [_table(group_table(summary, metrics))]
+    found = [_table(group_table(summary, metrics))]
     if summary.levels:
         found.append(_table(level_table(summary)))
     if summary.pairings:
         found.append(_table(pairing_table(summary, metrics)))
-    words = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
-    found.append(Words([each for each in words if each]))
-    yield Section("Results", found)
+    told = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
+    yield section("Results", *found, words(each for each in told if each))
     drawing = sweep_drawing(sweep, rows, summary)
     if drawing is not None:
-        yield Section("Figure", [Figure(name, svg) for name, svg in svg_figures(dict([drawing])).items()])
+        yield section("Figure", figures(dict([drawing])))
     kept = sorted(each.name for each in (folder / "logs").glob("*-*"))
-    points: list[Block] = [Folded(f"{len(rows)} points", [_table(point_table(sweep, rows))])]
+    points = [folded(f"{len(rows)} points", _table(point_table(sweep, rows)))]
     if kept:
-        points.append(
-            Folded(f"{len(kept)} kept in logs/", [Words([f"lgmpc explain {folder / 'logs' / name}" for name in kept])])
-        )
-    yield Section("Points", points)
+        commands = words(f"lgmpc explain {folder / 'logs' / name}" for name in kept)
+        points.append(folded(f"{len(kept)} kept in logs/", commands))
+    yield section("Points", *points)
     document = (folder / DOCUMENT).read_text(encoding="utf-8").rstrip()
-    yield Section("Config", [Folded(f"{DOCUMENT}, defaults included", [Code(document)])])
+    yield section("Config", folded(f"{DOCUMENT}, defaults included", code(document)))
     versions = _versions(folder)
     if versions:
         rows_of = [(name, str(version)) for name, version in versions.items()]
-        yield Section("Versions", [Folded("Packages", [Table(("", ""), rows_of)])])
+        yield section("Versions", folded("Packages", table(("", ""), rows_of)))
 
 
-def _table(table: TextTable) -> Table:
-    return Table(table.headings, table.rows)
+def _table(content: TextTable) -> str:
+    return table(content.headings, content.rows)
 
 
 def _versions(folder: Path) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.page import embed_page, has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.report import report_page
 from lgmpc.viz.run_report import run_report, solve_report
 from lgmpc.viz.trajectory_plots import plot_trajectory
 from lgmpc.viz.trajectory_replay import trajectory_page
@@ -24,7 +23,6 @@ __all__ = [
     "plot_run",
     "plot_trajectory",
     "replay_page",
-    "report_page",
     "run_report",
     "serve_page",
     "solve_report",

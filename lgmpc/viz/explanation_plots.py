@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
@@ -45,17 +46,12 @@ def write_explanation(explanation: Explanation, folder: Path) -> Path:
         RunFolderError: if the folder cannot be written.
         MissingDependencyError: if matplotlib is not installed.
     """
-
-    def draw(figure: Figure) -> bool:
-        draw_explanation(figure, explanation)
-        return True
-
     title = f"{explanation.name} · {explanation.outcome.value}"
-    (file,) = draw_figures({"explanation": draw}, title).save(folder)
+    (file,) = draw_figures({"explanation": partial(draw_explanation, explanation=explanation)}, title).save(folder)
     return file
 
 
-def draw_explanation(figure: Figure, explanation: Explanation) -> None:
+def draw_explanation(figure: Figure, explanation: Explanation) -> bool:
     """Draw events, share of the limits used, capture point, attitude and contacts over the same time."""
     log = explanation.log
     lines = event_lines(explanation.events)
@@ -78,6 +74,7 @@ def draw_explanation(figure: Figure, explanation: Explanation) -> None:
                 axes.axvspan(event.start_s, event.end_s, color=PUSH, alpha=0.12, lw=0.0, zorder=0)
         if explanation.failed_s is not None:
             axes.axvline(explanation.failed_s, color=LIMIT, lw=1.4, ls="--")
+    return True
 
 
 def _window(explanation: Explanation) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
+from lgmpc.runs.figures import length_unit
 from lgmpc.runs.metrics import rpy_deg, tilt_deg
 from lgmpc.typing import Array
 from lgmpc.viz.figure_files import (
@@ -69,15 +70,18 @@ def _base(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(8.0, 6.2)
     position, height, tilt = figure.subplots(3, 1, sharex=True)
     base = log.base_pose
+    moved = base[:, :2] - base[0, :2]
+    unit, scale = length_unit(float(np.abs(moved).max()))
     for axis, color, name in ((0, X, "x (forward)"), (1, Y, "y (left)")):
-        position.plot(log.time, 1e3 * (base[:, axis] - base[0, axis]), color=color, label=name)
+        position.plot(log.time, scale * moved[:, axis], color=color, label=name)
     height.plot(log.time, 1e3 * log.base_reference[:, 2], color=INK, lw=1.0, ls="--", label="target")
     height.plot(log.time, 1e3 * base[:, 2], color=Z, label="base")
     tilt.plot(log.time, tilt_deg(base[:, 3:], log.base_reference[0, 3:]), color=X)
-    position.set(title="Base displacement", ylabel="mm")
+    position.set(title="Base displacement", ylabel=unit)
     height.set(title="Base height", ylabel="mm")
     tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
-    finish(log, position, height, span=2.0)
+    finish(log, position, span=2e-3 * scale)
+    finish(log, height, span=2.0)
     finish(log, tilt)
     label_pushes(log, position)
     label_modes(log, height)
@@ -107,22 +111,25 @@ def _com(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 5.6)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.7, 1.0))
     first: Axes | None = None
+    unit, scale = length_unit(float(np.ptp(log.com[:, :2], axis=0).max()))
+    units = ((unit, scale), (unit, scale), ("mm", 1e3))
     for axis, (color, name) in enumerate(((X, "x"), (Y, "y"), (Z, "z"))):
         axes = figure.add_subplot(grid[axis, 0], sharex=first)
         first = first or axes
-        axes.plot(log.time, 1e3 * log.com_reference[:, axis], color=INK, lw=1.0, ls="--", label="target")
-        axes.plot(log.time, 1e3 * log.com[:, axis], color=color, label="centre of mass")
-        axes.set_ylabel(f"{name}, mm")
-        finish(log, axes, span=2.0)
+        each, factor = units[axis]
+        axes.plot(log.time, factor * log.com_reference[:, axis], color=INK, lw=1.0, ls="--", label="target")
+        axes.plot(log.time, factor * log.com[:, axis], color=color, label="centre of mass")
+        axes.set_ylabel(f"{name}, {each}")
+        finish(log, axes, span=2e-3 * factor)
     assert first is not None
     label_pushes(log, first)
     first.set_title("Centre of mass and its target")
     legend_above(first)
     figure.axes[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
-    above.plot(1e3 * log.com_reference[:, 0], 1e3 * log.com_reference[:, 1], color=INK, lw=1.0, ls="--", marker=".")
-    above.plot(1e3 * log.com[:, 0], 1e3 * log.com[:, 1], color=X)
-    above.set(title="Seen from above", xlabel="x, mm", ylabel="y, mm")
+    above.plot(*scale * log.com_reference[:, :2].T, color=INK, lw=1.0, ls="--", marker=".")
+    above.plot(*scale * log.com[:, :2].T, color=X)
+    above.set(title="Seen from above", xlabel=f"x, {unit}", ylabel=f"y, {unit}")
     above.set_aspect("equal", adjustable="datalim")
     return True
 

@@ -7,6 +7,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import Metrics, Run, WalkingMetrics, push_intervals
+from lgmpc.runs.figures import length_unit
 from lgmpc.runs.log import MODES
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.walking import body_velocity
@@ -73,7 +74,9 @@ def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str
     if log.commanded:
         first = Readout("speed", " m/s", np.linalg.norm(body_velocity(log)[frames.ticks, :2], axis=1), 2)
     else:
-        first = Readout("moved", " mm", 1e3 * np.linalg.norm(base[:, :3] - base[0, :3], axis=1), 1)
+        moved = np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
+        unit, factor = length_unit(float(moved.max()))
+        first = Readout("moved", f" {unit}", factor * moved, 1 if unit == "mm" else 2)
     tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
     names = dict(enumerate(MODES))
     modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]

@@ -1,159 +1,98 @@
-"""Reports: one self-contained page of text, tables, vector figures and a replay, for all screens and for printing."""
+"""Reports: one self-contained page of text, tables, vector figures and a replay, for all screens and for printing.
+
+A page consists of sections, sections of blocks. Each function here returns the HTML of one, with its text escaped.
+"""
 
 from __future__ import annotations
 
 import base64
-import html
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from importlib import resources
 
+from lgmpc.viz.figure_files import Drawing, svg_figures
 from lgmpc.viz.page import filled
 
-__all__ = ["Block", "Code", "Figure", "Folded", "Replay", "Report", "Section", "Table", "Words", "report_page"]
+__all__ = ["code", "figures", "folded", "replay", "report_page", "section", "table", "words"]
 
 
-@dataclass(frozen=True)
-class Words:
-    """A list of sentences."""
+def words(sentences: Iterable[str]) -> str:
+    """Return a list of sentences; nothing for none."""
+    items = "".join(f"<li>{escape(each)}</li>" for each in sentences)
+    return f"<ul>{items}</ul>" if items else ""
 
-    sentences: Sequence[str]
 
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], marks: Sequence[str] = ()) -> str:
+    """Return a table of text.
 
-@dataclass(frozen=True)
-class Table:
-    """A table of text.
-
-    Attributes:
+    Args:
         headings: of the columns.
         rows: cells as text.
         marks: for rows, "good" or "bad" where they are marked; empty for none.
     """
+    head = "".join(f"<th>{escape(each)}</th>" for each in headings)
+    body = []
+    for row, mark in zip(rows, marks or [""] * len(rows), strict=True):
+        cells = "".join(f"<td>{escape(each)}</td>" for each in row)
+        body.append((f'<tr class="{escape(mark)}">' if mark else "<tr>") + f"{cells}</tr>")
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
 
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    marks: Sequence[str] = ()
 
+def figures(drawings: Mapping[str, Drawing]) -> str:
+    """Return vector figures, those that have data.
 
-@dataclass(frozen=True)
-class Figure:
-    """A vector figure.
-
-    Attributes:
-        name: of the figure, for screen readers.
-        svg: its text, see :func:`lgmpc.viz.figure_files.svg_figures`.
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
     """
-
-    name: str
-    svg: str
-
-
-@dataclass(frozen=True)
-class Code:
-    """Text in a font of fixed width."""
-
-    text: str
+    drawn = svg_figures(drawings).items()
+    return "\n".join(f'<figure role="img" aria-label="{escape(name)}">{svg}</figure>' for name, svg in drawn)
 
 
-@dataclass(frozen=True)
-class Replay:
-    """A replay page, loaded on demand."""
-
-    page: str
+def code(text: str) -> str:
+    """Return text in a font of fixed width."""
+    return f"<pre>{escape(text)}</pre>"
 
 
-@dataclass(frozen=True)
-class Folded:
-    """Blocks that are shown on demand, and always printed.
-
-    Attributes:
-        title: their title.
-        blocks: the blocks.
-    """
-
-    title: str
-    blocks: Sequence[Block]
+def replay(page: str) -> str:
+    """Return a replay page that is loaded on demand."""
+    data = base64.b64encode(page.encode("utf-8")).decode("ascii")
+    button = '<button type="button">Load the replay</button>'
+    return f'<div class="replay">{button}<script type="application/octet-stream">{data}</script></div>'
 
 
-Block = Words | Table | Figure | Code | Replay | Folded
+def folded(title: str, *blocks: str) -> str:
+    """Return blocks that are shown on demand, and always printed."""
+    return f"<details><summary>{escape(title)}</summary>{_lines(blocks)}</details>"
 
 
-@dataclass(frozen=True)
-class Section:
-    """A part of a report."""
-
-    title: str
-    blocks: Sequence[Block]
+def section(title: str, *blocks: str) -> str:
+    """Return a part of a report."""
+    return f"<section><h2>{escape(title)}</h2>\n{_lines(blocks)}\n</section>"
 
 
-@dataclass(frozen=True)
-class Report:
-    """The content of a report.
+def report_page(title: str, verdict: str, about: str, reasons: Iterable[str], sections: Iterable[str]) -> str:
+    """Return the page's HTML, which is self-contained.
 
-    Attributes:
+    Args:
         title: name of the run or sweep.
         verdict: "pass", "fail" or "interrupted".
         about: line with time of creation, robot and seed.
         reasons: reasons for the verdict.
         sections: sections in order.
     """
-
-    title: str
-    verdict: str
-    about: str
-    reasons: Sequence[str]
-    sections: Sequence[Section]
-
-
-def report_page(report: Report) -> str:
-    """Return the page's HTML, which is self-contained."""
     assets = resources.files("lgmpc.viz") / "assets"
+    head = (
+        f'<header><h1>{escape(title)}</h1><span class="verdict {escape(verdict)}">{escape(verdict)}</span>'
+        f"<p>{escape(about)}</p>{words(reasons)}</header>"
+    )
     parts = {
-        "title": html.escape(f"{report.title} · lgmpc report"),
+        "title": escape(f"{title} · lgmpc report"),
         "style": (assets / "report.css").read_text(encoding="utf-8"),
-        "body": "\n".join([_head(report), *(_section(each) for each in report.sections)]),
+        "body": _lines([head, *sections]),
         "script": "".join((assets / name).read_text(encoding="utf-8") for name in ("report.js", "figures.js")),
     }
     return filled((assets / "report.html").read_text(encoding="utf-8"), parts)
 
 
-def _head(report: Report) -> str:
-    verdict = html.escape(report.verdict)
-    return (
-        f'<header><h1>{html.escape(report.title)}</h1><span class="verdict {verdict}">{verdict}</span>'
-        f"<p>{html.escape(report.about)}</p>{_block(Words(report.reasons))}</header>"
-    )
-
-
-def _section(section: Section) -> str:
-    blocks = "\n".join(_block(each) for each in section.blocks)
-    return f"<section><h2>{html.escape(section.title)}</h2>\n{blocks}\n</section>"
-
-
-def _block(block: Block) -> str:
-    if isinstance(block, Words):
-        items = "".join(f"<li>{html.escape(each)}</li>" for each in block.sentences)
-        return f"<ul>{items}</ul>" if items else ""
-    if isinstance(block, Table):
-        return _table(block)
-    if isinstance(block, Figure):
-        return f'<figure role="img" aria-label="{html.escape(block.name)}">{block.svg}</figure>'
-    if isinstance(block, Code):
-        return f"<pre>{html.escape(block.text)}</pre>"
-    if isinstance(block, Replay):
-        page = base64.b64encode(block.page.encode("utf-8")).decode("ascii")
-        return (
-            '<div class="replay"><button type="button">Load the replay</button>'
-            f'<script type="application/octet-stream">{page}</script></div>'
-        )
-    inside = "\n".join(_block(each) for each in block.blocks)
-    return f"<details><summary>{html.escape(block.title)}</summary>{inside}</details>"
-
-
-def _table(table: Table) -> str:
-    head = "".join(f"<th>{html.escape(each)}</th>" for each in table.headings)
-    rows = []
-    for i, row in enumerate(table.rows):
-        mark = f' class="{html.escape(table.marks[i])}"' if i < len(table.marks) and table.marks[i] else ""
-        rows.append(f"<tr{mark}>" + "".join(f"<td>{html.escape(each)}</td>" for each in row) + "</tr>")
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+def _lines(blocks: Iterable[str]) -> str:
+    return "\n".join(blocks)

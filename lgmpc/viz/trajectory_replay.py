@@ -162,7 +162,7 @@ def _phases(log: TrajectoryLog) -> list[dict[str, object]]:
 def _facts(run: SolvedRun) -> list[tuple[str, str]]:
     facts = []
     for name, value in run.result.figures.items():
-        words, unit, scale = figure_words(name)
+        words, unit, scale = figure_words(name, value)
         if not np.isnan(value) and name not in ("complementarity", "constraint_violation"):
             facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
     return facts[:_FACTS]

@@ -14,7 +14,7 @@ from lgmpc.runs import Gate, Recorder, Run, RunFolder, RunLog, RunResult, comput
 from lgmpc.runs.forensics import explain_run
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.viz import report_page, run_report, write_page
+from lgmpc.viz import run_report, write_page
 
 PUSH_START, PUSH_END = 0.3, 0.5
 PUSH_FORCE = np.array([0.0, 5.0, 0.0])
@@ -152,5 +152,5 @@ def stepping_log(pushed_log: RunLog) -> RunLog:
 def report_file(solo12: Robot, pushed_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of the pushed run, as one page."""
     gate = Gate(max_tilt_deg=20.0)
-    content = run_report(solo12, pushed_run, gate, explain_run(pushed_run, gate))
-    return write_page(report_page(content), tmp_path_factory.mktemp("report") / "report.html")
+    page = run_report(solo12, pushed_run, gate, explain_run(pushed_run, gate))
+    return write_page(page, tmp_path_factory.mktemp("report") / "report.html")

@@ -17,7 +17,7 @@ from lgmpc.chromium import find_chromium
 from lgmpc.runs import Run
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.viz.figure_files import svg_figures
-from lgmpc.viz.report import Figure, Report, Section, report_page
+from lgmpc.viz.report import figures, report_page, section
 from lgmpc.viz.style import X, Y
 from lgmpc.viz.sweep_plots import PassShare, boundary_drawing, share_drawing
 
@@ -196,9 +196,9 @@ class TestInBrowser:
                 {"friction": {"": [PassShare("0.4", 0.5, 0.3, 0.7), PassShare("0.7", 0.9, 0.8, 1.0)] * 2}}
             ),
         }
-        blocks = [Figure(name, svg) for name, svg in svg_figures(drawings).items()]
         file = tmp_path / "sweep.html"
-        file.write_text(report_page(Report("sweep", "pass", "", [], [Section("Figure", blocks)])), encoding="utf-8")
+        page = report_page("sweep", "pass", "", [], [section("Figure", figures(drawings))])
+        file.write_text(page, encoding="utf-8")
         tab = browser.new_page(viewport={"width": 1280, "height": 900})
         tab.goto(file.as_uri())
         top = json.loads(tab.locator("figure[aria-label=map] svg").get_attribute("data-axes"))[0]["y"][1]

@@ -6,9 +6,8 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-from lgmpc.viz import report_page
 from lgmpc.viz.figure_files import svg_figures
-from lgmpc.viz.report import Code, Figure, Folded, Report, Section, Table, Words
+from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 from lgmpc.viz.style import INK
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -46,14 +45,14 @@ class Outline(HTMLParser):
 def test_every_block_is_in_the_page_and_nothing_of_it_is_markup() -> None:
     evil = "<b>&\"'"
     blocks = (
-        Words([evil]),
-        Table(("a", evil), [("1", evil), ("2", "x")], ["bad", ""]),
-        Folded(evil, (Code(f"key: {evil}\n"),)),
-        Figure(evil, "<svg></svg>"),
+        words([evil]),
+        table(("a", evil), [("1", evil), ("2", "x")], ["bad", ""]),
+        folded(evil, code(f"key: {evil}\n")),
+        figures({evil: lambda figure: figure.text(0.5, 0.5, evil) is not None}),
     )
-    page = report_page(Report(evil, "fail", evil, [evil], [Section(evil, blocks)]))
+    page = report_page(evil, "fail", evil, [evil], [section(evil, *blocks)])
     outline = Outline(page)
-    assert "".join(outline.text).count(evil) == 10
+    assert "".join(outline.text).count(evil) == 11
     assert page.count("<b>") == 0
     assert '<tr class="bad"><td>1</td>' in page and "<tr><td>2</td>" in page
 

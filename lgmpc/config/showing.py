@@ -26,7 +26,6 @@ from lgmpc.viz import (
     run_report,
     serve_page,
     solve_report,
-    trajectory_page,
     write_explanation,
     write_page,
 )
@@ -58,8 +57,7 @@ def show(
     """
     loaded = _load(run)
     robot = _robot_of(loaded)
-    page = trajectory_page(robot, loaded) if isinstance(loaded, SolvedRun) else replay_page(robot, loaded)
-    return _display(page, loaded.path.name, html, port)
+    return _display(replay_page(robot, loaded), loaded.path.name, html, port)
 
 
 def show_solution(
@@ -89,7 +87,7 @@ def show_solution(
             port is taken.
     """
     robot, run = solution_as_run(scenario, solution, history)
-    return _display(trajectory_page(robot, run), run.result.name, html, port)
+    return _display(replay_page(robot, run), run.result.name, html, port)
 
 
 def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: History | None = None) -> Plots:

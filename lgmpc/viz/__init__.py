@@ -12,7 +12,6 @@ from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.run_report import run_report, solve_report
 from lgmpc.viz.trajectory_plots import plot_trajectory
-from lgmpc.viz.trajectory_replay import trajectory_page
 
 __all__ = [
     "Plots",
@@ -26,7 +25,6 @@ __all__ = [
     "run_report",
     "serve_page",
     "solve_report",
-    "trajectory_page",
     "write_explanation",
     "write_page",
 ]

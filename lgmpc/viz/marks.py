@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,8 +13,19 @@ import pinocchio as pin
 from lgmpc.typing import Array, BoolArray
 from lgmpc.viz.mesh import Mesh, cone, cylinder, disc, lathe, sphere, tube
 from lgmpc.viz.scene import Material, Scene
+from lgmpc.world import Terrain
 
-__all__ = ["COLORS", "Arrow", "Scale", "add_ball", "add_cone", "add_path", "add_place", "add_plumb_line"]
+__all__ = [
+    "COLORS",
+    "Contacts",
+    "Scale",
+    "add_arrow",
+    "add_ball",
+    "add_path",
+    "add_place",
+    "add_plumb_line",
+    "turns_to",
+]
 
 # Okabe and Ito's palette, distinguishable by colour-blind readers.
 COLORS = {
@@ -23,6 +35,7 @@ COLORS = {
     "slipping": 0xD55E00,
     "com": 0x0072B2,
     "target": 0xE69F00,
+    "places": 0xE69F00,
     "horizon": 0xCC79A7,
     "push": 0xD55E00,
     "path": 0xCC79A7,
@@ -59,14 +72,47 @@ class Scale:
         return self.length / self.newtons
 
 
-def add_cone(
-    scene: Scene, path: str, friction: float, scale: Scale, times: Array, point: Array, shown: BoolArray, *, warn: bool
-) -> None:
-    """Add a friction cone at ``path``, its apex at ``point`` (k, 3) at ``times`` (k,), in the warning colour or not."""
-    surface = _cone_surface(friction, 0.55 * scale.length)
-    color, opacity = (COLORS["slipping"], 0.5) if warn else (COLORS["cones"], 0.22)
-    scene.add_mesh(path, surface, Material(color, opacity, double_sided=True, shininess=0.0))
-    scene.animate(path, times, position=point, visible=shown)
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts of a robot at the times of k pictures.
+
+    Attributes:
+        names: (nc,) frames.
+        times: (k,) times of the pictures, s.
+        points: (k, nc, 3) contact points, m.
+        normals: (k, nc, 3) unit normals of the ground there.
+        forces: (k, nc, 3) on the robot, N.
+        friction: (k,) coefficients; not finite where there are no friction cones.
+        touching: (k, nc) flags of closed contacts.
+        slipping: (k, nc) flags of forces near or outside the surface of their cone.
+    """
+
+    names: Sequence[str]
+    times: Array
+    points: Array
+    normals: Array
+    forces: Array
+    friction: Array
+    touching: BoolArray
+    slipping: BoolArray
+
+    def add_to(self, scene: Scene, scale: Scale) -> None:
+        """Add forces below ``/overlay/forces`` and friction cones below ``/overlay/cones``."""
+        for k, name in enumerate(self.names):
+            add_arrow(
+                scene, f"/overlay/forces/{name}", "forces", 1.0, scale, self.times, self.points[:, k], self.forces[:, k]
+            )
+            for folder, shown in (("cones", ~self.slipping[:, k]), ("slipping", self.slipping[:, k])):
+                self._add_cones(scene, scale, k, f"/overlay/cones/{folder}/{name}", folder, shown & self.touching[:, k])
+
+    def _add_cones(self, scene: Scene, scale: Scale, k: int, path: str, color: str, shown: BoolArray) -> None:
+        material = Material(COLORS[color], 0.5 if color == "slipping" else 0.22, double_sided=True, shininess=0.0)
+        frictions = np.unique(self.friction[np.isfinite(self.friction)]).tolist()
+        for friction in frictions:
+            each = path + (f"/{friction:g}" if len(frictions) > 1 else "")
+            scene.add_mesh(each, _cone_surface(friction, 0.55 * scale.length), material)
+            turns, flags = turns_to(self.normals[:, k]), shown & (self.friction == friction)
+            scene.animate(each, self.times, position=self.points[:, k], quaternion=turns, visible=flags)
 
 
 @lru_cache(maxsize=8)
@@ -75,10 +121,27 @@ def _cone_surface(friction: float, height: float) -> Mesh:
     return lathe([(0.0, 0.0), (friction * height, height)], segments=48)
 
 
+def turns_to(directions: Array) -> Array:
+    """Return (k, 4) the smallest rotations, x y z w, from the z axis to unit vectors (k, 3)."""
+    x, y, z = directions.T
+    turns = np.column_stack((-y, x, 0.0 * z, 1.0 + z))
+    turns[z < -1.0 + 1e-9] = [1.0, 0.0, 0.0, 0.0]
+    turned: Array = turns / np.linalg.norm(turns, axis=1)[:, None]
+    return turned
+
+
 def add_ball(
-    scene: Scene, path: str, scale: Scale, times: Array, where: Array, shown: BoolArray | None, *, target: bool
+    scene: Scene,
+    path: str,
+    scale: Scale,
+    ground: Terrain,
+    times: Array,
+    where: Array,
+    shown: BoolArray | None,
+    *,
+    target: bool,
 ) -> None:
-    """Add a ball with its shadow on the floor at ``path``: the centre of mass, or its target, larger and paler."""
+    """Add a ball with its vertical projection on the ground: the centre of mass, or its target, larger and paler."""
     size = 0.085 * scale.length
     color = COLORS["target" if target else "com"]
     # The larger, translucent target first: the centre of mass is drawn over it.
@@ -88,16 +151,18 @@ def add_ball(
     scene.set(f"{path}/ball/<object>", "renderOrder", 10 if target else 11)
     scene.animate(f"{path}/ball", times, position=where, visible=shown)
     scene.add_mesh(f"{path}/floor", disc(0.8 * size, 0.002), Material(color, 0.85, flat=True))
-    on_floor = where * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.0 if target else 0.0005]
+    normals = ground.normal(where[:, :2])
+    spot = np.column_stack((where[:, :2], ground.height(where[:, :2]))) + (0.0 if target else 0.0005) * normals
     grow = np.full((len(where), 3), [1.6, 1.6, 0.8] if target else [1.0, 1.0, 1.0])
-    scene.animate(f"{path}/floor", times, position=on_floor, scale=grow, visible=shown)
+    scene.animate(f"{path}/floor", times, position=spot, quaternion=turns_to(normals), scale=grow, visible=shown)
 
 
-def add_plumb_line(scene: Scene, path: str, scale: Scale, times: Array, where: Array) -> None:
-    """Add a thin line at ``path`` from ``where`` (k, 3) down to the floor."""
+def add_plumb_line(scene: Scene, path: str, scale: Scale, ground: Terrain, times: Array, where: Array) -> None:
+    """Add a thin line at ``path`` from ``where`` (k, 3) down to the ground."""
     scene.add_mesh(path, cylinder(0.0068 * scale.length, 0.0, 1.0), Material(COLORS["com"], 0.6, flat=True))
-    stretch = np.column_stack((np.ones((len(where), 2)), np.maximum(where[:, 2], 1e-3)))
-    scene.animate(path, times, position=where * [1.0, 1.0, 0.0], scale=stretch)
+    height = ground.height(where[:, :2])
+    stretch = np.column_stack((np.ones((len(where), 2)), np.maximum(where[:, 2] - height, 1e-3)))
+    scene.animate(path, times, position=np.column_stack((where[:, :2], height)), scale=stretch)
 
 
 def add_place(scene: Scene, path: str, size: float, position: Array, rotation: Array | None) -> None:
@@ -126,51 +191,36 @@ def add_path(scene: Scene, path: str, points: Array, radius: float, color: int) 
         scene.add_mesh(path, tube(points[far], radius), Material(color, 0.8, on_top=True, shininess=0.0))
 
 
-@dataclass(frozen=True)
-class Arrow:
-    """An arrow of a force: a shaft of variable length and a head of fixed size.
+def add_arrow(
+    scene: Scene, path: str, kind: str, width: float, scale: Scale, times: Array, tail: Array, force: Array
+) -> None:
+    """Add an arrow at ``path``: a shaft of variable length and a head of fixed size; hidden where the force is zero.
 
-    Attributes:
-        path: path in the scene.
-        color: 0xRRGGBB.
+    Args:
+        scene: the scene.
+        path: the arrow's path.
+        kind: key of its colour in :data:`COLORS`.
         width: width relative to that of a contact force.
         scale: sizes of the marks.
+        times: (k,) times of the pictures, s.
+        tail: (k, 3) where it begins, m.
+        force: (k, 3) force, N, or another vector in the unit of the scale.
     """
-
-    path: str
-    color: int
-    width: float
-    scale: Scale
-
-    @property
-    def _head(self) -> float:
-        return 0.2 * self.scale.length * math.sqrt(self.width)
-
-    def add(self, scene: Scene) -> None:
-        """Add the arrow to the scene."""
-        radius = 0.028 * self.scale.length * self.width
-        material = Material(self.color, shininess=10.0)
-        scene.add_mesh(f"{self.path}/shaft", cylinder(radius, 0.0, 1.0), material)
-        scene.add_mesh(f"{self.path}/head", cone(2.3 * radius, -self._head, 0.0), material)
-
-    def animate(self, scene: Scene, times: Array, tail: Array, force: Array) -> None:
-        """Place it at ``tail`` (k, 3) along ``force`` (k, 3), N, at ``times`` (k,); hidden where the force is zero."""
-        shown: BoolArray = self.scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * self.scale.length
-        # Visibility is a step function of time, the rest is interpolated: an arrow must not move until it is hidden.
-        last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))
-        tail, force = tail[last], force[last]
-        size = np.linalg.norm(force, axis=1)
-        length = self.scale.metres_per_newton * size
-        upright = np.array([0.0, 0.0, 1.0])
-        turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        for k in np.flatnonzero(shown[last]):
-            turns[k] = pin.Quaternion.FromTwoVectors(upright, force[k] / size[k]).coeffs()
-        scene.animate(self.path, times, position=tail, quaternion=turns, visible=shown)
-        head = np.minimum(1.0, length / (1.5 * self._head))
-        stretch = np.maximum(length - 0.9 * head * self._head, 1e-4)
-        ones = np.ones(len(times))
-        scene.animate(f"{self.path}/shaft", times, scale=np.column_stack((ones, ones, stretch)))
-        tip = np.column_stack((0.0 * ones, 0.0 * ones, length))
-        scene.animate(
-            f"{self.path}/head", times, position=tip, scale=np.repeat(np.maximum(head, 1e-3)[:, None], 3, axis=1)
-        )
+    radius, tip_length = 0.028 * scale.length * width, 0.2 * scale.length * math.sqrt(width)
+    material = Material(COLORS[kind], shininess=10.0)
+    scene.add_mesh(f"{path}/shaft", cylinder(radius, 0.0, 1.0), material)
+    scene.add_mesh(f"{path}/head", cone(2.3 * radius, -tip_length, 0.0), material)
+    shown: BoolArray = scale.metres_per_newton * np.linalg.norm(force, axis=1) > 0.02 * scale.length
+    # Visibility is a step function of time, the rest is interpolated: an arrow must not move until it is hidden.
+    last = np.maximum.accumulate(np.where(shown, np.arange(len(times)), 0))
+    tail, force = tail[last], force[last]
+    size = np.linalg.norm(force, axis=1)
+    length = scale.metres_per_newton * size
+    direction = np.where(shown[last, None], force / np.maximum(size, 1e-300)[:, None], [0.0, 0.0, 1.0])
+    scene.animate(path, times, position=tail, quaternion=turns_to(direction), visible=shown)
+    head = np.minimum(1.0, length / (1.5 * tip_length))
+    ones = np.ones((len(times), 2))
+    stretch = np.column_stack((ones, np.maximum(length - 0.9 * head * tip_length, 1e-4)))
+    scene.animate(f"{path}/shaft", times, scale=stretch)
+    tip, shape = np.column_stack((0.0 * ones, length)), np.repeat(np.maximum(head, 1e-3)[:, None], 3, axis=1)
+    scene.animate(f"{path}/head", times, position=tip, scale=shape)

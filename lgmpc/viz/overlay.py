@@ -1,22 +1,30 @@
-"""Overlays of a replay: forces, friction cones, centre of mass and target, prediction, pushes."""
+"""Overlays of the replay of a run: contacts, centre of mass, prediction, pushes, footholds, swings, command."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
+from lgmpc.lie import quaternion
 from lgmpc.runs import RunLog
+from lgmpc.runs.intervals import intervals
+from lgmpc.runs.walking import heading
 from lgmpc.typing import Array, BoolArray, IntArray
-from lgmpc.viz.marks import COLORS, Arrow, Scale, add_ball, add_cone, add_plumb_line
-from lgmpc.viz.mesh import sphere
+from lgmpc.viz.marks import COLORS, Contacts, Scale, add_arrow, add_ball, add_plumb_line, turns_to
+from lgmpc.viz.mesh import disc, sphere
 from lgmpc.viz.scene import Material, Scene
+from lgmpc.world import Terrain
 
-__all__ = ["Frames", "add_overlay"]
+__all__ = ["SPEED_SHOWN_M_S", "Frames", "add_overlay"]
+
+SPEED_SHOWN_M_S = 0.5
+"""Velocity whose arrow has the scale's length, m/s."""
 
 _NEAR_SLIP = 0.1
 """A cone has the warning colour if the friction margin is less than this fraction of ``mu f_n``."""
+
+_BEADS = 9
 
 
 @dataclass(frozen=True)
@@ -34,8 +42,7 @@ class Frames:
     @classmethod
     def of(cls, log: RunLog, rate_hz: float = 50.0, limit: int = 3000) -> Frames:
         """Return pictures at ``rate_hz``, at most ``limit``, up to the first state that is not finite."""
-        finite = np.isfinite(log.q).all(axis=1)
-        end = log.ticks if finite.all() else int(np.argmin(finite))
+        end = max(log.finite_ticks, 1)
         elapsed = log.time[:end] - log.time[0]
         count = min(int(elapsed[-1] * rate_hz) + 1, limit)
         if count < 2:
@@ -46,51 +53,63 @@ class Frames:
 
     def mean(self, values: Array) -> Array:
         """Return the mean of a channel from each picture to the next."""
-        return np.add.reduceat(values[: self.ticks[-1] + 1], self.ticks, axis=0) / np.diff(
-            self.ticks, append=self.ticks[-1] + 1
-        ).reshape(-1, *[1] * (values.ndim - 1))
+        ends = np.append(self.ticks[1:], self.ticks[-1] + 1)
+        sums = np.add.reduceat(values[: ends[-1]], self.ticks, axis=0)
+        mean: Array = sums / (ends - self.ticks).reshape(-1, *[1] * (values.ndim - 1))
+        return mean
 
 
-def add_overlay(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_half_sides: Array) -> None:
-    """Add the overlays below ``/overlay``, one folder for each that the page can show or hide."""
-    _add_contacts(scene, log, frames, scale)
-    _add_com(scene, log, frames, scale)
+def add_overlay(
+    scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, height: float, trunk_half_sides: Array
+) -> None:
+    """Add the overlays below ``/overlay``, one folder for each that the page can show or hide.
+
+    Args:
+        scene: the scene.
+        log: the run.
+        frames: the pictures.
+        scale: sizes.
+        ground: ground of the run's world.
+        height: of the robot, m; the command's arrow is above it.
+        trunk_half_sides: (3,) half extents of the trunk, at whose surface pushes are shown, m.
+    """
+    _add_contacts(scene, log, frames, scale, ground)
+    _add_com(scene, log, frames, scale, ground)
     if len(log.mpc_time):
         _add_horizon(scene, log, frames, scale)
     _add_push(scene, log, frames, scale, trunk_half_sides)
+    for foot in range(len(log.contact_frames)):
+        if log.stance is not None and not log.stance[:, foot].all():
+            _add_foothold(scene, log, frames, scale, ground, foot)
+            _add_swing(scene, log, frames, scale, foot)
+    if log.commanded:
+        _add_command(scene, log, frames, scale, ground, height)
 
 
-def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
-    measured, planned = frames.mean(log.contact_forces), frames.mean(log.contact_forces_desired)
-    limit = log.friction_over_time[:, None] * log.contact_forces[..., 2]
-    near = limit - np.linalg.norm(log.contact_forces[..., :2], axis=2) < _NEAR_SLIP * limit
-    closed = log.contact_forces[..., 2] > 0.02 * scale.newtons
-    slipping = frames.mean((near & closed).astype(np.float64)) > 0.0
-    touching = frames.mean(closed.astype(np.float64)) > 0.0
-    floor = log.friction_over_time[frames.ticks]
-    frictions = np.unique(floor).tolist()
-    for k, name in enumerate(log.contact_frames.tolist()):
-        point = log.contact_points[frames.ticks, k]
-        for folder, warn, shown in (
-            ("cones", False, touching[:, k] & ~slipping[:, k]),
-            ("slipping", True, touching[:, k] & slipping[:, k]),
-        ):
-            for friction in frictions:
-                path = f"/overlay/cones/{folder}/{name}" + (f"/{friction:g}" if len(frictions) > 1 else "")
-                add_cone(scene, path, friction, scale, frames.times, point, shown & (floor == friction), warn=warn)
-        for folder, force, width in (("forces", measured[:, k], 1.0), ("planned", planned[:, k], 0.7)):
-            arrow = Arrow(f"/overlay/{folder}/{name}", COLORS[folder], width, scale)
-            arrow.add(scene)
-            arrow.animate(scene, frames.times, point, force)
+def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain) -> None:
+    points, names = log.contact_points[frames.ticks], log.contact_frames.tolist()
+    normals = ground.normal(log.contact_points[:, :, :2].reshape(-1, 2)).reshape(log.contact_points.shape)
+    normal = np.einsum("tci,tci->tc", log.contact_forces, normals)
+    tangential = np.linalg.norm(log.contact_forces - normal[:, :, None] * normals, axis=2)
+    limit = log.friction_over_time[:, None] * normal
+    closed = normal > 0.02 * scale.newtons
+    slipping = closed & (limit - tangential < _NEAR_SLIP * limit)
+    flags = (frames.mean(each.astype(np.float64)) > 0.0 for each in (closed, slipping))
+    forces, friction = frames.mean(log.contact_forces), log.friction_over_time[frames.ticks]
+    Contacts(names, frames.times, points, normals[frames.ticks], forces, friction, *flags).add_to(scene, scale)
+    planned = frames.mean(log.contact_forces_desired)
+    for k, name in enumerate(names):
+        path = f"/overlay/planned/{name}"
+        add_arrow(scene, path, "planned", 0.7, scale, frames.times, points[:, k], planned[:, k])
 
 
-def _add_com(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
+def _add_com(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain) -> None:
     com, target = log.com[frames.ticks], log.com_reference[frames.ticks]
     known: BoolArray = np.asarray(np.isfinite(target).all(axis=1))
     target = np.where(known[:, None], target, com)
-    add_ball(scene, "/overlay/com/com", scale, frames.times, com, None, target=False)
-    add_ball(scene, "/overlay/com/target", scale, frames.times, target, known, target=True)
-    add_plumb_line(scene, "/overlay/com/plumb", scale, frames.times, com)
+    add_ball(scene, "/overlay/com/com", scale, ground, frames.times, com, None, target=False)
+    add_ball(scene, "/overlay/com/target", scale, ground, frames.times, target, known, target=True)
+    add_plumb_line(scene, "/overlay/com/plumb", scale, ground, frames.times, com)
 
 
 def _add_horizon(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
@@ -117,11 +136,50 @@ def _add_push(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_hal
         return
     direction = force / np.where(size, size, 1.0)[:, None]
     if log.floating_base and trunk_half_sides.any():
-        clearance = np.empty(len(force))
-        for k, (along, pose) in enumerate(zip(direction, log.q[frames.ticks, :7], strict=True)):
-            in_body = np.abs(pin.XYZQUATToSE3(pose).rotation.T @ along)
-            clearance[k] = np.min(trunk_half_sides / np.maximum(in_body, 1e-9)) if size[k] else 0.0
+        in_body = np.abs(quaternion.act(quaternion.inverse(log.q[frames.ticks, 3:7]), direction))
+        clearance = np.where(size, (trunk_half_sides / np.maximum(in_body, 1e-9)).min(axis=1), 0.0)
         point = point - (clearance + 0.03 * scale.length)[:, None] * direction
-    arrow = Arrow("/overlay/push/force", COLORS["push"], 2.0, scale)
-    arrow.add(scene)
-    arrow.animate(scene, frames.times, point - scale.metres_per_newton * force, force)
+    tail = point - scale.metres_per_newton * force
+    add_arrow(scene, "/overlay/push/force", "push", 2.0, scale, frames.times, tail, force)
+
+
+def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, foot: int) -> None:
+    """Add a disc at the foothold of a foot while it swings."""
+    assert log.footholds is not None and log.stance is not None
+    path = f"/overlay/footholds/{log.contact_frames[foot]}"
+    scene.add_mesh(path, disc(0.16 * scale.length, 0.003), Material(COLORS["footholds"], 0.8, flat=True))
+    place = log.footholds[frames.ticks, foot]
+    normals = ground.normal(place[:, :2])
+    shown = log.stance[frames.ticks, foot] == 0
+    scene.animate(path, frames.times, position=place + 0.001 * normals, quaternion=turns_to(normals), visible=shown)
+
+
+def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int) -> None:
+    """Add beads along the reference of the current swing, from lift-off to touchdown."""
+    assert log.swing_targets is not None and log.stance is not None
+    beads = np.zeros((len(frames.ticks), _BEADS, 3))
+    shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
+    for begin, end in intervals(log.stance[:, foot] == 0):
+        pictures = (frames.ticks >= begin) & (frames.ticks < end)
+        along: IntArray = np.round(np.linspace(begin, end - 1, _BEADS)).astype(np.int64)
+        beads[pictures] = log.swing_targets[along, foot]
+        shown |= pictures
+    # Visibility is a step function of time, the rest is interpolated: a bead must not move until it is hidden.
+    beads = beads[np.maximum.accumulate(np.where(shown, np.arange(len(shown)), 0))]
+    for bead in range(_BEADS):
+        path = f"/overlay/swings/{log.contact_frames[foot]}/{bead}"
+        scene.add_mesh(path, sphere(0.032 * scale.length), Material(COLORS["swings"], 0.9, on_top=True))
+        scene.animate(path, frames.times, position=beads[:, bead], visible=shown)
+
+
+def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, height: float) -> None:
+    """Add an arrow above the base along the commanded velocity."""
+    assert log.command is not None
+    base, (ahead, left, _) = log.base_pose[frames.ticks], log.command[frames.ticks].T
+    yaw = heading(base[:, 3:])
+    c, s = np.cos(yaw), np.sin(yaw)
+    velocity = np.column_stack((c * ahead - s * left, s * ahead + c * left, 0.0 * yaw))
+    below = ground.height(base[:, :2])
+    tail = np.column_stack((base[:, :2], below + (base[:, 2] - below).max() + 0.3 * height))
+    per_speed = Scale(scale.length, SPEED_SHOWN_M_S)
+    add_arrow(scene, "/overlay/command/velocity", "command", 1.4, per_speed, frames.times, tail, velocity)

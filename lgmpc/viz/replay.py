@@ -1,13 +1,17 @@
-"""The replay of a closed-loop run: its scene, and the contents of the page's panels."""
+"""The replay of a run or of a solved trajectory: its scene, and the contents of the page's panels."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Metrics, Run, WalkingMetrics, push_intervals
-from lgmpc.runs.figures import length_unit
+from lgmpc.runs import Metrics, Run, RunLog, SolvedRun, TrajectoryLog, WalkingMetrics, push_intervals
+from lgmpc.runs.figures import figure_number, figure_words, length_unit
+from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.walking import body_velocity
@@ -15,95 +19,125 @@ from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.log_axes import friction_words
 from lgmpc.viz.marks import COLORS, Scale
-from lgmpc.viz.overlay import Frames, add_overlay
+from lgmpc.viz.overlay import SPEED_SHOWN_M_S, Frames, add_overlay
 from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
-from lgmpc.viz.walking_overlay import SPEED_SHOWN_M_S, add_walking_overlay
+from lgmpc.viz.trajectory_overlay import Pictures, add_trajectory_overlay, path_names, thrusters
+from lgmpc.world import Terrain, World
 
 __all__ = ["replay_page"]
 
+_FACTS = 11
+"""Number of figures of a solution on the card; all are in run.json."""
+_WIDE = 2.5
+"""Length of a motion, in lengths of the robot, above which the camera follows it; shorter ones fit into the picture."""
 
-def replay_page(robot: Robot, run: Run) -> str:
+_TALL = 2.5
+"""Ratio of a motion's height to its width, and to the robot's size, above which the camera follows it too."""
+_CLEARANCE = 0.25
+"""Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
+_UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+_Content = dict[str, object]
+
+
+def replay_page(robot: Robot, run: Run | SolvedRun, ground: Terrain | None = None) -> str:
     """Return the page's HTML.
 
+    Args:
+        robot: the robot.
+        run: contents of the run folder.
+        ground: of the run's world; the level floor at height 0 unless given.
+
     Raises:
-        InputError: if the log has no finite tick or is of another robot.
+        InputError: if the run has no finite tick, the trajectory is not finite, or it is of another robot.
         MissingDependencyError: if meshcat is not installed.
     """
+    nq = run.trajectory.nq if isinstance(run, SolvedRun) else run.log.q.shape[1]
+    if nq != robot.nq:
+        raise InputError("run", f"{run.path} with nq = {nq}", f"a run of {robot.name} (nq = {robot.nq})")
+    add = _add_trajectory if isinstance(run, SolvedRun) else _add_run
+    scene = Scene()
+    content = add(scene, robot, run, World() if ground is None else ground)  # type: ignore[operator]
+    result = run.result
+    content |= {
+        "name": result.name,
+        "created": " · ".join([result.when, robot.name, *([result.method] if isinstance(run, SolvedRun) else [])]),
+        "verdict": result.verdict.outcome.value,
+        "reasons": list(result.verdict.reasons),
+    }
+    return page_of(f"{result.name} · lgmpc replay", scene, content)
+
+
+def _add_run(scene: Scene, robot: Robot, run: Run, ground: Terrain) -> _Content:
+    """Add a closed loop to the scene, and return the contents of the page's panels."""
     log = run.log
-    if log.ticks == 0 or not (np.isfinite(log.q[0]).all() and np.isfinite(log.v[0]).all()):
+    if log.finite_ticks == 0:
         raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run of at least one finite tick")
-    if log.q.shape[1] != robot.nq:
-        raise InputError("run", f"{run.path} with nq = {log.q.shape[1]}", f"a run of {robot.name} (nq = {robot.nq})")
     frames = Frames.of(log)
     body = load_body(robot)
-    lowest, highest = _bounds(body, log.q[frames.ticks], log.base_pose[frames.ticks, 2])
-    height = float(highest[2] - lowest[2])
-    weight = robot.mass * float(np.linalg.norm(robot.gravity))
-    scale = Scale.of(height, weight, len(log.contact_frames))
-
-    scene = Scene()
     travel = log.base_pose[frames.ticks, :3]
-    fog = add_stage(scene, lowest, highest, travel)
+    lowest, highest = _bounds(body, log.q[frames.ticks], travel, ground)
+    height = float(highest[2] - lowest[2])
+    scale = Scale.of(height, _weight(robot), len(log.contact_frames))
+    fog = add_stage(scene, lowest, highest, travel, ground)
     body.add_to(scene)
     body.animate(scene, frames.times, log.q[frames.ticks])
-    add_overlay(scene, log, frames, scale, body.trunk_half_sides())
-    add_walking_overlay(scene, log, frames, scale, height)
+    add_overlay(scene, log, frames, scale, ground, height, body.trunk_half_sides())
     impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
-    camera = frame_camera(lowest, highest, travel, impulses)
-    content = _description(run, frames, scale, body) | {"fog": [FLOOR_COLOR, *fog], "camera": camera}
-    return page_of(f"{run.result.name} · lgmpc replay", scene, content)
+    names = dict(enumerate(MODES))
+    modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
+    return {
+        "fog": [FLOOR_COLOR, *fog],
+        "camera": frame_camera(lowest, highest, travel, impulses, ground),
+        "facts": [] if run.result.metrics is None else _facts(run.result.metrics, log),
+        "legend": _legend(log, scale),
+        "pushes": _pushes(log),
+        "start": float(log.time[0]),
+        "series": time_line(frames.times, _readouts(log, frames), modes),
+    }
 
 
-def _bounds(body: Body, q: Array, base_height: Array) -> tuple[Array, Array]:
-    """Return the corners of the robot's bounding box at the start, extended to the largest height of its base; m.
+def _weight(robot: Robot) -> float:
+    return robot.mass * float(np.linalg.norm(robot.gravity))
+
+
+def _bounds(body: Body, q: Array, base: Array, ground: Terrain) -> tuple[Array, Array]:
+    """Return the corners of the robot's bounding box at the start, extended to its base's largest height above ground.
 
     A robot that starts on its belly is then also in the picture when it stands.
     """
     lowest, highest = body.bounds(q[0])
-    low, high = body.bounds(q[int(np.argmax(base_height))])
+    below = ground.height(base[:, :2])
+    highest_at = int(np.argmax(base[:, 2] - below))
+    low, high = (corner - [0.0, 0.0, below[highest_at] - below[0]] for corner in body.bounds(q[highest_at]))
     return np.append(lowest[:2], min(lowest[2], low[2])), np.append(highest[:2], max(highest[2], high[2]))
 
 
-def _description(run: Run, frames: Frames, scale: Scale, body: Body) -> dict[str, object]:
-    """Return the contents of the page's panels."""
-    log, result = run.log, run.result
+def _readouts(log: RunLog, frames: Frames) -> tuple[Readout, ...]:
+    """Return the readouts: speed of a robot that walks or distance of one that stands, and tilt."""
     base = log.base_pose[frames.ticks]
-    origin = float(log.time[0])
     if log.commanded:
         first = Readout("speed", " m/s", np.linalg.norm(body_velocity(log)[frames.ticks, :2], axis=1), 2)
     else:
         moved = np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
         unit, factor = length_unit(float(moved.max()))
         first = Readout("moved", f" {unit}", factor * moved, 1 if unit == "mm" else 2)
-    tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-    names = dict(enumerate(MODES))
-    modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
-    pushes = []
+    return first, Readout("tilt", "°", tilt_deg(base[:, 3:], log.base_reference[0, 3:]), 2)
+
+
+def _pushes(log: RunLog) -> list[_Content]:
+    pushes: list[_Content] = []
     for push in push_intervals(log):
-        size, lasts = float(np.linalg.norm(push.impulse)), push.end - push.start
-        impulse = f"{size:.3g} N·s"
-        label = f"push {size / lasts:.3g} N for {lasts:.2g} s"
-        pushes.append({"start": push.start - origin, "end": push.end - origin, "impulse": impulse, "label": label})
-    return {
-        "name": result.name,
-        "created": f"{result.when} · {body.robot.name}",
-        "verdict": result.verdict.outcome.value,
-        "reasons": list(result.verdict.reasons),
-        "facts": _facts(run),
-        "legend": _legend(run, scale),
-        "pushes": pushes,
-        "start": origin,
-        "series": time_line(frames.times, (first, Readout("tilt", "°", tilt, 2)), modes),
-    }
+        start, end = (float(each - log.time[0]) for each in (push.start, push.end))
+        size = float(np.linalg.norm(push.impulse))
+        label = f"push {size / (end - start):.3g} N for {end - start:.2g} s"
+        pushes.append({"start": start, "end": end, "impulse": f"{size:.3g} N·s", "label": label})
+    return pushes
 
 
-def _facts(run: Run) -> list[tuple[str, str]]:
-    metrics = run.result.metrics
-    if metrics is None:
-        return []
-    limit = float(run.log.effort_limit_over_time.max(initial=0.0))
+def _facts(metrics: Metrics, log: RunLog) -> list[tuple[str, str]]:
+    limit = float(log.effort_limit_over_time.max(initial=0.0))
     facts = [("stayed up", f"{metrics.survived_s:.1f} s"), ("largest tilt", f"{metrics.max_tilt_deg:.2f}°")]
     facts += _standing_facts(metrics) if metrics.walking is None else _walking_facts(metrics.walking)
     facts.append(("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"))
@@ -138,30 +172,171 @@ def _walking_facts(walking: WalkingMetrics) -> list[tuple[str, str]]:
     return facts
 
 
-def _legend(run: Run, scale: Scale) -> list[dict[str, object]]:
-    size = f"{100.0 * scale.length:.2g} cm = {scale.newtons:g} N"
+_SEE_THROUGH: _Content = {
+    "path": "/robot",
+    "label": "see through the robot",
+    "color": "#8794a3",
+    "on": False,
+    "action": "see-through",
+}
 
-    def entry(key: str, label: str, note: str = "", on: bool = True) -> dict[str, object]:
-        return {"path": f"/overlay/{key}", "label": label, "note": note, "color": f"#{COLORS[key]:06x}", "on": on}
 
+def _entry(key: str, label: str, note: str = "", *, on: bool = True) -> _Content:
+    """Return a legend entry that shows or hides an overlay."""
+    return {"path": f"/overlay/{key}", "label": label, "note": note, "color": f"#{COLORS[key]:06x}", "on": on}
+
+
+def _force_note(scale: Scale) -> str:
+    return f"{100.0 * scale.length:.2g} cm = {scale.newtons:g} N"
+
+
+def _legend(log: RunLog, scale: Scale) -> list[_Content]:
     entries = []
-    if len(run.log.contact_frames):
-        entries.append(entry("forces", "contact forces", size))
-        entries.append(entry("planned", "planned forces", on=False))
-        entries.append(entry("cones", "friction cones", f"µ = {friction_words(run.log)}"))
-    entries.append(entry("com", "centre of mass", "orange: target"))
-    if len(run.log.mpc_time):
-        entries.append(entry("horizon", "predicted path"))
-    if run.log.stepped:
-        entries.append(entry("footholds", "next footholds"))
-        entries.append(entry("swings", "swing paths"))
-    if run.log.commanded:
-        entries.append(
-            entry("command", "commanded velocity", f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s")
-        )
-    if run.log.push.any():
-        entries.append(entry("push", "push", size))
-    entries.append(
-        {"path": "/robot", "label": "see through the robot", "color": "#8794a3", "on": False, "action": "see-through"}
-    )
-    return entries
+    if len(log.contact_frames):
+        entries.append(_entry("forces", "contact forces", _force_note(scale)))
+        entries.append(_entry("planned", "planned forces", on=False))
+        entries.append(_entry("cones", "friction cones", f"µ = {friction_words(log)}"))
+    entries.append(_entry("com", "centre of mass", "orange: target"))
+    if len(log.mpc_time):
+        entries.append(_entry("horizon", "predicted path"))
+    if log.stepped:
+        entries += [_entry("footholds", "next footholds"), _entry("swings", "swing paths")]
+    if log.commanded:
+        note = f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s"
+        entries.append(_entry("command", "commanded velocity", note))
+    if log.push.any():
+        entries.append(_entry("push", "push", _force_note(scale)))
+    return [*entries, _SEE_THROUGH]
+
+
+def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: Terrain) -> _Content:
+    """Add a solved trajectory to the scene, and return the contents of the page's panels."""
+    log = run.trajectory
+    if not log.finite:
+        raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to show")
+    pictures = Pictures.of(robot, log)
+    body = load_body(robot)
+    frame = _Framing.of(body, log, pictures)
+    carriers = max(len(log.contact_frames), len(thrusters(robot, log)))
+    scale = Scale.of(max(frame.height, 0.4 * frame.size, 0.12 * frame.seen), _weight(robot), carriers)
+    corners = frame.lowest + frame.lift, frame.highest + frame.lift
+    fog = add_stage(scene, *corners, frame.travel + frame.lift, ground)
+    for group in ("/robot", "/overlay"):
+        scene.place(group, frame.lift)
+    body.add_to(scene)
+    body.animate(scene, pictures.times, pictures.q)
+    size = max(0.15 * frame.size, 0.05 * frame.seen)
+    add_trajectory_overlay(scene, robot, log, pictures, scale, size, ground)
+    return {
+        "fog": [FLOOR_COLOR, *fog],
+        "camera": frame_camera(*corners, frame.travel, np.zeros((0, 3)), ground),
+        "facts": _solved_facts(run.result.figures),
+        "legend": _solved_legend(robot, log, scale),
+        "pushes": [],
+        "phases": _phases(log),
+        "marks": sorted({float(time - log.times[0]) for time in log.waypoint_times}),
+        "start": float(log.times[0]),
+        "series": time_line(pictures.times, _solved_readouts(log, pictures)),
+    }
+
+
+@dataclass(frozen=True)
+class _Framing:
+    """The camera's framing of a trajectory.
+
+    Attributes:
+        lowest: (3,) lowest corner of the visible volume at the start.
+        highest: (3,) highest corner.
+        travel: (k, 3) positions that the camera follows; constant if it does not move.
+        lift: (3,) displacement of the scene above the floor.
+        size: diagonal of the robot.
+        height: of the robot at the start.
+    """
+
+    lowest: Array
+    highest: Array
+    travel: Array
+    lift: Array
+    size: float
+    height: float
+
+    @property
+    def seen(self) -> float:
+        """Diagonal of the visible volume at the start."""
+        return float(np.linalg.norm(self.highest - self.lowest))
+
+    @classmethod
+    def of(cls, body: Body, log: TrajectoryLog, pictures: Pictures) -> _Framing:
+        """Return the framing of the whole motion or, if it is long, of the moving robot."""
+        chosen = np.unique(np.linspace(0, len(pictures.q) - 1, 24).astype(int))
+        corners = np.array([body.bounds(q) for q in pictures.q[chosen]])
+        low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+        if len(log.waypoint_positions):
+            low = np.minimum(low, log.waypoint_positions.min(axis=0))
+            high = np.maximum(high, log.waypoint_positions.max(axis=0))
+        start_low, start_high = corners[0]
+        size = float(np.linalg.norm(start_high - start_low))
+        grounded = bool(log.contact_flags.any()) or not log.floating_base
+        extent = float((high - low).max())
+        lift = np.zeros(3)
+        if not grounded and not _CLEARANCE * size <= low[2] <= extent:  # below the floor, or far above it
+            lift[2] = max(_CLEARANCE * size, _CLEARANCE * extent) - low[2]
+        height = float(start_high[2] - start_low[2])
+        width, tall = float(np.linalg.norm((high - low)[:2])), float((high - low)[2])
+        far = log.floating_base and width > _WIDE * size if grounded else tall > _TALL * max(width, size)
+        if far:
+            return cls(start_low, start_high, pictures.q[:, :3], lift, size, height)
+        if not grounded:
+            low = np.array([low[0], low[1], -lift[2]])  # down to the floor, which shows the shadows
+        still = np.tile(0.5 * (low + high), (len(pictures.times), 1))
+        return cls(low, high, still, lift, size, height)
+
+
+def _solved_readouts(log: TrajectoryLog, pictures: Pictures) -> tuple[Readout, ...]:
+    """Return the readouts: load of the actuators, and tilt or the fastest joint."""
+    found = []
+    limit = np.where(log.us > 0.0, log.control_upper, log.control_lower)
+    if log.us.size and np.isfinite(limit).all():
+        effort = 100.0 * np.max(np.abs(log.us) / np.maximum(np.abs(limit), 1e-12), axis=1)
+        found.append(Readout("effort", " %", effort[pictures.intervals], 0))
+    if log.floating_base:
+        found.append(Readout("tilt", "°", tilt_deg(pictures.q[:, 3:7], _UPRIGHT), 1))
+    else:
+        speed = np.abs(log.xs[:, log.nq :]).max(axis=1)
+        found.append(Readout("fastest joint", " rad/s", speed[pictures.intervals], 2))
+    return tuple(found)
+
+
+def _phases(log: TrajectoryLog) -> list[_Content]:
+    """Return the phases of ground contact of each foot, if any foot swings."""
+    if log.contact_flags.all() or not log.contact_flags.any():
+        return []
+    phases: list[_Content] = []
+    for k, name in enumerate(log.contact_frames.tolist()):
+        spans = [[float(log.times[a]), float(log.times[b])] for a, b in intervals(log.contact_flags[:, k])]
+        phases.append({"name": name, "spans": [[a, b] for a, b in spans if b > a]})
+    return phases
+
+
+def _solved_facts(figures: Mapping[str, float]) -> list[tuple[str, str]]:
+    facts = []
+    for name, value in figures.items():
+        words, unit, scale = figure_words(name, value)
+        if not np.isnan(value) and name not in ("complementarity", "constraint_violation"):
+            facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
+    return facts[:_FACTS]
+
+
+def _solved_legend(robot: Robot, log: TrajectoryLog, scale: Scale) -> list[_Content]:
+    entries = []
+    if log.contact_flags.any():
+        entries.append(_entry("forces", "contact forces", _force_note(scale)))
+        if np.isfinite(log.friction):
+            entries.append(_entry("cones", "friction cones", f"µ = {log.friction:g}"))
+        entries.append(_entry("com", "centre of mass"))
+    if thrusters(robot, log):
+        entries.append(_entry("thrusts", "thrusts", _force_note(scale)))
+    if len(log.waypoint_names):
+        entries.append(_entry("places", "places to reach"))
+    entries.append(_entry("path", "path", ", ".join(path_names(robot, log)) or "centre of mass"))
+    return [*entries, _SEE_THROUGH]

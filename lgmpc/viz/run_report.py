@@ -18,7 +18,6 @@ from lgmpc.viz.plots import run_drawings
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.report import code, figures, folded, replay, report_page, section, table, words
 from lgmpc.viz.trajectory_plots import trajectory_drawings
-from lgmpc.viz.trajectory_replay import trajectory_page
 
 __all__ = ["run_report", "solve_report"]
 
@@ -72,7 +71,7 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> s
     result = run.result
 
     def sections() -> Iterator[str]:
-        yield from _replayed(partial(trajectory_page, robot, run))
+        yield from _replayed(partial(replay_page, robot, run))
         limited = [(key, result.figures.get(figure_of(key)), limit) for key, limit in bounds.items()]
         told = words(line.strip() for line in result.explanation.splitlines() if line.strip())
         yield section("Figures of merit", told, _bounded(limited), _all_figures(result.figures))

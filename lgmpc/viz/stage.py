@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 
+from lgmpc.lie import quaternion
 from lgmpc.typing import Array
+from lgmpc.viz.marks import turns_to
 from lgmpc.viz.mesh import disc
 from lgmpc.viz.scene import Material, Scene
+from lgmpc.world import Plane, Terrain
 
 __all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
 
@@ -21,7 +24,9 @@ _ELEVATION_DEG = 19.0
 _AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
 
 
-def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tuple[float, float]:
+def add_stage(
+    scene: Scene, lowest: Array, highest: Array, travel: Array, ground: Terrain | None = None
+) -> tuple[float, float]:
     """Add floor, grid, lights and background for a robot between two corners whose base moves along ``travel``.
 
     Args:
@@ -29,6 +34,7 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
         lowest: (3,) lowest corner of the robot at the start, m.
         highest: (3,) highest corner, m.
         travel: (k, 3) base positions, m.
+        ground: a plane; the level floor at height 0 unless given.
 
     Returns:
         Distances from the camera at which fog begins and is opaque, m.
@@ -43,15 +49,20 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
         scene.set(f"/{name}", "visible", False)
 
     # Unlit, so that it is evenly bright to the horizon; a disc that shows shadows only is drawn over it.
+    ground = Plane() if ground is None else ground
+    normal, (origin, below) = ground.normal(middle[None, :2]), ground.height(np.array([[0.0, 0.0], middle[:2]]))
+    turn = turns_to(normal)[0]
+    scene.place("/floor", [0.0, 0.0, origin], turn)
+    along, left, _ = quaternion.act(quaternion.inverse(turn), np.array([middle[0], middle[1], below - origin]))
     scene.add_mesh("/floor/ground", disc(4.0 * reach), Material(FLOOR_COLOR, flat=True))
-    scene.place("/floor/ground", [middle[0], middle[1], -0.0015 * size])
+    scene.place("/floor/ground", [along, left, -0.0015 * size])
     scene.add_mesh("/floor/shadow", disc(reach), Material(0x1D2733, 0.2, shadow_only=True))
-    scene.place("/floor/shadow", [middle[0], middle[1], 0.0005 * size])
+    scene.place("/floor/shadow", [along, left, 0.0005 * size])
     cell = 10.0 ** math.floor(math.log10(size))
     cell = min((0.1 * cell, 0.2 * cell, 0.5 * cell, cell), key=lambda c: abs(math.log(c / (0.18 * size))))
     for name, spacing, color in (("fine", cell, 0xCBD3DC), ("coarse", 5.0 * cell, 0x9FABB8)):
         scene.add_segments(f"/floor/{name}", _grid(spacing, reach), color)
-        scene.place(f"/floor/{name}", [*(spacing * np.round(middle[:2] / spacing)), 0.0])
+        scene.place(f"/floor/{name}", [*(spacing * np.round(np.array([along, left]) / spacing)), 0.0])
 
     # The replay moves the lights with the camera.
     start = travel[0]
@@ -69,7 +80,9 @@ def add_stage(scene: Scene, lowest: Array, highest: Array, travel: Array) -> tup
     return 2.0 * size, 6.5 * size
 
 
-def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) -> dict[str, object]:
+def frame_camera(
+    lowest: Array, highest: Array, travel: Array, impulses: Array, ground: Terrain | None = None
+) -> dict[str, object]:
     """Return a camera that looks at the robot from above one of its corners, and follows it if it leaves the picture.
 
     The corner is on the side from which the pushes act, so that the trunk does not hide their arrows; the front left
@@ -80,10 +93,12 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
         highest: (3,) highest corner, m.
         travel: (k, 3) base positions at the pictures' times, m.
         impulses: (p, 3) of the pushes, N.s.
+        ground: the level floor at height 0 unless given.
 
     Returns:
-        The camera in the viewer's axes (y up): field of view, near and far planes, position, target, the smallest ratio
-        of width to height of the picture, and for each picture the displacement of position and target.
+        The camera in the viewer's axes (y up): field of view, near and far planes, position, target, height of the
+        ground below the target, the smallest ratio of width to height of the picture, and for each picture the
+        displacement of position and target.
     """
     size = float(np.linalg.norm(highest - lowest))
     azimuths, elevation = np.radians(_AZIMUTHS_DEG), math.radians(_ELEVATION_DEG)
@@ -98,16 +113,21 @@ def frame_camera(lowest: Array, highest: Array, travel: Array, impulses: Array) 
     offset = away * np.array([*(math.cos(elevation) * corner), math.sin(elevation)])
     # The time line covers the lower edge: the robot is a little above the middle.
     target = 0.5 * (lowest + highest) - [0.0, 0.0, 0.16 * away * tangent]
-    # Horizontally as soon as it leaves the middle; vertically only in flight, so that the motion of a gait is visible.
-    span = np.ptp(travel, axis=0)
+    # Horizontally as soon as it leaves the middle; vertically only with the ground and in flight, so that the motion of
+    # a gait is visible.
+    rise = np.zeros_like(travel)
+    rise[:, 2] = 0.0 if ground is None else ground.height(travel[:, :2])
+    above = travel - rise
+    span = np.ptp(above, axis=0)
     followed = np.array([max(span[:2]) > 0.5 * size] * 2 + [span[2] > size])
-    moves = (travel - travel[0]) * followed if followed.any() else np.zeros((0, 3))
+    moves = (above - above[0]) * followed + (rise - rise[0]) * followed[0] if followed.any() else np.zeros((0, 3))
     return {
         "fov": _FIELD_OF_VIEW_DEG,
         "near": 0.02 * size,
         "far": 60.0 * size,
         "position": _y_up(target + offset).tolist(),
         "target": _y_up(target).tolist(),
+        "floor": float(rise[0, 2]),
         "aspect": 0.5 * width / (0.8 * tangent * middle),
         "follow": np.round(_y_up(moves), 4).tolist(),
     }

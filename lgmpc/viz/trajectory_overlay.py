@@ -9,9 +9,10 @@ import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.runs import TrajectoryLog
-from lgmpc.typing import Array, BoolArray, IntArray
-from lgmpc.viz.marks import COLORS, Arrow, Scale, add_ball, add_cone, add_path, add_place, add_plumb_line
+from lgmpc.typing import Array, IntArray
+from lgmpc.viz.marks import COLORS, Contacts, Scale, add_arrow, add_ball, add_path, add_place, add_plumb_line
 from lgmpc.viz.scene import Scene
+from lgmpc.world import Terrain
 
 __all__ = ["Pictures", "add_trajectory_overlay", "path_names", "thrusters"]
 
@@ -27,11 +28,13 @@ class Pictures:
     Attributes:
         times: (k,) times from the start, s.
         intervals: (k,) index of the interval of each picture.
+        shares: (k,) position of each picture in its interval, 0 to 1.
         q: (k, nq) configurations, interpolated between those of the nodes.
     """
 
     times: Array
     intervals: IntArray
+    shares: Array
     q: Array
 
     @classmethod
@@ -42,14 +45,14 @@ class Pictures:
         # After an impact, whose two nodes have the same time, the next interval begins.
         intervals = np.clip(np.searchsorted(log.times, times + _ROUNDING, side="right") - 1, 0, log.nodes - 1)
         start, length = log.times[intervals], np.diff(log.times)[intervals]
-        share = np.clip((times - start) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
+        shares = np.clip((times - start) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
         states = log.xs[:, : log.nq]
-        q = [pin.interpolate(robot.model, states[k], states[k + 1], s) for k, s in zip(intervals, share, strict=True)]
-        return cls(times - log.times[0], intervals.astype(np.int64), np.array(q))
+        q = [pin.interpolate(robot.model, states[k], states[k + 1], s) for k, s in zip(intervals, shares, strict=True)]
+        return cls(times - log.times[0], intervals.astype(np.int64), shares, np.array(q))
 
 
 def add_trajectory_overlay(
-    scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale, size: float, lift: Array
+    scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale, size: float, ground: Terrain
 ) -> None:
     """Add the overlays below ``/overlay``, one folder for each that the page can show or hide.
 
@@ -60,15 +63,34 @@ def add_trajectory_overlay(
         pictures: of the replay.
         scale: of forces.
         size: length of a target's axes, m.
-        lift: (3,) displacement of the robot above the floor, m.
+        ground: the ground.
     """
-    _add_contacts(scene, log, pictures, scale)
-    _add_com(scene, robot, log, pictures, scale, lift)
-    _add_thrusts(scene, robot, log, pictures, scale)
+    times, data = pictures.times, robot.create_data()
+    thrusting, passing = (
+        [robot.model.getFrameId(name) for name in names(robot, log)] for names in (thrusters, path_names)
+    )
+    com, axes = np.empty((len(times), 3)), np.empty((len(thrusting), len(times), 3))
+    places = np.empty((len(thrusting) + len(passing), len(times), 3))
+    for k, q in enumerate(pictures.q):
+        com[k] = pin.centerOfMass(robot.model, data, q)  # computes the forward kinematics too
+        for i, frame in enumerate([*thrusting, *passing]):
+            place = pin.updateFramePlacement(robot.model, data, frame)
+            places[i, k] = place.translation
+            if i < len(thrusting):
+                axes[i, k] = place.rotation[:, 2]
+    _contacts(log, pictures, ground).add_to(scene, scale)
+    if log.floating_base and log.contact_flags.any():
+        add_ball(scene, "/overlay/com/com", scale, ground, times, com, None, target=False)
+        add_plumb_line(scene, "/overlay/com/plumb", scale, ground, times, com)
+    controls = log.control_names.tolist()
+    for name, tail, axis in zip(thrusters(robot, log), places, axes, strict=False):
+        thrust = log.us[pictures.intervals, controls.index(name), None] * axis
+        add_arrow(scene, f"/overlay/thrusts/{name}", "thrusts", 1.0, scale, times, tail, thrust)
     for k, (position, rotation) in enumerate(zip(log.waypoint_positions, log.waypoint_rotations, strict=True)):
         turned = rotation if np.isfinite(rotation).all() else None
         add_place(scene, f"/overlay/places/{k:03d}", size, position, turned)
-    _add_paths(scene, robot, log, pictures, 0.025 * size)
+    for k, line in enumerate(places[len(thrusting) :] if passing else [com]):
+        add_path(scene, f"/overlay/path/{k}", line, 0.025 * size, COLORS["path"])
 
 
 def thrusters(robot: Robot, log: TrajectoryLog) -> list[str]:
@@ -81,68 +103,15 @@ def path_names(robot: Robot, log: TrajectoryLog) -> list[str]:
     return [name for name in dict.fromkeys(log.waypoint_names.tolist()) if robot.model.existFrame(name)]
 
 
-def _add_contacts(scene: Scene, log: TrajectoryLog, pictures: Pictures, scale: Scale) -> None:
-    """Add forces, constant over each interval, and their cones during contact."""
-    share = _shares(log, pictures)
-    for k, name in enumerate(log.contact_frames.tolist()):
-        points = log.contact_points[pictures.intervals, k]
-        point = points + share[:, None] * (log.contact_points[pictures.intervals + 1, k] - points)
-        force, touching = log.contact_forces[pictures.intervals, k], log.contact_flags[pictures.intervals, k]
-        force = np.where(touching[:, None], force, 0.0)
-        arrow = Arrow(f"/overlay/forces/{name}", COLORS["forces"], 1.0, scale)
-        arrow.add(scene)
-        arrow.animate(scene, pictures.times, point, force)
-        if np.isfinite(log.friction):
-            outside: BoolArray = np.linalg.norm(force[:, :2], axis=1) > 1.001 * log.friction * force[:, 2] + 1e-9
-            for folder, warn, shown in (
-                ("cones", False, touching & ~outside),
-                ("slipping", True, touching & outside),
-            ):
-                path = f"/overlay/cones/{folder}/{name}"
-                add_cone(scene, path, log.friction, scale, pictures.times, point, shown, warn=warn)
-
-
-def _add_com(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale, lift: Array) -> None:
-    """Add the centre of mass with a plumb line to the floor, for robots with contacts."""
-    if not (log.floating_base and log.contact_flags.any()):
-        return
-    data = robot.create_data()
-    com = np.array([pin.centerOfMass(robot.model, data, q).copy() for q in pictures.q])
-    add_ball(scene, "/overlay/com/com", scale, pictures.times, com, None, target=False)
-    add_plumb_line(scene, "/overlay/com/plumb", scale, pictures.times, com + lift)
-
-
-def _add_thrusts(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, scale: Scale) -> None:
-    data, names = robot.create_data(), thrusters(robot, log)
-    frames = [robot.model.getFrameId(name) for name in names]
-    points, axes = np.empty((2, len(frames), len(pictures.q), 3))
-    for k, q in enumerate(pictures.q):
-        pin.forwardKinematics(robot.model, data, q)
-        for i, frame in enumerate(frames):
-            place = pin.updateFramePlacement(robot.model, data, frame)
-            points[i, k], axes[i, k] = place.translation, place.rotation[:, 2]
-    columns = [log.control_names.tolist().index(name) for name in names]
-    for i, (name, column) in enumerate(zip(names, columns, strict=True)):
-        arrow = Arrow(f"/overlay/thrusts/{name}", COLORS["thrusts"], 1.0, scale)
-        arrow.add(scene)
-        arrow.animate(scene, pictures.times, points[i], log.us[pictures.intervals, column, None] * axes[i])
-
-
-def _add_paths(scene: Scene, robot: Robot, log: TrajectoryLog, pictures: Pictures, radius: float) -> None:
-    """Add the paths of the frames with targets or, without targets, of the centre of mass."""
-    names, data = path_names(robot, log), robot.create_data()
-    lines = np.empty((max(len(names), 1), len(pictures.q), 3))
-    for k, q in enumerate(pictures.q):
-        lines[:, k] = pin.centerOfMass(robot.model, data, q)  # computes the forward kinematics too
-        for i, name in enumerate(names):
-            lines[i, k] = pin.updateFramePlacement(robot.model, data, robot.model.getFrameId(name)).translation
-    for i, line in enumerate(lines):
-        add_path(scene, f"/overlay/path/{i}", line, radius, COLORS["path"])
-
-
-def _shares(log: TrajectoryLog, pictures: Pictures) -> Array:
-    """Return the position of each picture in its interval, 0 to 1."""
-    length = np.diff(log.times)[pictures.intervals]
-    into = pictures.times + log.times[0] - log.times[pictures.intervals]
-    share: Array = np.clip(into / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
-    return share
+def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> Contacts:
+    """Return the contacts, with forces that are constant over each interval."""
+    at, shares = pictures.intervals, pictures.shares[:, None, None]
+    points = log.contact_points[at] + shares * (log.contact_points[at + 1] - log.contact_points[at])
+    normals = ground.normal(points[:, :, :2].reshape(-1, 2)).reshape(points.shape)
+    touching = log.contact_flags[at]
+    forces = np.where(touching[:, :, None], log.contact_forces[at], 0.0)
+    normal = np.einsum("kci,kci->kc", forces, normals)
+    tangential = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
+    friction = np.full(len(at), log.friction)
+    outside = np.isfinite(log.friction) & (tangential > 1.001 * np.nan_to_num(log.friction, posinf=0.0) * normal + 1e-9)
+    return Contacts(log.contact_frames.tolist(), pictures.times, points, normals, forces, friction, touching, outside)

@@ -8,6 +8,7 @@ import pytest
 from lgmpc.viz.marks import Scale
 from lgmpc.viz.overlay import Frames, add_overlay
 from lgmpc.viz.scene import Scene
+from lgmpc.world import World
 
 from .conftest import PUSH_END, PUSH_FORCE, PUSH_START
 from .test_scene import tracks, unpack
@@ -17,7 +18,7 @@ HALF_SIDES = np.array([0.2, 0.1, 0.04])
 
 def overlay(log):
     scene, frames, scale = Scene(), Frames.of(log), Scale(0.1, 5.0)
-    add_overlay(scene, log, frames, scale, HALF_SIDES)
+    add_overlay(scene, log, frames, scale, World(), 0.3, HALF_SIDES)
     return unpack(scene.pack({})), frames, scale
 
 

@@ -20,9 +20,9 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Outcome, SolvedRun, SolveResult, TrajectoryLog, Verdict
 from lgmpc.viz.figure_files import Plots
+from lgmpc.viz.replay import replay_page
 from lgmpc.viz.trajectory_overlay import Pictures
 from lgmpc.viz.trajectory_plots import plot_trajectory
-from lgmpc.viz.trajectory_replay import trajectory_page
 
 from .test_scene import tracks, unpack
 
@@ -129,7 +129,7 @@ def flight(iris: Robot) -> SolvedRun:
 
 @pytest.fixture(scope="module")
 def arm_page(panda: Robot, reach: SolvedRun) -> str:
-    return trajectory_page(panda, reach)
+    return replay_page(panda, reach)
 
 
 def test_pictures_are_interpolated_on_the_manifold(iris: Robot, flight: SolvedRun) -> None:
@@ -165,7 +165,7 @@ def test_an_arms_page_has_its_place_and_its_tools_path(arm_page: str) -> None:
 
 
 def test_contacts_show_forces_and_cones_while_they_last(solo12: Robot, hop: SolvedRun) -> None:
-    content = content_of(trajectory_page(solo12, hop))
+    content = content_of(replay_page(solo12, hop))
     spans = {phase["name"]: phase["spans"] for phase in content["phases"]}
     assert spans["FL_FOOT"] == [[0.0, 0.1], [0.2, 0.3]]
     visible = tracks(content, "/overlay/cones/cones/FL_FOOT")[".visible"]
@@ -177,24 +177,24 @@ def test_contacts_show_forces_and_cones_while_they_last(solo12: Robot, hop: Solv
 
 
 def test_a_quadrotors_page_has_thrusts_and_shows_it_above_the_floor(iris: Robot, flight: SolvedRun) -> None:
-    content = content_of(trajectory_page(iris, flight))
+    content = content_of(replay_page(iris, flight))
     paths = [command["path"] for command in content["commands"] if command["type"] == "set_object"]
     assert [f"/overlay/thrusts/iris__rotor_{i}/shaft" for i in range(4)] == [p for p in paths if p.endswith("shaft")]
     assert [curve["label"] for curve in content["series"]["curves"]] == ["effort", "tilt"]
     assert max(content["series"]["curves"][1]["values"]) == pytest.approx(180.0, abs=6.0)
     low = replace(flight, trajectory=replace(flight.trajectory, xs=flight.trajectory.xs - 4.0 * np.eye(13)[2]))
-    lifted = content_of(trajectory_page(iris, low))
+    lifted = content_of(replay_page(iris, low))
     (lift,) = [c["value"][2] for c in lifted["commands"] if c.get("path") == "/robot" and c["property"] == "position"]
     assert lift > 3.5, "below the floor nothing could be seen"
 
 
 def test_what_cannot_be_shown_is_refused(panda: Robot, solo12: Robot, reach: SolvedRun) -> None:
     with pytest.raises(InputError, match=r"nq = 9; expected a run of solo12 \(nq = 19\)"):
-        trajectory_page(solo12, reach)
+        replay_page(solo12, reach)
     xs = reach.trajectory.xs.copy()
     xs[2, 0] = np.nan
     broken = replace(reach, trajectory=replace(reach.trajectory, xs=xs))
-    for show in (trajectory_page, plot_trajectory):
+    for show in (replay_page, plot_trajectory):
         with pytest.raises(InputError, match="NaN or infinity"):
             show(panda, broken)
 

@@ -9,19 +9,16 @@ import pytest
 
 from lgmpc.runs import compute_metrics
 from lgmpc.viz import plots
-from lgmpc.viz.marks import Scale
-from lgmpc.viz.overlay import Frames
+from lgmpc.viz.overlay import SPEED_SHOWN_M_S
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.scene import Scene
 from lgmpc.viz.style import figure_maker
-from lgmpc.viz.walking_overlay import SPEED_SHOWN_M_S, add_walking_overlay
 
 from .conftest import FOOTHOLD, SWING_END, SWING_START
 from .test_overlay import at, shown
+from .test_overlay import overlay as add_overlays
 from .test_plots import only
 from .test_replay import content_of
-from .test_scene import unpack
 
 NAMES = ["velocity", "gait", "feet"]
 FOOT = 1
@@ -42,9 +39,7 @@ def draw(stepping_log):
 @pytest.fixture
 def overlay(stepping_log):
     def add(log=stepping_log):
-        scene, frames, scale = Scene(), Frames.of(log), Scale(0.1, 5.0)
-        add_walking_overlay(scene, log, frames, scale, 0.3)
-        return unpack(scene.pack({})), frames, scale
+        return add_overlays(log)
 
     return add
 
@@ -139,7 +134,8 @@ def test_the_command_is_an_arrow_of_its_size_and_direction(overlay, stepping_log
 
 def test_a_standing_run_has_no_walking_overlays(overlay, pushed_log) -> None:
     content, _, _ = overlay(pushed_log)
-    assert not any(command["path"].startswith("/overlay") for command in content["commands"])
+    walking = ("/overlay/footholds", "/overlay/swings", "/overlay/command")
+    assert not any(command["path"].startswith(walking) for command in content["commands"])
 
 
 def test_the_page_contains_the_metrics_of_walking(solo12, pushed_run, stepping_log) -> None:

@@ -38,12 +38,12 @@ async function start() {
 }
 
 // Through the viewer's orbit controls, whose target is in the axes of the page's world (y up); the light's is, too.
-function aim(viewer, keyLight, { fov, near, far, position, target }) {
+function aim(viewer, keyLight, { fov, near, far, position, target, floor }) {
   Object.assign(viewer.camera, { fov, near, far });
   viewer.camera.position.set(...position);
   viewer.controls.target.set(...target);
   viewer.controls.update();
-  keyLight.target.position.set(target[0], 0, target[2]);
+  keyLight.target.position.set(target[0], floor, target[2]);
   keyLight.target.updateMatrixWorld();
 }
 

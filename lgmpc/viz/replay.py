@@ -56,13 +56,16 @@ def replay_page(robot: Robot, run: Run | SolvedRun, ground: Terrain | None = Non
     nq = run.trajectory.nq if isinstance(run, SolvedRun) else run.log.q.shape[1]
     if nq != robot.nq:
         raise InputError("run", f"{run.path} with nq = {nq}", f"a run of {robot.name} (nq = {robot.nq})")
-    add = _add_trajectory if isinstance(run, SolvedRun) else _add_run
-    scene = Scene()
-    content = add(scene, robot, run, World() if ground is None else ground)  # type: ignore[operator]
-    result = run.result
+    scene, ground, result = Scene(), World() if ground is None else ground, run.result
+    created = [result.when, robot.name]
+    if isinstance(run, SolvedRun):
+        content = _add_trajectory(scene, robot, run, ground)
+        created.append(run.result.method)
+    else:
+        content = _add_run(scene, robot, run, ground)
     content |= {
         "name": result.name,
-        "created": " · ".join([result.when, robot.name, *([result.method] if isinstance(run, SolvedRun) else [])]),
+        "created": " · ".join(created),
         "verdict": result.verdict.outcome.value,
         "reasons": list(result.verdict.reasons),
     }

@@ -66,7 +66,7 @@ ARROWS: dict[str, str] = {
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
     "config.execution": "runs viz",
-    "config.showing": "robot problems solvers runs viz",
+    "config.showing": "robot world problems solvers runs viz",
     "config.solutions": "actions ocp problems robot runs solvers",
     "config.session": "runs",
     "sweeps": "config runs viz",

@@ -29,6 +29,7 @@ from lgmpc.viz import (
     write_explanation,
     write_page,
 )
+from lgmpc.world import World, make_world
 
 if TYPE_CHECKING:
     from lgmpc.config.execution import FinishedRun, FinishedSolve
@@ -57,7 +58,8 @@ def show(
     """
     loaded = _load(run)
     robot = _robot_of(loaded)
-    return _display(replay_page(robot, loaded), loaded.path.name, html, port)
+    page = replay_page(robot, loaded, None if isinstance(loaded, SolvedRun) else _ground_of(loaded))
+    return _display(page, loaded.path.name, html, port)
 
 
 def show_solution(
@@ -174,13 +176,19 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
         gate = parse_solve_config(loaded.config, name=str(loaded.path / CONFIG_FILE), folder=loaded.path).gate
         content = solve_report(robot, loaded, gate.bounds)
     else:
-        content = run_report(robot, loaded, _config_of(loaded).gate, _explained(loaded, robot))
+        gate = _config_of(loaded).gate
+        content = run_report(robot, loaded, gate, _explained(loaded, robot), _ground_of(loaded))
     return write_page(content, html or loaded.path / "report.html")
 
 
 def _explained(run: Run, robot: Robot) -> Explanation:
     config = _config_of(run)
     return explain_run(run, config.gate, joint_limits(robot, config.plant.actuators))
+
+
+def _ground_of(run: Run) -> World:
+    config = _config_of(run)
+    return make_world(config.world, config.plant.friction)
 
 
 def _config_of(run: Run) -> Config:

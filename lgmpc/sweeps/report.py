@@ -55,7 +55,9 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
     sweep, rows = load_results(folder)
     summary = summarize(sweep, rows)
     about = f"sweep of {', '.join(sweep.settings.base)} · {summary.count}"
-    page = report_page(summary.name, summary.verdict, about, summary.complaints, _sections(folder, sweep, rows, summary))
+    page = report_page(
+        summary.name, summary.verdict, about, summary.complaints, _sections(folder, sweep, rows, summary)
+    )
     return write_page(page, html or folder / "report.html")
 
 

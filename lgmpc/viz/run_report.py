@@ -18,11 +18,12 @@ from lgmpc.viz.plots import run_drawings
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.report import code, figures, folded, replay, report_page, section, table, words
 from lgmpc.viz.trajectory_plots import trajectory_drawings
+from lgmpc.world import Terrain
 
 __all__ = ["run_report", "solve_report"]
 
 
-def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> str:
+def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, ground: Terrain | None = None) -> str:
     """Return the page of a closed loop: verdict, replay, figures, events, limits, certificate, config, versions.
 
     Args:
@@ -30,6 +31,7 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
         run: contents of the run folder.
         gate: limits of its verdict.
         explanation: explanation of the run.
+        ground: of the run's world; the level floor at height 0 unless given.
 
     Raises:
         InputError: if the run has no finite tick.
@@ -38,7 +40,7 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation) -> 
 
     def sections() -> Iterator[str]:
         result, metrics = run.result, run.result.metrics
-        yield from _replayed(partial(replay_page, robot, run))
+        yield from _replayed(partial(replay_page, robot, run, ground))
         if metrics is not None:
             limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
             yield section("Figures of merit", _bounded(limited), _all_figures(flat_metrics(metrics)))

@@ -1,0 +1,108 @@
+"""A replay on a slope: floor, cones, shadows and the camera are those of the ground."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.lie import quaternion
+from lgmpc.robot import Robot
+from lgmpc.runs import Run
+from lgmpc.viz.marks import turns_to
+from lgmpc.viz.replay import replay_page
+from lgmpc.viz.stage import frame_camera
+from lgmpc.world import Plane, World
+
+from .test_overlay import at
+from .test_replay import content_of
+
+TILT = 0.2
+NORMAL = (-math.sin(TILT), 0.0, math.cos(TILT))
+SLOPE = World((Plane((0.0, 0.0, 1.3), NORMAL),))
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def on_slope(run: Run) -> Run:
+    """The run as it would be on the slope with gravity tilted as much: every vector and point is turned and moved."""
+    turn, log = np.array([0.0, math.sin(-0.5 * TILT), 0.0, math.cos(0.5 * TILT)]), run.log
+    moved: dict[str, Any] = {
+        name: quaternion.act(turn, getattr(log, name)) + 1.3 * UP
+        for name in ("contact_points", "com", "com_reference", "push_point", "mpc_horizon_com")
+    }
+    moved |= {name: quaternion.act(turn, getattr(log, name)) for name in ("contact_forces", "contact_forces_desired")}
+    q = log.q.copy()
+    q[:, :3] = quaternion.act(turn, q[:, :3]) + 1.3 * UP
+    q[:, 3:7] = [(pin.Quaternion(turn) * pin.Quaternion(each)).coeffs() for each in log.q[:, 3:7]]
+    return replace(run, log=replace(log, q=q, **moved))
+
+
+@pytest.fixture(scope="module")
+def contents(solo12: Robot, pushed_run: Run) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The contents of the level run's page, and of the turned one's."""
+    level = replay_page(solo12, pushed_run)
+    return content_of(level), content_of(replay_page(solo12, on_slope(pushed_run), SLOPE))
+
+
+def placed(content: dict[str, Any], path: str, name: str) -> np.ndarray:
+    found = [c["value"] for c in content["commands"] if c["path"] == path and c.get("property") == name]
+    return np.array(found[-1])
+
+
+def test_the_floor_lies_on_the_ground(contents: tuple[dict[str, Any], dict[str, Any]]) -> None:
+    turn, origin = placed(contents[1], "/floor", "quaternion"), placed(contents[1], "/floor", "position")
+    np.testing.assert_allclose(quaternion.act(turn, UP), NORMAL, atol=1e-12)
+    for each in ("fine", "coarse"):
+        point = origin + quaternion.act(turn, placed(contents[1], f"/floor/{each}", "position"))
+        assert SLOPE.distance(point[None])[0][0] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_array_equal(placed(contents[0], "/floor", "quaternion"), [0.0, 0.0, 0.0, 1.0])
+
+
+def test_cones_stand_along_the_normal_and_warn_at_the_same_times(
+    contents: tuple[dict[str, Any], dict[str, Any]], pushed_run: Run
+) -> None:
+    for name in pushed_run.log.contact_frames:
+        turn = placed(contents[1], f"/overlay/cones/cones/{name}", "quaternion")
+        np.testing.assert_allclose(quaternion.act(turn / np.linalg.norm(turn), UP), NORMAL, atol=1e-4)
+    level, slope = (
+        [
+            (clip["path"], track["times"], track["values"])
+            for clip in content["animations"]
+            if "/cones/" in clip["path"]
+            for track in clip["clip"]["tracks"]
+            if track["name"] == ".visible"
+        ]
+        for content in contents
+    )
+    assert level and level == slope
+
+
+def test_the_centre_of_mass_is_projected_down_to_the_ground(contents: tuple[dict[str, Any], dict[str, Any]]) -> None:
+    times = np.linspace(0.1, 1.0, 10)
+    ball, spot = (at(contents[1], f"/overlay/com/com/{each}", ".position", times) for each in ("ball", "floor"))
+    np.testing.assert_allclose(spot[:, :2], ball[:, :2], atol=2e-4)
+    np.testing.assert_allclose(SLOPE.distance(spot)[0], 5e-4, atol=1e-4)
+
+
+def test_the_camera_climbs_with_the_ground_and_does_not_heave() -> None:
+    along = np.linspace(0.0, 5.0, 11)[:, None] * [1.0, 0.0, 0.0]
+    corners = np.array([-0.3, -0.2, 1.3]), np.array([0.3, 0.2, 1.7])
+    heave = 0.02 * np.sin(np.arange(11.0))[:, None] * UP
+    travel = along + SLOPE.height(along[:, :2])[:, None] * UP + heave
+    camera = frame_camera(*corners, travel, np.zeros((0, 3)), SLOPE)
+    assert camera["floor"] == pytest.approx(1.3)
+    climb = np.column_stack((along[:, 0], math.tan(TILT) * along[:, 0], np.zeros(11)))  # the viewer has y up
+    np.testing.assert_allclose(np.array(camera["follow"]), climb, atol=1e-4)
+
+
+def test_rotations_take_the_z_axis_to_their_directions() -> None:
+    directions = np.random.default_rng(0).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions[:2] = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]
+    turns = turns_to(directions)
+    np.testing.assert_allclose(quaternion.act(turns, UP), directions, atol=1e-9)
+    np.testing.assert_array_equal(turns[0], [0.0, 0.0, 0.0, 1.0])

@@ -49,7 +49,7 @@ class Trace:
 
 def trace_ticks(session: ClosedLoopSession, first: int, count: int) -> dict[tuple[str, bool], list[str]]:
     """Return the files of a tick, by part (``loop`` or ``controller``) and whether the tick plans."""
-    controller, planner = session.controller, session.controller.planner
+    controller = session.controller
     session.advance(lambda progress: None, first)
     plain = controller.update
     found: dict[tuple[str, bool], list[str]] = {}
@@ -67,7 +67,7 @@ def trace_ticks(session: ClosedLoopSession, first: int, count: int) -> dict[tupl
         inner.files, outer = {}, Trace()
         with outer:
             session.advance(lambda progress: None, tick)
-        plans = planner is not None and planner.planned
+        plans = controller.report.planned
         own = {"config/closed_loop.py", *inner.files}
         around = [name for name in outer.files if name not in own and not name.startswith("config/build")]
         found["controller", plans] = list(inner.files)

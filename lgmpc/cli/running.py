@@ -104,6 +104,7 @@ def _always_shown(metrics: Metrics) -> Iterator[Row]:
         Row("MPC update p50", "ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
         Row("whole-body tick p50", "ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
         Row("estimator tick p50", "ms", metrics.estimator_ms.p50 if metrics.estimator_ms else None),
+        Row("step forecasts p50", "ms", metrics.forecast_ms.p50 if metrics.forecast_ms else None),
         Row("estimated position off by", "mm", 1e3 * estimator.max_position_m if estimator else None),
         Row("estimated tilt off by", "deg", estimator.max_tilt_deg if estimator else None),
         Row("estimated yaw off by", "deg", estimator.max_yaw_deg if estimator else None),

@@ -119,6 +119,7 @@ def build_recorder(
         estimated=estimated,
         stepping=True,
         friction_estimated=config.joint_friction is not None,
+        forecasts=config.locomotion.reaction.enabled,
         mass=mass,
         contact_frames=robot.contact_frames,
         friction=friction,
@@ -209,9 +210,9 @@ def _build_hardware(
     computing = Computing(config.timing, np.random.default_rng((config.seed, _COMPUTING)))
 
     def measured() -> tuple[float, bool]:
-        planner = controller.planner
-        time = 1e-3 * controller.wbc_ms + (0.0 if estimator is None else estimator.spent)
-        return (time, False) if planner is None else (time + planner.spent, planner.planned)
+        report = controller.report
+        time = 1e-3 * (report.tick_ms + report.plan_ms + report.forecast_ms)
+        return time + (0.0 if estimator is None else estimator.spent), report.planned
 
     guard = CommandGuard(config.wbc.fallback_damping_nms)
     return Hardware(build_drives(config, plant), computing, measured, guard)

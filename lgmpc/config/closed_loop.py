@@ -6,7 +6,6 @@ import logging
 import math
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from lgmpc.config.limits import joint_limits
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
+from lgmpc.control.report import TickReport
 from lgmpc.errors import LgmpcError, cause_of
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.locomotion.contacts import ContactState
@@ -33,7 +33,7 @@ from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
-__all__ = ["ClosedLoopSession", "Observed", "RunObserver", "failed", "judged"]
+__all__ = ["ClosedLoopSession", "RunObserver", "failed", "judged"]
 
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
@@ -165,7 +165,17 @@ class ClosedLoopSession:
             KeyboardInterrupt: from ``progress``.
             Exception: any other from estimator, controller or ``progress``.
         """
-        observer = RunObserver(self, progress, self._fell_s)
+        observer = RunObserver(
+            self.controller,
+            self.recorder,
+            self.rates,
+            progress,
+            # Runs are judged by the true state, not by the estimate.
+            truth=None if self.sensing is None else WholeBodyTerms(self.robot),
+            estimator=self.estimator,
+            after_fall_s=self.after_fall_s,
+            fell_s=self._fell_s,
+        )
         started = perf_counter()
         try:
             return self._loop.run(observer, until)
@@ -209,49 +219,54 @@ class ClosedLoopSession:
         return certify(finite, joint_limits(robot, self.simulated.actuators), balances)
 
 
-class Observed(Protocol):
-    """The part of a session that an observer reads."""
-
-    robot: Robot
-    controller: LeggedController
-    rates: Rates
-    recorder: Recorder
-    after_fall_s: float
-    sensing: Sensing | TrueState | None
-    estimator: LeggedEstimator | None
-
-
 class RunObserver:
     """Record every control tick, report the progress periodically, and end a run some time after a fall.
+
+    Args:
+        controller: whose reports are recorded.
+        recorder: of the run.
+        rates: of its ticks.
+        progress: called periodically.
+        truth: terms of the controller's model, for runs judged by a state that the controller does not receive.
+        estimator: whose estimate is recorded beside the true state.
+        after_fall_s: time until the run ends after a fall, s.
+        fell_s: time of a fall before, s.
 
     Attributes:
         fell_s: time of the fall, s; inf before one.
     """
 
-    def __init__(self, session: Observed, progress: ProgressReport, fell_s: float = math.inf) -> None:
-        self._record = session.recorder.append
-        self._record_plan = session.recorder.record_mpc
-        self._estimator = session.estimator
-        # Runs are judged by the true state, not by the estimate.
-        self._truth = None if session.sensing is None else WholeBodyTerms(session.robot)
-        self._controller = session.controller
+    def __init__(
+        self,
+        controller: LeggedController,
+        recorder: Recorder,
+        rates: Rates,
+        progress: ProgressReport,
+        *,
+        truth: WholeBodyTerms | None = None,
+        estimator: LeggedEstimator | None = None,
+        after_fall_s: float = math.inf,
+        fell_s: float = math.inf,
+    ) -> None:
+        self._controller, self._truth, self._estimator = controller, truth, estimator
+        self._record, self._record_plan = recorder.append, recorder.record_mpc
+        self._records_friction = "joint_friction" in recorder.channels
+        self._records_forecasts = "forecast_ms" in recorder.channels
         self._progress = progress
-        self._duration = session.rates.ticks * session.rates.period
-        self._every = max(1, round(_REPORT_PERIOD / session.rates.period))
-        self._last = session.rates.ticks - 1
-        self._height = float(session.robot.q_reference[2])
-        self._after_fall, self.fell_s = session.after_fall_s, fell_s
+        self._duration = rates.ticks * rates.period
+        self._every, self._last = max(1, round(_REPORT_PERIOD / rates.period)), rates.ticks - 1
+        self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
+        self._after_fall, self.fell_s = after_fall_s, fell_s
         self._started, self._from = perf_counter(), math.nan
 
     def __call__(self, tick: Tick) -> bool:
         """Record a tick after its command was computed, and return whether the run continues."""
-        sample, controller = tick.sample, self._controller
-        wbc, planner = controller.wbc, controller.planner
-        terms = wbc.terms
+        sample, report = tick.sample, self._controller.report
+        sensed: WholeBodyTerms | TickReport = report
         if self._truth is not None:
-            terms = self._truth
-            terms.update(sample.q, sample.v)
-        feet, command = controller.feet, controller.command
+            sensed = self._truth
+            sensed.update(sample.q, sample.v)
+        command = report.command
         values: dict[str, ArrayLike] = {
             "time": sample.time,
             "q": sample.q,
@@ -259,49 +274,49 @@ class RunObserver:
             "tau": sample.tau,
             "tau_command": tick.torque,
             "contact_forces": sample.contact_forces,
-            "contact_forces_desired": wbc.forces,
-            "contact_points": terms.contact_points,
-            "com": terms.com,
-            "com_reference": controller.target,
-            "momentum": terms.momentum,
-            "base_reference": controller.base_target,
+            "contact_forces_desired": report.forces,
+            "contact_points": sensed.contact_points,
+            "com": sensed.com,
+            "com_reference": report.com_target,
+            "momentum": sensed.momentum,
+            "base_reference": report.base_target,
             "push": tick.disturbance.wrench,
             "push_point": tick.disturbance.point,
-            "wbc_status": 2 if tick.replaced else 0 if wbc.status is Status.CONVERGED else 1,
-            "wbc_ms": controller.wbc_ms,
+            "wbc_status": 2 if tick.replaced else 0 if report.status is Status.CONVERGED else 1,
+            "wbc_ms": report.tick_ms,
             "command": (command.vx, command.vy, command.yaw_rate),
-            "mode": _MODE_CODES[controller.modes.mode],
-            "gait_period_s": feet.clock.gait.period_s,
-            "stance": feet.stance,
-            "contact_states": [_STATE_CODES[state] for state in feet.events.states],
-            "swing_targets": feet.position,
-            "footholds": feet.footholds,
+            "mode": _MODE_CODES[report.mode],
+            "gait_period_s": report.gait.period_s,
+            "stance": report.stance,
+            "contact_states": [_STATE_CODES[state] for state in report.contact_states],
+            "swing_targets": report.foot_targets,
+            "footholds": report.footholds,
         }
         if self._estimator is not None:
             estimator = self._estimator
-            finite = wbc.terms.finite
-            values["estimate_q"] = tick.state.q if finite else math.nan
-            values["estimate_v"] = tick.state.v if finite else math.nan
+            values["estimate_q"] = tick.state.q if report.finite else math.nan
+            values["estimate_v"] = tick.state.v if report.finite else math.nan
             values["estimate_contacts"] = estimator.contacts.astype(np.int8) + estimator.rejected
             values["estimate_ms"] = 1e3 * estimator.spent
-        if controller.joint_friction is not None:
-            values["joint_friction"] = wbc.joint_friction
+        if self._records_friction:
+            values["joint_friction"] = report.joint_friction
+        if self._records_forecasts:
+            values["forecast_ms"] = report.forecast_ms
         self._record(values)
-        if planner is not None and planner.planned and planner.plan is not None:
-            plan = planner.plan
+        plan = report.plan
+        if report.planned and plan is not None:
             failed = int(not plan.status.fresh)
-            self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, 1e3 * planner.spent)
+            self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, report.plan_ms)
         if tick.number % self._every == 0 or tick.number == self._last:
-            self._report(sample.time, terms)
+            self._show(sample.time, sample.q, report.mode)
         return sample.time < self.fell_s + self._after_fall
 
-    def _report(self, time: float, terms: WholeBodyTerms) -> None:
+    def _show(self, time: float, q: Array, mode: Mode) -> None:
         elapsed = perf_counter() - self._started
         self._from = time if math.isnan(self._from) else self._from
-        tilt = math.degrees(math.acos(min(max(float(terms.rotation[2, 2]), -1.0), 1.0)))
-        low = terms.q[2] < FALL_HEIGHT_FRACTION * self._height
-        fell = self.fell_s < math.inf
-        if not fell and self._controller.modes.mode not in _LOW and (low or tilt > FALL_TILT_DEG):
+        x, y = q[3:5].tolist()
+        tilt = math.degrees(math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0)))
+        if self.fell_s == math.inf and mode not in _LOW and (q[2] < self._lowest or tilt > FALL_TILT_DEG):
             self.fell_s = time
             end = min(time + self._after_fall, self._duration)
             _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, end)

@@ -33,7 +33,7 @@ from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, TimingSettings
 from lgmpc.simulation.initial import initial_state
-from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Sensing, Tick, TrueState
+from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Tick
 from lgmpc.simulation.plant import PlantSample, make_plant
 from lgmpc.world import make_world
 
@@ -168,10 +168,6 @@ class _DeploymentSession:
     gate: Gate
     log_every: int
     deployment: Deployment | None = None
-    # Read by the run observer: the estimate takes the place of the true state, and a fall does not end the run.
-    after_fall_s: float = math.inf
-    sensing: Sensing | TrueState | None = None
-    estimator: LeggedEstimator | None = None
     nothing: Disturbance = field(default_factory=lambda: Disturbance(np.zeros(6), np.zeros(3)))
 
     @property
@@ -181,7 +177,8 @@ class _DeploymentSession:
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Run until the end of the config's duration, by the robot's clock."""
-        observer = RunObserver(self, progress)
+        # The estimate takes the place of the true state, and a fall does not end the run.
+        observer = RunObserver(self.controller, self.recorder, self.rates, progress)
 
         def record(tick: DeployedTick) -> None:
             measured, state = tick.measurement, tick.state

@@ -18,6 +18,7 @@ from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, Re
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference, DesiredMotion
+from lgmpc.control.report import TickReport
 from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, StatePredictor
 from lgmpc.locomotion.command import CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
@@ -70,7 +71,7 @@ class LeggedController:
         modes: the present mode.
         push_steps: steps that no command asks for.
         joint_friction: as given.
-        wbc_ms: duration of the last update without the planner's, ms.
+        report: of the last update.
     """
 
     def __init__(
@@ -119,7 +120,8 @@ class LeggedController:
         self._weight = -robot.mass * float(robot.gravity[2])
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
-        self.wbc_ms = 0.0
+        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
+        self.report = self._report(math.nan, perf_counter())
 
     @property
     def fallen(self) -> bool:
@@ -150,8 +152,44 @@ class LeggedController:
                 mine.set_state(theirs.state())
 
     def update(self, state: RobotState) -> Command:
-        """Return the joint torques for the measured state; never raises for what the robot does."""
+        """Return the joint command for the measured state; never raises for what the robot does."""
         started = perf_counter()
+        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
+        command = self._decide(state)
+        self.report = self._report(state.time, started)
+        return command
+
+    def _report(self, time: float, started: float) -> TickReport:
+        """Return the report of the tick that began at ``started`` on the clock, s."""
+        wbc, feet, terms, spent = self.wbc, self.feet, self.wbc.terms, self._plan_s + self._forecast_s
+        return TickReport(
+            time,
+            terms.finite,
+            self.modes.mode,
+            self.command,
+            feet.clock.gait,
+            feet.stance,
+            feet.events.states,
+            terms.contact_points,
+            terms.com,
+            terms.momentum,
+            self.target,
+            self.base_target,
+            feet.position,
+            feet.footholds,
+            wbc.forces,
+            wbc.external_wrench,
+            wbc.joint_friction,
+            wbc.status,
+            None if self.planner is None else self.planner.plan,
+            self._planned,
+            1e3 * (perf_counter() - started - spent),
+            1e3 * self._plan_s,
+            1e3 * self._forecast_s,
+        )
+
+    def _decide(self, state: RobotState) -> Command:
+        """Advance everything by one tick, and return its command."""
         measured, state = state, self._at_effect(state)
         finite = self.wbc.sense(state.q, state.v).finite
         request = self.commands.at(state.time)
@@ -174,9 +212,7 @@ class LeggedController:
             self._plan(state.time, planner, missed)
         status = self.wbc.solve()
         self._expect(planner, status is Status.CONVERGED)
-        command = self._command(state)
-        self.wbc_ms = 1e3 * (perf_counter() - started - (0.0 if planner is None else planner.spent))
-        return command
+        return self._command(state)
 
     def _at_effect(self, state: RobotState) -> RobotState:
         """Return the state in which the command will act: the measured one, unless there are delays."""
@@ -187,7 +223,7 @@ class LeggedController:
 
     def _plan(self, time: float, planner: Planner, missed: int) -> None:
         """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
-        wbc, terms, steps = self.wbc, self.wbc.terms, self.push_steps
+        wbc, terms, steps, started = self.wbc, self.wbc.terms, self.push_steps, perf_counter()
         if missed:
             planner.observer.miss(missed)
         wbc.external_wrench[...] = planner.observe(self._measured.momentum)
@@ -197,9 +233,12 @@ class LeggedController:
             planner.plan_from(time, terms)
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
             self._return_feet(time)
-        elif steps.deciding and steps.decide(time, planner):
-            self._situation.reacting = True
-            planner.expire()
+            self._planned, self._plan_s = True, perf_counter() - started
+        elif steps.deciding:
+            if steps.decide(time, planner):
+                self._situation.reacting = True
+                planner.expire()
+            self._forecast_s = perf_counter() - started
         planner.follow(time, wbc)
 
     def _expect(self, planner: Planner | None, solved: bool) -> None:
@@ -274,8 +313,6 @@ class LeggedController:
         if not mode.upright:
             self.push_steps.stop()
             self.wbc.external_wrench[:] = 0.0
-            if self.planner is not None:
-                self.planner.planned = False
 
     def _begin_rising(self, time: float) -> None:
         """Stand where the feet are, and begin the way there from the belly."""

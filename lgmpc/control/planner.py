@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 
 from lgmpc.errors import InputError
@@ -40,8 +38,6 @@ class Planner:
         observer: estimates the external wrench.
         contacts: over the horizon, to be written before :meth:`plan_from`.
         motion: desired motion over the horizon, to be written before :meth:`plan_from`.
-        planned: whether a plan was made at the last tick.
-        spent: duration of the last tick's planning, s (0 where it only sampled).
 
     Raises:
         InputError: the MPC's rate is above that of the ticks.
@@ -58,8 +54,6 @@ class Planner:
             delay=delay,
             noise_force=settings.observer_noise_share * weight,
         )
-        self.planned = False
-        self.spent = 0.0
         self._expired = False
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:
@@ -94,12 +88,9 @@ class Planner:
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
-        started = perf_counter()
         plan = self.forecast(self.state(time, terms), self.contacts, self.wrench)
         self._sampler.load(plan, time)
         self._expired = False
-        self.spent = perf_counter() - started
-        self.planned = True
         return plan
 
     def state(self, time: float, terms: WholeBodyTerms) -> MeasuredState:
@@ -139,8 +130,6 @@ class Planner:
 
     def observe(self, momentum: Array) -> Array:
         """Return (6,) the external wrench estimated from the measured momentum (6,); call once a tick."""
-        self.planned = False
-        self.spent = 0.0
         return self.observer.update(momentum)
 
     def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:

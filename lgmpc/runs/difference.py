@@ -11,7 +11,7 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Difference", "first_difference"]
 
-_DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms")
+_DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms", "forecast_ms")
 """Measured durations, which differ between any two runs."""
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "CHANNELS",
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
+    "FORECAST_CHANNELS",
     "FRICTION_CHANNELS",
     "LIMIT_CHANNELS",
     "MODES",
@@ -84,8 +85,8 @@ class _Table:
 
 
 _tick, _update = _Table("tick"), _Table("update")  # the axis "nodes" counts the horizon's states, N + 1
-_estimate, _step, _friction, _limit = (
-    _Table(name, optional=True) for name in ("estimate", "step", "friction", "limit")
+_estimate, _step, _friction, _forecast, _limit = (
+    _Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit")
 )
 
 
@@ -117,6 +118,7 @@ class RunLog:
         mpc_ms: (m,) duration of each update, ms.
         contact_frames: (nc,) names of the contact frames.
         joint_names: (nu,) names of the actuated joints.
+        forecast_ms: (n,) duration of forecasts of steps against a push, ms; None without such steps.
         floor_friction: (n,) friction coefficient of the plant's floor; None, like the torque limits, if neither changed
             during the run.
         torque_limits: (n, nu) torque limits that the plant clips at, N.m.
@@ -177,6 +179,7 @@ class RunLog:
     swing_targets: Array | None = _step("nc", 3)
     footholds: Array | None = _step("nc", 3)
     joint_friction: Array | None = _friction("nu")
+    forecast_ms: Array | None = _forecast()
     floor_friction: Array | None = _limit()
     torque_limits: Array | None = _limit("nu")
     contact_frames: NDArray[np.str_]
@@ -259,7 +262,7 @@ class RunLog:
 
     def _optional_tables(self) -> list[Mapping[str, Channel]]:
         """The optional tables of channels that this log has."""
-        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, LIMIT_CHANNELS)
+        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS)
         return [table for table in tables if any(getattr(self, name) is not None for name in table)]
 
     @property
@@ -328,7 +331,8 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        optional = [*ESTIMATE_CHANNELS, *STEP_CHANNELS, *FRICTION_CHANNELS, *LIMIT_CHANNELS, "mass_kg"]
+        tables = ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS
+        optional = [*(name for table in tables for name in table), "mass_kg"]
         absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
@@ -345,12 +349,12 @@ def _channels(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
-CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, LIMIT_CHANNELS = map(
-    _channels, ("tick", "update", "estimate", "step", "friction", "limit")
+CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = map(
+    _channels, ("tick", "update", "estimate", "step", "friction", "forecast", "limit")
 )
-"""Channels by table, one entry per MPC update or per logged control tick; the last four tables are those of runs with
-an estimator, of runs whose steps are recorded, of runs that estimate joint friction, and of continued runs whose
-floor or torque limits changed."""
+"""Channels by table, one entry per MPC update or per logged control tick; the last five tables are those of runs with
+an estimator, of runs whose steps are recorded, of runs that estimate joint friction, of runs that forecast steps
+against pushes, and of continued runs whose floor or torque limits changed."""
 
 
 @dataclass(frozen=True)

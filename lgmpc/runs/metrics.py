@@ -76,7 +76,7 @@ class Metrics:
         max_com_error_m: largest such distance, from ``steady_from_s`` on.
         solver_failures: ticks and MPC updates without a solution.
         deadline_misses: ticks that took longer than their period, estimation and planning in them included.
-        mpc_ms: duration of the MPC updates.
+        mpc_ms: duration of the MPC updates, with the contacts ahead and the sampling of the plan.
         wbc_ms: duration of the whole-body controller's ticks.
         real_time_factor: simulated over elapsed time.
         estimator_ms: duration of the estimator's ticks.
@@ -85,6 +85,7 @@ class Metrics:
         walking: metrics of commanded motion; None for a run without commands.
         falls: number of falls; a fall ends when the robot folds its legs again.
         leg_collisions: number of times that two legs touched; None where they were not compared.
+        forecast_ms: duration of the ticks' forecasts of steps against a push, where there were any.
         joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
         modes: metrics of falls, lying and rising; None where modes were not recorded.
     """
@@ -118,6 +119,7 @@ class Metrics:
     modes: ModeMetrics | None = None
     joint_friction_nm: float | None = None
     leg_collisions: int | None = None
+    forecast_ms: Timing | None = None
 
 
 def compute_metrics(
@@ -185,6 +187,7 @@ def compute_metrics(
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
+        forecast_ms=None if log.forecast_ms is None else timing(log.forecast_ms[log.forecast_ms > 0.0]),
         joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[end - 1].mean()),
     )
 
@@ -312,8 +315,10 @@ def _count_collisions(clearances: Array) -> int:
 
 
 def _tick_ms(log: RunLog) -> Array:
-    """Return (n,) the whole duration of each tick: estimation, planning and whole-body control, ms."""
-    total: Array = log.wbc_ms.copy() if log.estimate_ms is None else log.wbc_ms + log.estimate_ms
+    """Return (n,) the whole duration of each tick: estimation, planning, forecasts and whole-body control, ms."""
+    total: Array = log.wbc_ms.copy()
+    for part in (log.estimate_ms, log.forecast_ms):
+        total += 0.0 if part is None else part
     planning = np.isin(log.mpc_time, log.time)
     total[np.searchsorted(log.time, log.mpc_time[planning])] += log.mpc_ms[planning]
     return total

@@ -15,6 +15,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs.log import (
     CHANNELS,
     ESTIMATE_CHANNELS,
+    FORECAST_CHANNELS,
     FRICTION_CHANNELS,
     LIMIT_CHANNELS,
     MPC_CHANNELS,
@@ -57,6 +58,7 @@ class Recorder:
         estimated: whether the estimate that the controller receives is recorded.
         stepping: whether commands and steps are recorded.
         friction_estimated: whether estimated joint friction is recorded.
+        forecasts: whether durations of forecasts of steps against pushes are recorded.
         mass: of the simulated robot, kg; NaN if unknown.
 
     Raises:
@@ -82,6 +84,7 @@ class Recorder:
         estimated: bool = False,
         stepping: bool = False,
         friction_estimated: bool = False,
+        forecasts: bool = False,
         mass: float = math.nan,
     ) -> None:
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
@@ -115,12 +118,18 @@ class Recorder:
             (stepping, STEP_CHANNELS),
             (estimated, ESTIMATE_CHANNELS),
             (friction_estimated, FRICTION_CHANNELS),
+            (forecasts, FORECAST_CHANNELS),
         )
         channels = dict(CHANNELS)
         for included, table in optional:
             channels |= table if included else {}
         self._ticks = _Rows(channels, sizes, ticks)
         self._updates = _Rows(MPC_CHANNELS, sizes, mpc_updates)
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """Names of the channels of a control tick."""
+        return frozenset(self._ticks.shapes)
 
     @property
     def ticks(self) -> int:
@@ -132,21 +141,18 @@ class Recorder:
         """Number of MPC updates recorded so far."""
         return self._updates.count
 
-    def record(self, **channels: ArrayLike) -> None:
+    def append(self, channels: Mapping[str, ArrayLike]) -> None:
         """Copy one control tick.
 
         Args:
             channels: a value for each of :data:`~lgmpc.runs.log.CHANNELS`, and for each of the optional channels that
-                are recorded; shapes and units as in :class:`~lgmpc.runs.log.RunLog`, without the first axis.
+                are recorded, fastest in their order; shapes and units as in :class:`~lgmpc.runs.log.RunLog`, without
+                the first axis.
 
         Raises:
             InputError: a channel is missing or unknown.
             ValueError: a value does not have the channel's shape.
         """
-        self._ticks.append(channels)
-
-    def append(self, channels: Mapping[str, ArrayLike]) -> None:
-        """Copy one control tick, as :meth:`record`, from a mapping; fastest in the order of the channels."""
         self._ticks.append(channels)
 
     def record_mpc(self, time: float, horizon_com: Array, forces: Array, status: int, ms: float) -> None:

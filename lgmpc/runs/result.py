@@ -237,6 +237,7 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
         ("mpc_ms", Timing),
         ("wbc_ms", Timing),
         ("estimator_ms", Timing),
+        ("forecast_ms", Timing),
         ("estimator", EstimatorErrors),
         ("walking", WalkingMetrics),
         ("modes", ModeMetrics),

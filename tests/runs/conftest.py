@@ -42,24 +42,26 @@ def record_standing(
     com = np.array([0.0, 0.0, 0.2])
     for k in range(ticks):
         time = 0.001 * k
-        recorder.record(
-            time=time,
-            q=q,
-            v=np.zeros(18),
-            tau=np.full(12, 0.5),
-            tau_command=np.full(12, 0.5),
-            contact_forces=forces,
-            contact_forces_desired=forces,
-            contact_points=FEET,
-            com=com,
-            com_reference=com,
-            momentum=np.zeros(6),
-            base_reference=q[:7],
-            push=np.zeros(6),
-            push_point=np.zeros(3),
-            wbc_status=0,
-            wbc_ms=0.1,
-            **optional(k),
+        recorder.append(
+            {
+                "time": time,
+                "q": q,
+                "v": np.zeros(18),
+                "tau": np.full(12, 0.5),
+                "tau_command": np.full(12, 0.5),
+                "contact_forces": forces,
+                "contact_forces_desired": forces,
+                "contact_points": FEET,
+                "com": com,
+                "com_reference": com,
+                "momentum": np.zeros(6),
+                "base_reference": q[:7],
+                "push": np.zeros(6),
+                "push_point": np.zeros(3),
+                "wbc_status": 0,
+                "wbc_ms": 0.1,
+                **optional(k),
+            }
         )
         if k % 10 == 0:
             recorder.record_mpc(time, np.tile(com, (21, 1)), forces, 0, 0.5)

@@ -11,7 +11,7 @@ from lgmpc.runs import compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.log import CHANNELS
 from lgmpc.runs.metrics import rotate, rpy_deg, tilt_deg
 
-from .conftest import new_recorder
+from .conftest import new_recorder, record_standing
 
 
 def about(axis: int, degrees: float) -> np.ndarray:
@@ -260,6 +260,17 @@ def test_failures_and_missed_deadlines_are_counted(changed) -> None:
     assert metrics.wbc_ms.max == 1.5
 
 
+def test_forecasts_count_against_the_period_and_are_a_metric() -> None:
+    recorder = new_recorder(forecasts=True)
+    record_standing(recorder, 50, lambda k: {"forecast_ms": {21: 0.85, 31: 0.95}.get(k, 0.0)})  # each tick takes 0.1
+    metrics = compute_metrics(recorder.log())
+    assert metrics.forecast_ms is not None and metrics.forecast_ms.max == 0.95
+    assert metrics.deadline_misses == 1
+    without = new_recorder()
+    record_standing(without, 50)
+    assert compute_metrics(without.log()).forecast_ms is None
+
+
 def test_without_mpc_there_is_no_mpc_timing() -> None:
     recorder = new_recorder(mpc_nodes=0, mpc_period_s=0.0, mpc_updates=0)
     identity = [0.0, 0.0, 0.24, 0.0, 0.0, 0.0, 1.0]
@@ -269,7 +280,7 @@ def test_without_mpc_there_is_no_mpc_timing() -> None:
         0.0, q, zeros(18), zeros(12), zeros(12), zeros((4, 3)), zeros((4, 3)), zeros((4, 3)), zeros(3), zeros(3),
         zeros(6), q[:7], zeros(6), zeros(3), 0, 0.1,
     )  # fmt: skip
-    recorder.record(**dict(zip(CHANNELS, row, strict=True)))
+    recorder.append(dict(zip(CHANNELS, row, strict=True)))
     metrics = compute_metrics(recorder.log())
     assert metrics.mpc_ms is None
     assert metrics.survived_s == pytest.approx(0.001)
@@ -286,7 +297,7 @@ def test_fixed_base_robots_have_no_base_to_move() -> None:
             0.001 * k, np.full(7, 0.1 * k), np.full(7, 2.0), zeros(7), zeros(7), zeros((0, 3)), zeros((0, 3)),
             zeros((0, 3)), zeros(3), zeros(3), zeros(6), np.array([0, 0, 0, 0, 0, 0, 1.0]), zeros(6), zeros(3), 0, 0.1,
         )  # fmt: skip
-        recorder.record(**dict(zip(CHANNELS, row, strict=True)))
+        recorder.append(dict(zip(CHANNELS, row, strict=True)))
     metrics = compute_metrics(recorder.log())
     assert not metrics.fell
     assert metrics.max_displacement_m == metrics.max_slip_m == 0.0

@@ -49,7 +49,7 @@ def test_an_interrupted_tick_is_not_part_of_the_log() -> None:
     tick = {name: np.zeros(recorder.log().arrays()[name].shape[1:]) for name in CHANNELS}
     tick["momentum"] = np.zeros(5)  # does not fit: the row is half written when the error comes
     with pytest.raises(ValueError):
-        recorder.record(**tick)
+        recorder.append(tick)
     assert recorder.log().ticks == 5
 
 
@@ -61,7 +61,7 @@ def test_recording_allocates_nothing_while_the_buffers_last() -> None:
     tracemalloc.start()
     try:
         for _ in range(500):
-            recorder.record(**tick)
+            recorder.append(tick)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -75,7 +75,7 @@ def test_a_tick_has_every_channel_and_no_other(changes, named) -> None:
     record_standing(recorder, 1)
     tick = {name: np.zeros(recorder.log().arrays()[name].shape[1:]) for name in CHANNELS} | changes
     with pytest.raises(InputError, match=rf"channels: got {named}; expected every channel"):
-        recorder.record(**{name: value for name, value in tick.items() if value is not None})
+        recorder.append({name: value for name, value in tick.items() if value is not None})
     assert recorder.ticks == 1
 
 
@@ -83,7 +83,7 @@ def test_channels_may_come_in_any_order() -> None:
     recorder, swapped = new_recorder(), new_recorder()
     record_standing(recorder, 1)
     tick = {name: recorder.log().arrays()[name][0] for name in CHANNELS}
-    swapped.record(**dict(reversed(tick.items())))
+    swapped.append(dict(reversed(tick.items())))
     for name in CHANNELS:
         np.testing.assert_array_equal(swapped.log().arrays()[name][0], tick[name])
 
@@ -179,7 +179,7 @@ def test_limits_that_change_are_channels_of_the_log() -> None:
     recorder.set_limits(friction=0.6, effort_limit=np.full(12, 2.5), mass=2.5)
     recorder.set_limits(friction=0.3, effort_limit=np.full(12, 1.8), mass=2.5)
     for time in (0.01, 0.011):
-        recorder.record(**{**tick, "time": time})
+        recorder.append({**tick, "time": time})
     log = RunLog.from_arrays(recorder.log().arrays())
     np.testing.assert_array_equal(log.friction_over_time, [0.6] * 4 + [0.3] * 2)
     np.testing.assert_array_equal(log.effort_limit_over_time, np.full((6, 12), 1.8))

@@ -96,23 +96,25 @@ def record_pushed_run(robot: Robot, duration: float) -> RunLog:
         if k % 10 == 0:
             horizon = data.com[0] + data.hg.linear / robot.mass * (ahead - 1.25 * ahead**2)
             recorder.record_mpc(time, horizon, share, 0, 0.4 + 0.1 * np.sin(0.1 * k))
-        recorder.record(
-            time=time,
-            q=sample.q,
-            v=sample.v,
-            tau=sample.tau,
-            tau_command=tau,
-            contact_forces=sample.contact_forces,
-            contact_forces_desired=share,
-            contact_points=points,
-            com=data.com[0],
-            com_reference=start,
-            momentum=data.hg.vector,
-            base_reference=robot.q_reference[:7],
-            push=wrench,
-            push_point=plant.body_point("base_link"),
-            wbc_status=0,
-            wbc_ms=0.08 + 0.01 * np.cos(0.3 * k),
+        recorder.append(
+            {
+                "time": time,
+                "q": sample.q,
+                "v": sample.v,
+                "tau": sample.tau,
+                "tau_command": tau,
+                "contact_forces": sample.contact_forces,
+                "contact_forces_desired": share,
+                "contact_points": points,
+                "com": data.com[0],
+                "com_reference": start,
+                "momentum": data.hg.vector,
+                "base_reference": robot.q_reference[:7],
+                "push": wrench,
+                "push_point": plant.body_point("base_link"),
+                "wbc_status": 0,
+                "wbc_ms": 0.08 + 0.01 * np.cos(0.3 * k),
+            }
         )
         plant.set_wrench("base_link", wrench)
         plant.step(tau)

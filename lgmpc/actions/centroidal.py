@@ -1,8 +1,8 @@
 r"""Centroidal dynamics under contact forces that are constant over each interval, integrated exactly.
 
 State ``x = [c; l; k]``: centre of mass (m), linear momentum (N.s), angular momentum about the centre of mass (N.m.s);
-world axes. Control: the forces ``f_i`` (N, world axes, on the robot) at contact points ``p_i`` that do not move during
-the interval. With the external force ``f_e`` and moment ``tau_e`` about the centre of mass, ``F = sum f_i`` and
+world axes. Control: the forces ``f_i`` (N, on the robot) at contact points ``p_i`` that do not move during the
+interval. With the external force ``f_e`` and moment ``tau_e`` about the centre of mass, ``F = sum f_i`` and
 ``W = m g + F + f_e``:
 
     c' = l / m,      l' = W,      k' = sum (p_i - c) x f_i + tau_e
@@ -18,10 +18,11 @@ and ``W x F = (m g + f_e) x F`` because ``F x F = 0``. The step is exact: c is q
 affine in the forces except for the products of F with c0 and l0 in k. (Centroidal dynamics: Orin, Goswami, Lee,
 "Centroidal dynamics of a humanoid robot", Autonomous Robots 35, 2013.)
 
-Each contact's force is constrained to the pyramid inscribed in its friction cone (:mod:`lgmpc.robot.friction`), and f_z
-to its bounds. The force of a foot whose flag is 0 is multiplied by 0 in the dynamics, its reference in the cost is
-zero, and its constraints are relaxed so far that zero lies strictly inside. For any flags the constraints thus have a
-nonempty interior, which interior-point methods require.
+The control has each force in the axes of the surface under its foot (:func:`lgmpc.robot.feet.axes_of`: two tangents and
+the normal), in which the constraints do not depend on the surface: the pyramid inscribed in the friction cone
+(:mod:`lgmpc.robot.friction`), and bounds of the normal part. The force of a foot whose flag is 0 is multiplied by 0 in
+the dynamics, its reference in the cost is zero, and its constraints are relaxed so far that zero lies strictly inside.
+For any flags the constraints thus have a nonempty interior, which interior-point methods require.
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from lgmpc.actions.base import Action
 from lgmpc.costs import Bounded, Cost, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
+from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 from lgmpc.state.vector import StateVector
 
@@ -42,8 +45,8 @@ __all__ = ["CentroidalAction"]
 class CentroidalAction(Action):
     """Centre of mass and momenta driven by contact forces, friction and normal force bounded (see the module).
 
-    ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, for each contact,
-    ``facets`` rows ``mu cos(pi/n) f_z - n_j . f >= 0`` and one row ``f_z``.
+    ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact, each in the axes of its surface. The path
+    constraint has, for each contact, ``facets`` rows ``mu cos(pi/n) f_z - n_j . f >= 0`` and one row ``f_z``.
 
     Args:
         contacts: number of contact points, nc.
@@ -67,15 +70,18 @@ class CentroidalAction(Action):
             Parameter("gravity", 3, "acceleration of gravity, world axes, m/s^2"),
             Parameter("duration", 1, "length of the interval, s", sign="positive"),
             Parameter("contact_points", 3 * contacts, "positions of the contact points, world, m"),
+            Parameter(
+                "contact_normals", 3 * contacts, "unit normals of the surfaces, world axes", np.tile(UP, contacts)
+            ),
             Parameter("contact_flags", contacts, "1 in contact, 0 in the air"),
-            Parameter("friction", 1, "friction coefficient", sign="not negative"),
+            Parameter("friction", contacts, "friction coefficient at each contact", sign="not negative"),
             Parameter("normal_force_min", 1, "lowest normal force of a foot in contact, N"),
             Parameter("normal_force_max", 1, "highest normal force, N"),
             Parameter(
                 "external_wrench", 6, "[force; moment about the centre of mass] on the robot, world axes, N, N.m"
             ),
             Parameter("x_reference", 9, "reference of [c; l; k]"),
-            Parameter("u_reference", 3 * contacts, "reference of the forces, N"),
+            Parameter("u_reference", 3 * contacts, "reference of the forces, world axes, N"),
             Parameter("x_weight", 9, "weights of the squared state errors", sign="not negative"),
             Parameter("u_weight", 3 * contacts, "weights of the squared force errors, 1/N^2", sign="positive"),
         )
@@ -85,7 +91,8 @@ class CentroidalAction(Action):
         s = self.parameters.split(p)
         h, m = s["duration"], s["mass"]
         c, l, k = x[0:3], x[3:6], x[6:9]  # noqa: E741 - the momentum's usual name
-        forces = self._effective_forces(u, s)
+        forces = ca.horzcat(*(axes @ u[3 * i : 3 * i + 3] for i, axes in enumerate(self._axes(s))))
+        forces = forces @ ca.diag(s["contact_flags"])  # zero for feet in the air
         total = ca.sum2(forces)
         moment = s["external_wrench"][3:6]  # about the world's origin, of the contact forces, and the external one
         for i in range(self.contacts):
@@ -101,8 +108,9 @@ class CentroidalAction(Action):
         """Return the weighted squared distance from the reference state and forces."""
         s = self.parameters.split(p)
         # The reference force of a foot in the air is zero.
-        u_reference = ca.vec(self._effective_forces(s["u_reference"], s))
-        residual = ca.vertcat(x - s["x_reference"], u - u_reference)
+        reference = ca.reshape(s["u_reference"], 3, self.contacts) @ ca.diag(s["contact_flags"])
+        u_reference = [axes.T @ reference[:, i] for i, axes in enumerate(self._axes(s))]
+        residual = ca.vertcat(x - s["x_reference"], u - ca.vertcat(*u_reference))
         return LeastSquares(residual, ca.vertcat(s["x_weight"], s["u_weight"]))
 
     def terminal_cost(self, x: Any, p: Any) -> Cost:
@@ -113,18 +121,18 @@ class CentroidalAction(Action):
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
         """Return the friction pyramid and the normal force of each contact."""
         s = self.parameters.split(p)
-        half_width = pyramid_half_width(s["friction"], self.facets)
         rows: list[Any] = []
         lower: list[Any] = []
         upper: list[Any] = []
         for i in range(self.contacts):
             flag, force = s["contact_flags"][i], [u[3 * i + j] for j in range(3)]
+            half_width = pyramid_half_width(s["friction"][i], self.facets)
             opened = -(1 - flag) * s["normal_force_max"]
             rows += [*friction_margins(force, half_width, self.facets), force[2]]
             lower += [*[opened] * self.facets, flag * s["normal_force_min"] + opened]
             upper += [*[ca.SX(ca.inf)] * self.facets, s["normal_force_max"]]
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
 
-    def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:
-        """Return the forces (3, nc), zero for feet in the air."""
-        return ca.reshape(u, 3, self.contacts) @ ca.diag(s["contact_flags"])
+    def _axes(self, s: dict[str, Any]) -> list[Any]:
+        """Return the (3, 3) axes of the surface under each contact."""
+        return [axes_of(s["contact_normals"][3 * i : 3 * i + 3]) for i in range(self.contacts)]

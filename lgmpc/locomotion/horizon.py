@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["ContactHorizon", "MotionReference"]
@@ -19,20 +20,23 @@ class ContactHorizon:
     Attributes:
         flags: (N, nc) whether each foot is in contact during each interval.
         points: (N, nc, 3) contact points, world, m; of a foot in the air, where it will touch down next.
-        friction: (N,) Coulomb coefficient to rely on.
+        normals: (N, nc, 3) unit normals of the surfaces at the points, world axes.
+        friction: (N, nc) Coulomb coefficients to rely on.
     """
 
     flags: BoolArray
     points: Array
+    normals: Array
     friction: Array
 
     @classmethod
     def allocate(cls, intervals: int, contacts: int) -> ContactHorizon:
-        """Return buffers with every foot in contact at the origin and friction 0.6."""
+        """Return buffers with every foot in contact at the origin, on a level surface of friction 0.6."""
         return cls(
             np.ones((intervals, contacts), dtype=np.bool_),
             np.zeros((intervals, contacts, 3)),
-            np.full(intervals, 0.6),
+            np.tile(np.array(UP), (intervals, contacts, 1)),
+            np.full((intervals, contacts), 0.6),
         )
 
     def hold(self, points: Array, flags: BoolArray, friction: float) -> None:

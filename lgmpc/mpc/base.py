@@ -120,7 +120,7 @@ def write_intervals(target: Array, values: Array | BoolArray) -> None:
 def input_error(error: ValueError, nodes: int, contacts: int) -> InputError:
     """Return the error of an update whose arrays have wrong shapes."""
     expected = (
-        f"points ({nodes}, {contacts}, 3), flags ({nodes}, {contacts}), friction ({nodes},), com and com_velocity"
+        f"points and normals ({nodes}, {contacts}, 3), flags and friction ({nodes}, {contacts}), com and com_velocity"
         f" ({nodes + 1}, 3), q ({nodes + 1}, nq), wrench ({nodes}, 6)"
     )
     return InputError("inputs of the MPC", str(error), expected)

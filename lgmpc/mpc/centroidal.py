@@ -19,6 +19,7 @@ from lgmpc.mpc.settings import CentroidalWeights, SqpMpcSettings
 from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import in_surface_axes, in_world_axes
 from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
@@ -111,7 +112,8 @@ class CentroidalMpc(SqpMpc):
         self._contacts = contacts
         view = problem.view
         self._points = view("contact_points").reshape(s.nodes + 1, contacts, 3)
-        self._friction = view("friction")[:, 0]
+        self._normals = view("contact_normals").reshape(s.nodes + 1, contacts, 3)
+        self._friction = view("friction")
         self._wrench = view("external_wrench")
         self._x_reference = view("x_reference")
         self._com_weight = view("x_weight")[:, :3]
@@ -136,6 +138,7 @@ class CentroidalMpc(SqpMpc):
         problem = self.problem
         try:
             write_intervals(self._points, contacts.points)
+            write_intervals(self._normals, contacts.normals)
             write_intervals(self._flags, contacts.flags)
             write_intervals(self._friction, contacts.friction)
             write_intervals(self._wrench, wrench)
@@ -152,16 +155,17 @@ class CentroidalMpc(SqpMpc):
 
     def _rest(self) -> Trajectory:
         n, nu = self.settings.nodes, self.problem.nu
-        return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
+        forces = in_surface_axes(self._u_reference[:n], self._normals[:n])
+        return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), forces.reshape(n, nu))
 
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         return self._make_plan(t, trajectory.xs, self._forces(trajectory), result.kkt)
 
     def _forces(self, trajectory: Trajectory) -> Array:
-        """Return (N, nc, 3) forces of the contacts."""
+        """Return (N, nc, 3) forces of the contacts, world axes."""
         n, nc = self.settings.nodes, self._contacts
         forces: Array = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
-        return forces
+        return in_world_axes(forces, self._normals[:n])
 
     def _standing_plan(self, t: float) -> Plan:
         n = self.settings.nodes

@@ -33,6 +33,7 @@ from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import MpcSettings, TrackingWeights
 from lgmpc.ocp import KktResidual
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP, in_surface_axes, in_world_axes
 from lgmpc.settings import NonNegative
 from lgmpc.typing import Array
 
@@ -130,7 +131,8 @@ class CentroidalLqr(BaseMpc):
         s = LqrSettings() if settings is None else settings
         super().__init__(s, mass)
         self.settings: LqrSettings = s
-        self._friction = np.full(s.nodes + 1, s.friction)
+        self._friction = np.full((s.nodes + 1, contacts), s.friction)
+        self._normals = np.tile(np.array(UP), (s.nodes + 1, contacts, 1))
         self._normal_force = s.normal_force(self.mass)
         self.gain = np.zeros((3 * contacts, 9))
         self._weight: Array = -self.mass * np.asarray(gravity, dtype=np.float64)
@@ -166,12 +168,13 @@ class CentroidalLqr(BaseMpc):
             points = contacts.points[0].reshape(self._flags.shape[1], 3)
             write_intervals(self._flags, contacts.flags)
             write_intervals(self._friction, contacts.friction)
+            write_intervals(self._normals, contacts.normals)
             write_intervals(self._wrench, wrench)
             self._motion.write(state, reference)
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._flags.shape[1]) from error
         t = state.time
-        numbers = (x, points, self._flags, self._friction, self._wrench, self._reference)
+        numbers = (x, points, self._flags, self._friction, self._normals, self._wrench, self._reference)
         if not math.isfinite(t + sum(float(array.sum()) for array in numbers)):
             return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -214,13 +217,14 @@ class CentroidalLqr(BaseMpc):
         rest[:3] = self._reference[0, :3]
         for k in range(nodes):
             desired = shares[k] + meeting[k] - self.gain @ (xs[k] - self._reference[k])
-            forces[k] = self._saturated(desired.reshape(nc, 3), self._friction[k]) * flags[k]
+            local = in_surface_axes(desired.reshape(nc, 3), self._normals[k])
+            forces[k] = in_world_axes(self._saturated(local, self._friction[k]), self._normals[k]) * flags[k]
             deviation = model.A @ (xs[k] - rest) + model.B @ (forces[k].ravel() - shares[k])
             xs[k + 1] = rest + deviation + model.W @ self._wrench[k]
         return xs, forces
 
-    def _saturated(self, forces: Array, friction: float) -> Array:
-        """Clip forces (nc, 3) to their normal bounds and friction cones."""
+    def _saturated(self, forces: Array, friction: Array) -> Array:
+        """Clip forces (nc, 3), in the axes of their surfaces, to their normal bounds and friction cones."""
         out = forces.copy()
         np.clip(out[:, 2], *self._normal_force, out=out[:, 2])
         sideways = np.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2)

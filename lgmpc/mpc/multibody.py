@@ -26,6 +26,7 @@ from lgmpc.mpc.settings import MultibodyWeights, SqpMpcSettings
 from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP, touching
 from lgmpc.settings import Positive
 from lgmpc.solvers import Solution
 from lgmpc.state import State
@@ -47,7 +48,7 @@ def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
     names = []
     for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
         joint = model.frames[frame].parentJoint
-        point = pin.SE3(np.eye(3), data.oMf[frame].translation - [0.0, 0.0, robot.contact_radius])
+        point = pin.SE3(np.eye(3), touching(data.oMf[frame].translation, robot.contact_radius, np.array(UP)))
         names.append(f"{name}_contact_point")
         model.addFrame(pin.Frame(names[-1], joint, frame, data.oMi[joint].inverse() * point, pin.FrameType.OP_FRAME))
     return model, tuple(names)
@@ -165,8 +166,9 @@ class MultibodyMpc(SqpMpc):
         try:
             write_intervals(self._flags, contacts.flags)
             write_intervals(self._wrench, wrench)
-            for friction in self._friction:
-                write_intervals(friction, contacts.friction)
+            for i, (friction, normal) in enumerate(self._surfaces):
+                write_intervals(friction, contacts.friction[:, i])
+                write_intervals(normal, contacts.normals[:, i])
             self._com_reference[...] = reference.com
             np.multiply(reference.com_velocity, self.mass, out=self._momentum_reference[:, :3])
             self._momentum_reference[:, 3:] = state.angular_momentum(reference.angular_velocity)

@@ -1,6 +1,7 @@
 """The whole-body QP as one compiled function of state, targets and contacts, written into the solver's memory.
 
-Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 nc,), world axes, on the robot::
+Variables ``z = (a, f)``: joint-space acceleration (nv,) and contact forces (3 nc,) on the robot, each in the axes of
+the surface under its foot (two tangents and the normal), in which its cone and bounds are constant::
 
     minimise    1/2 ||J a - rhs||_W^2 + 1/2 w_f ||f - f_des||^2 + 1/2 w_a ||a||^2
     subject to  M_b a + h_b = J_cb^T f + w                      (floating-base rows of the dynamics)
@@ -24,10 +25,11 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import friction_pyramid
 from lgmpc.robot.joint_friction import joint_friction_torque
+from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array, BoolArray
-from lgmpc.wbc import contact_points as points
 from lgmpc.wbc.settings import WholeBodySettings
 from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
@@ -43,6 +45,7 @@ class Contacts:
     Attributes:
         stance: (nc,) whether each foot is in contact.
         friction: (nc,) assumed Coulomb coefficient.
+        normals: (nc, 3) unit normals of the surfaces under the feet, world axes.
         target_forces: (nc, 3) reference of the forces, world axes, on the robot, N.
         lowest_normal: (nc,) normal force that a foot in contact keeps, N.
         highest_normal: (nc,) normal force that a foot in contact may reach, N.
@@ -50,13 +53,20 @@ class Contacts:
 
     stance: BoolArray
     friction: Array
+    normals: Array
     target_forces: Array
     lowest_normal: Array
     highest_normal: Array
 
     @classmethod
-    def standing(cls, robot: Robot, settings: WholeBodySettings) -> Contacts:
-        """Return all feet in contact, the weight shared equally, within the limits of (scaled) settings."""
+    def standing(cls, robot: Robot, settings: WholeBodySettings, normals: Array | None = None) -> Contacts:
+        """Return all feet in contact, the weight shared equally, within the limits of (scaled) settings.
+
+        Args:
+            robot: the robot.
+            settings: scaled by the robot's mass.
+            normals: (nc, 3) memory of the normals; of a level floor unless given.
+        """
         nc = robot.nc
         assert settings.normal_force_n is not None
         forces = np.zeros((nc, 3))
@@ -65,6 +75,7 @@ class Contacts:
         return cls(
             np.ones(nc, dtype=np.bool_),
             np.full(nc, settings.friction),
+            np.tile(np.array(UP), (nc, 1)) if normals is None else normals,
             forces,
             np.full(nc, lowest),
             np.full(nc, highest),
@@ -96,7 +107,7 @@ class WholeBodyQp:
         terms: WholeBodyTerms,
     ) -> None:
         nv, nu, base = robot.nv, robot.nu, robot.nv - robot.nu
-        self.contacts = Contacts.standing(robot, settings)
+        self.contacts = Contacts.standing(robot, settings, terms.normals)
         self.external_wrench = np.zeros(6)
         self.joint_friction = robot.joint_friction.copy()
         self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
@@ -107,6 +118,7 @@ class WholeBodyQp:
         self._friction: list[float] = []
         self._bias = np.zeros(nu)
         self._magnitude = np.zeros(1)
+        self._axes = np.zeros((3 * robot.nc, 3 * robot.nc))
         limits = np.array(
             [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
         )
@@ -116,7 +128,7 @@ class WholeBodyQp:
         self._pyramids = [
             s.inequality[nu + i : nu + i + self._facets] for i in range(0, robot.nc * self._facets, self._facets)
         ]
-        self._normal_column = nv + 2
+        self._first_force, self._forces = nv, s.solution[nv:]
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
         s.upper[nu:] = 0.0
         self._run = StageKernel.of(_data, robot, symbolic).bind(
@@ -124,6 +136,7 @@ class WholeBodyQp:
             q=terms.q,
             v=terms.v,
             stance=self._flags,
+            normals=self.contacts.normals.reshape(-1),
             target_forces=self.contacts.target_forces.reshape(-1),
             lowest_normal=self.contacts.lowest_normal,
             highest_normal=self.contacts.highest_normal,
@@ -144,6 +157,7 @@ class WholeBodyQp:
             box_upper=s.box_upper[base:],
             bias=self._bias,
             magnitude=self._magnitude,
+            axes=self._axes.reshape(-1),
         )
 
     def update(self) -> float:
@@ -163,10 +177,14 @@ class WholeBodyQp:
         """Write the joint torques (nu,) of the solver's solution: ``M_j a + h_j + tau_f - J_cj^T f``."""
         np.add(self._torques_without_bias, self._bias, out=torques)
 
+    def write_forces(self, forces: Array) -> None:
+        """Write the contact forces (3 nc,), world axes, of the solver's solution, N."""
+        np.matmul(self._axes, self._forces, out=forces)
+
     def _write_friction(self, friction: list[float]) -> None:
         self._friction = friction
         for foot, (mu, rows) in enumerate(zip(friction, self._pyramids, strict=True)):
-            column = self._normal_column - 2 + 3 * foot
+            column = self._first_force + 3 * foot
             rows[:, column : column + 3] = friction_pyramid(mu, self._facets)
 
     def _add(self, task: NumericTask) -> float:
@@ -182,16 +200,18 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
     """Return the data as a function; matrices are stored row by row, as in the solver."""
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu
-    sizes = {"q": robot.nq, "v": nv, "stance": nc, "target_forces": 3 * nc}
+    sizes = {"q": robot.nq, "v": nv, "stance": nc, "normals": 3 * nc, "target_forces": 3 * nc}
     sizes |= {"lowest_normal": nc, "highest_normal": nc, "external_wrench": 6}
     sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2, "joint_friction": nu}
     sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v = given["q"], given["v"]
-    parameters = {"stance": given["stance"]}
+    parameters = {"stance": given["stance"], "normals": given["normals"]}
     for i, task in enumerate(tasks):
         parameters |= {f"{task.name}_{key}": part for key, part in task.layout.split(given[f"task_{i}"]).items()}
     s = StageSymbols(model, ca.vertcat(q, v), parameters)
+    contacts = ContactPoints(robot, q, v, given["normals"])
+    axes = contacts.axes()
 
     hessian = given["weights"][1] * ca.SX.eye(nv)
     gradient = ca.SX.zeros(nv)
@@ -201,9 +221,9 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
         hessian += ca.triu(ca.mtimes(weighted.T, rows.jacobian))
         gradient -= ca.mtimes(weighted.T, rows.rhs)
     hessian = ca.triu2symm(hessian)
-    gradient = ca.vertcat(gradient, -given["weights"][0] * given["target_forces"])
+    gradient = ca.vertcat(gradient, -given["weights"][0] * ca.mtimes(axes.T, given["target_forces"]))
 
-    dynamics, bias = ca.horzcat(model.crba(q), -points.contact_jacobian(s, robot).T), model.nle(q, v)
+    dynamics, bias = ca.horzcat(model.crba(q), -ca.mtimes(contacts.jacobian().T, axes)), model.nle(q, v)
     rotation = model.joint_placement(q, 1).rotation
     force, moment = given["external_wrench"][:3], given["external_wrench"][3:]
     moment_on_base = moment + ca.cross(model.com(q) - q[:3], force)
@@ -228,6 +248,7 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
         "box_upper": box_upper,
         "bias": on_joints,
         "magnitude": magnitude,
+        "axes": ca.densify(axes.T),
     }
     return ca.Function("wbc_qp", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
 

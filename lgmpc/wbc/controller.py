@@ -41,11 +41,11 @@ class WholeBodyController:
         qp: the data of the QP.
         solver: the data is written to its memory.
         tasks: the tasks by name; each holds its target.
-        contacts: stance flags, friction, target forces and normal-force bounds of the feet.
+        contacts: stance flags, friction, normals, target forces and normal-force bounds of the feet.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
         tau: (nu,) torque of the last tick, N.m.
-        forces: (nc, 3) contact forces of the last tick, N.
+        forces: (nc, 3) contact forces of the last tick, world axes, N.
         acceleration: (nv,) acceleration of the last tick.
         status: outcome of the last QP.
         failures: ticks without a solution so far.
@@ -84,7 +84,7 @@ class WholeBodyController:
         self._flat_forces = np.zeros(3 * robot.nc)
         self.forces = self._flat_forces.reshape(robot.nc, 3)
         self.acceleration = np.zeros(robot.nv)
-        self._solved = self.solver.solution[: robot.nv], self.solver.solution[robot.nv :]
+        self._solved = self.solver.solution[: robot.nv]
         self.status = Status.CONVERGED
         self.failures = 0
         self.stand()
@@ -127,7 +127,8 @@ class WholeBodyController:
         else:
             self.status = self.solver.solve()
         if self.status is Status.CONVERGED:
-            self.acceleration[...], self._flat_forces[...] = self._solved
+            self.acceleration[...] = self._solved
+            self.qp.write_forces(self._flat_forces)
             self.qp.write_torques(self.tau)
         else:
             self.failures += 1

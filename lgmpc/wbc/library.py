@@ -12,7 +12,7 @@ import pinocchio as pin
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
 from lgmpc.robot import Robot, carried_joints, leg_normals
-from lgmpc.wbc import contact_points as points
+from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
 from lgmpc.wbc.terms import WholeBodyTerms
@@ -113,8 +113,8 @@ class BasePositionTask(SymbolicTask):
         return ca.mtimes(s.robot.joint_placement(s.q, 1).rotation, s.v[:3])
 
     def stand(self, robot: Robot, terms: WholeBodyTerms) -> None:
-        """Hold the position of the reference posture."""
-        self.hold(robot.q_reference[:3])
+        """Hold the sensed position."""
+        self.hold(terms.q[:3])
 
 
 class AngularMomentumTask(SymbolicTask):
@@ -213,6 +213,9 @@ class _FeetTask(SymbolicTask):
         self._robot = robot
         super().__init__(gain, weight)
 
+    def _contacts(self, s: StageSymbols) -> ContactPoints:
+        return ContactPoints(self._robot, s.q, s.v, s["normals"])
+
     @staticmethod
     def _in_contact(s: StageSymbols) -> Any:
         return ca.vec(ca.repmat(s["stance"].T, 3, 1))
@@ -233,7 +236,7 @@ class StanceTask(_FeetTask):
 
     def velocity(self, s: StageSymbols) -> Any:
         """Return the velocities of the material points in contact."""
-        return points.contact_velocities(s, self._robot)
+        return self._contacts(s).velocities()
 
     def error(self, s: StageSymbols) -> Any:
         """Return zero."""
@@ -249,11 +252,11 @@ class StanceTask(_FeetTask):
 
     def jacobian(self, s: StageSymbols) -> Any:
         """Return the contact Jacobian, an expression of the dynamics too."""
-        return points.contact_jacobian(s, self._robot)
+        return self._contacts(s).jacobian()
 
     def drift(self, s: StageSymbols) -> Any:
         """Return the rate of the velocities at zero joint-space acceleration."""
-        return points.contact_drift(s, self._robot)
+        return self._contacts(s).drift()
 
     def active(self, s: StageSymbols) -> Any:
         """Return which feet are in contact."""
@@ -261,7 +264,7 @@ class StanceTask(_FeetTask):
 
 
 class SwingTask(_FeetTask):
-    """The lowest points of the feet in the air follow their targets, world axes: the point moves as the centre does.
+    """The contact points of the feet in the air follow their targets, world axes: the point moves as the centre does.
 
     Where a leg moves its foot in a plane only, the rows have no part normal to that plane: the base would have to move.
 
@@ -279,20 +282,20 @@ class SwingTask(_FeetTask):
         return [(parameter, (self._robot.nc, 3)) for parameter, _ in super().targets()]
 
     def position(self, s: StageSymbols) -> Any:
-        """Return the lowest points."""
-        return points.contact_points(s, self._robot)
+        """Return the contact points."""
+        return self._contacts(s).positions()
 
     def velocity(self, s: StageSymbols) -> Any:
         """Return their rates."""
-        return points.centre_velocities(s, self._robot)
+        return self._contacts(s).centre_velocities()
 
     def jacobian(self, s: StageSymbols) -> Any:
         """Return the derivative of the rates by v."""
-        return points.centre_jacobian(s, self._robot)
+        return self._contacts(s).centre_jacobian()
 
     def drift(self, s: StageSymbols) -> Any:
         """Return the rate of the velocities at zero joint-space acceleration."""
-        return points.centre_drift(s, self._robot)
+        return self._contacts(s).centre_drift()
 
     def active(self, s: StageSymbols) -> Any:
         """Return which feet are in the air."""

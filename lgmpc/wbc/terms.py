@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
-from lgmpc.costs import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP
+from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array
-from lgmpc.wbc import contact_points as points
 
 __all__ = ["WholeBodyTerms"]
 
@@ -34,6 +34,7 @@ class WholeBodyTerms:
         locked_inertia: (3, 3) ``A_G[3:, 3:6]``: angular momentum per angular velocity (body axes) of the base, with
             the joints locked.
         rotation: (3, 3) base orientation, body to world.
+        normals: (nc, 3) unit normals of the surfaces under the feet, world axes; level until written to.
         contact_points: (nc, 3) world positions of the contact points, m.
         contact_velocities: (nc, 3) velocities of the material points in contact, world axes, m/s: zero unless a foot
             slides or lifts.
@@ -55,7 +56,8 @@ class WholeBodyTerms:
         self.v = np.zeros(robot.nv)
         kernel = StageKernel.of(_terms, robot)
         memory = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
-        self._run = kernel.bind(1, q=self.q, v=self.v, **memory)
+        self.normals = np.tile(np.array(UP), (robot.nc, 1))
+        self._run = kernel.bind(1, q=self.q, v=self.v, normals=self.normals.reshape(-1), **memory)
         self.com, self.momentum, self.momentum_drift = (memory[k] for k in ("com", "momentum", "momentum_drift"))
         self.momentum_matrix = memory["momentum_matrix"].reshape(6, robot.nv)
         self.locked_inertia = self.momentum_matrix[3:, 3:6]
@@ -83,8 +85,8 @@ class WholeBodyTerms:
 
 def _terms(robot: Robot) -> ca.Function:
     model = robot.symbolic
-    q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
-    s = StageSymbols(model, ca.vertcat(q, v), {})
+    q, v, normals = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("normals", 3 * robot.nc)
+    contacts = ContactPoints(robot, q, v, normals)
     com, momentum, rotation = model.com(q), model.momentum(q, v), model.joint_placement(q, 1).rotation
     # Matrices are stored row by row, as numpy has them.
     outputs = {
@@ -93,11 +95,12 @@ def _terms(robot: Robot) -> ca.Function:
         "momentum_matrix": model.momentum_matrix(q).T,
         "momentum_drift": model.momentum_rate(q, v, None),
         "rotation": rotation.T,
-        "contact_points": points.contact_points(s, robot),
-        "contact_velocities": points.contact_velocities(s, robot),
+        "contact_points": contacts.positions(),
+        "contact_velocities": contacts.velocities(),
         "summary": ca.vertcat(ca.sumsqr(q) + ca.sumsqr(v), com, momentum[:2], rotation[:2, 0], rotation[2, 2]),
     }
-    return ca.Function("wbc_terms", [q, v], ca.cse(list(outputs.values())), ["q", "v"], list(outputs))
+    given = {"q": q, "v": v, "normals": normals}
+    return ca.Function("wbc_terms", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
 
 
 def _check(robot: Robot) -> None:

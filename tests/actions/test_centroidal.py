@@ -25,10 +25,20 @@ def action() -> CentroidalAction:
     return CentroidalAction(4, 8)
 
 
+def in_world(s: dict[str, np.ndarray], u: np.ndarray) -> np.ndarray:
+    """Forces (nc, 3) of a control, whose third parts are along the normals and first parts above the world's x axis."""
+    forces = []
+    for normal, (along, across, out) in zip(s["contact_normals"].reshape(-1, 3), u.reshape(-1, 3), strict=True):
+        first = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+        first /= np.linalg.norm(first)
+        forces.append(along * first + across * np.cross(normal, first) + out * normal)
+    return np.array(forces)
+
+
 def ode(action: CentroidalAction, u: np.ndarray, p: np.ndarray):
     s = action.parameters.split(p)
     points = s["contact_points"].reshape(-1, 3)
-    forces = u.reshape(-1, 3) * s["contact_flags"][:, None]
+    forces = in_world(s, u) * s["contact_flags"][:, None]
 
     def rate(_t: float, x: np.ndarray) -> np.ndarray:
         force = s["mass"] * s["gravity"] + forces.sum(0) + s["external_wrench"][:3]

@@ -249,7 +249,7 @@ def test_time_may_jump() -> None:
 )
 def test_wrong_shapes_are_named(contacts: ContactHorizon, reference: MotionReference, wrench: np.ndarray) -> None:
     state = MeasuredState.centroidal(0.0, STANDING[:3], STANDING[3:])
-    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected points \(20, 4, 3\)"):
+    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected points and normals \(20, 4, 3\)"):
         make().update(state, contacts, reference, wrench)
 
 

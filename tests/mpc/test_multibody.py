@@ -244,7 +244,7 @@ def test_wrong_shapes_are_named(mpc: MultibodyMpc, broken: str) -> None:
         "wrench": np.zeros((19, 6)),
     }
     state = measured(0.0, solo().q_reference, np.zeros(18))
-    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected points \(20, 4, 3\)"):
+    with pytest.raises(InputError, match=r"inputs of the MPC: .* expected points and normals \(20, 4, 3\)"):
         mpc.update(state, **{**right, broken: wrong[broken]})
 
 

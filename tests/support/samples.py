@@ -127,6 +127,12 @@ def standing_quadruped(nodes: int, facets: int) -> ShootingProblem:
     return problem
 
 
+def upward(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return (count, 3) unit vectors within some 30 degrees of the vertical."""
+    vectors = np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, (count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
 def centroidal_parameters(
     action: CentroidalAction, rng: np.random.Generator, feet: np.ndarray, **given: object
 ) -> np.ndarray:
@@ -136,6 +142,7 @@ def centroidal_parameters(
         "gravity": [0.1, -0.2, -9.81],
         "duration": 0.05,
         "contact_points": feet.ravel(),
+        "contact_normals": upward(rng, len(feet)).ravel(),
         "contact_flags": 1.0,
         "friction": 0.6,
         "normal_force_min": 0.5,

@@ -16,6 +16,7 @@ from scipy.optimize import lsq_linear
 
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.robot.feet import UP
 from lgmpc.wbc import SymbolicTask, WholeBodyController, WholeBodySettings
 
 RandomState = Callable[..., tuple[np.ndarray, np.ndarray]]
@@ -110,9 +111,11 @@ class Rows:
 
     def __init__(self, robot: Robot, task: SymbolicTask) -> None:
         q, v, stance = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("stance", robot.nc)
-        memory = ca.SX.sym("memory", task.layout.size)
+        memory, normals = ca.SX.sym("memory", task.layout.size), ca.DM(np.tile(UP, robot.nc))
         parameters = {f"{task.name}_{key}": part for key, part in task.layout.split(memory).items()}
-        rows = task.rows(StageSymbols(robot.symbolic, ca.vertcat(q, v), {"stance": stance, **parameters}))
+        rows = task.rows(
+            StageSymbols(robot.symbolic, ca.vertcat(q, v), {"stance": stance, "normals": normals, **parameters})
+        )
         outputs = [ca.densify(part) for part in (rows.jacobian, rows.rhs, rows.weight)]
         self._function = ca.Function("rows", [q, v, stance, memory], outputs)
         self._task, self._nc = task, robot.nc

@@ -267,7 +267,7 @@ def test_standing_targets_are_here_and_in_the_reference_posture(solo12, random_s
     np.testing.assert_array_equal(targets["com"].position, terms.com)
     np.testing.assert_array_equal(targets["swing"].position, terms.contact_points)
     np.testing.assert_array_equal(targets["posture"].position, solo12.q_reference[7:])
-    np.testing.assert_array_equal(targets["base_position"].position, solo12.q_reference[:3])
+    np.testing.assert_array_equal(targets["base_position"].position, terms.q[:3])
     np.testing.assert_allclose(targets["base_orientation"].rotation, np.eye(3), atol=1e-15)
     for name in ("com", "swing", "posture", "base_position"):
         assert not targets[name].velocity.any() and not targets[name].acceleration.any()

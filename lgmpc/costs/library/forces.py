@@ -12,6 +12,7 @@ from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
+from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 
 __all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "WrenchCone"]
@@ -36,46 +37,37 @@ class ContactForce(Residual):
         return s.force(self.frame) - s["reference"]
 
 
-class _Cone(Residual):
-    def __init__(self, frame: str, friction: float, surface: ArrayLike | None) -> None:
-        self.frame = frame
-        self.parameters = (Parameter("friction", 1, "friction coefficient", friction, "not negative"),)
-        rotation = np.eye(3) if surface is None else np.asarray(surface, dtype=np.float64)
-        if rotation.shape != (3, 3) or not np.allclose(rotation.T @ rotation, np.eye(3), rtol=0, atol=1e-9):
-            raise InputError("surface", "no rotation matrix", "a (3, 3) rotation whose third column is the normal")
-        self._to_surface = ca.DM(rotation.T)
-
-    def _force(self, s: StageSymbols) -> tuple[Any, Any, Any]:
-        force = self._to_surface @ s.force(self.frame)[:3]
-        return force[0], force[1], force[2]
-
-
-class FrictionCone(_Cone):
+class FrictionCone(Residual):
     """The pyramid inscribed in the friction cone (facets + 1,), N: all entries are positive strictly inside.
 
         mu cos(pi / n) f_z - cos(2 pi j / n) f_x - sin(2 pi j / n) f_y,   j = 0 .. n - 1;      f_z
 
-    As a constraint: ``lower=0, upper=inf``. As a cost: ``QuadraticBarrier(0.0, np.inf)``.
+    in the axes of the surface, z being its normal. As a constraint: ``lower=0, upper=inf``. As a cost:
+    ``QuadraticBarrier(0.0, np.inf)``.
 
     Args:
         frame: name of the contact.
         facets: n, at least 3.
         friction: default of the parameter ``friction``.
-        surface: (3, 3) rotation of the surface in the world, z its normal; level unless given.
+        normal: (3,) unit normal of the surface, world axes; default of the parameter ``normal``.
 
     Raises:
-        InputError: too few facets, or no rotation.
+        InputError: too few facets, or a normal that is no unit vector.
     """
 
-    def __init__(self, frame: str, facets: int = 8, friction: float = 0.7, surface: ArrayLike | None = None) -> None:
-        super().__init__(frame, friction, surface)
+    def __init__(self, frame: str, facets: int = 8, friction: float = 0.7, normal: ArrayLike = UP) -> None:
         check_facets(facets)
-        self.facets = facets
-        self.nr = facets + 1
+        if np.shape(normal) != (3,) or not abs(float(np.linalg.norm(normal)) - 1.0) < 1e-9:
+            raise InputError("normal", normal, "a unit vector (3,)")
+        self.frame, self.facets, self.nr = frame, facets, facets + 1
+        self.parameters = (
+            Parameter("friction", 1, "friction coefficient", friction, "not negative"),
+            Parameter("normal", 3, "unit normal of the surface, world axes", normal),
+        )
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the distances from the facets."""
-        force = self._force(s)
+        force = ca.vertsplit(axes_of(s["normal"]).T @ s.force(self.frame)[:3])
         half_width = pyramid_half_width(s["friction"], self.facets)
         return ca.vertcat(*friction_margins(force, half_width, self.facets), force[2])
 

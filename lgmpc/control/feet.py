@@ -17,6 +17,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.swing import SwingTrajectory
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import Contacts, Task
@@ -38,6 +39,7 @@ class Feet:
         gaits: by name, as commands choose them.
         contacts: of the whole-body QP, to write to.
         contact_age: of measured contacts, at the time for which the feet are updated, s.
+        period: time between two updates, s.
 
     Attributes:
         legs: geometry of the legs.
@@ -51,7 +53,7 @@ class Feet:
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
-        ground: mean height of the feet that carry, m; of the lowest foot if none does.
+        ground: the plane through the last footholds.
     """
 
     def __init__(
@@ -61,16 +63,19 @@ class Feet:
         gaits: Mapping[str, Gait],
         contacts: Contacts,
         contact_age: float = 0.0,
+        period: float = 1e-3,
     ) -> None:
         self.legs = LegGeometry.of(robot)
+        self.ground = TerrainBelief(robot.nc, self.legs.height, settings.terrain)
         self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
-        self._planner = FootholdPlanner(self.legs, settings.footholds)
+        self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
         self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
+        self._level = True
         self._may_stretch = True  # whether long steps may take longer than scheduled
-        self._contacts, self._shares = contacts, [1.0] * robot.nc
+        self._contacts, self._shares, self._period = contacts, [1.0] * robot.nc, period
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
@@ -90,7 +95,8 @@ class Feet:
         self.footholds[:] = points
         self.position[:] = points
         self.velocity[:] = self.acceleration[:] = 0.0
-        self.ground = self._height_of_ground(self.stance.tolist())
+        self.ground.begin(points)
+        self._write_normals()
 
     @property
     def settled(self) -> list[bool]:
@@ -168,21 +174,20 @@ class Feet:
             self.position[...] = points
             if self.changed:
                 self.velocity[:] = self.acceleration[:] = 0.0
-            heights = points[:, 2].tolist()
-            self.ground = sum(heights) / len(heights)
         else:
             for foot, carries in enumerate(stands):
                 self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
-            self.ground = self._height_of_ground(stands)
+        self.ground.update(self._period, points, stands)
+        self._write_normals()
         self._stood = stands
         self.standing = self.events.resting
         self.stepping = not (self.standing or self.clock.rests(time))
 
-    def _height_of_ground(self, stands: list[bool]) -> float:
-        """Return the mean height of the feet that carry; the lowest foot's if none does."""
-        heights: list[float] = self.footholds[:, 2].tolist()
-        standing = [height for height, carries in zip(heights, stands, strict=True) if carries]
-        return sum(standing) / len(standing) if standing else min(heights)
+    def _write_normals(self) -> None:
+        """Write the normals of the whole-body QP's contacts, for its next tick."""
+        if not (self.ground.level and self._level):
+            self._contacts.normals[...] = self.ground.normal
+        self._level = self.ground.level
 
     def _update_foot(
         self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
@@ -222,7 +227,7 @@ class Feet:
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
         self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
-        self._nominal[foot, 2] = 0.0
+        self._nominal[foot, 2] = self.ground.height_at(*self._nominal[foot, :2].tolist())
         self.footholds[foot] = self._nominal[foot]
 
     def write_contacts(self, time: float, swing: Task) -> None:
@@ -256,6 +261,7 @@ class Feet:
         self.events.correct(horizon.flags, dt)
         points = np.where((self.stance | self._fixed(time))[:, None], self.footholds, self._nominal)
         self._planner.horizon(clock, motion, time, dt, points, horizon.points, self.stance.tolist())
+        horizon.normals[...] = self.ground.normal
         horizon.friction[:] = friction
 
     def _fixed(self, time: float) -> BoolArray:

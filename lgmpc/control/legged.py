@@ -96,7 +96,7 @@ class LeggedController:
         self.floor = floor
         self.planner = planner
         named = gaits_of(robot, settings) if gaits is None else gaits
-        self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s)
+        self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s, period)
         self.command = MotionCommand()
         self.commands: CommandSource = CommandTimeline(()) if commands is None else commands
         self._desired = DesiredMotion(robot, self.feet.legs, settings, offset)
@@ -279,7 +279,9 @@ class LeggedController:
             situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
             if mode.upright and not situation.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
-                situation.failure = self._fall.update_support(time, height - self.feet.ground, touching)
+                situation.failure = self._fall.update_support(
+                    time, height - feet.ground.height_at(terms.x, terms.y), touching
+                )
         transition = machine.update(situation)
         if transition is not None:
             self._enter(transition, state)

@@ -15,6 +15,7 @@ from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
@@ -136,7 +137,7 @@ class DesiredMotion:
             float(terms.rotation[2, 0]), float(terms.rotation[2, 1]),
         )  # fmt: skip
 
-    def write_targets(self, tasks: Mapping[str, Task], time: float, ground: float) -> None:
+    def write_targets(self, tasks: Mapping[str, Task], time: float, ground: TerrainBelief) -> None:
         """Write the desired motion into the tasks: what the whole-body QP tracks where no plan says otherwise."""
         pose, com, origin = self.builder.pose(self.command, ground), tasks["com"], tasks["base_position"]
         self.target[...], self.base_target[...] = pose.com, pose.base_pose
@@ -163,7 +164,7 @@ class DesiredMotion:
         origin.position[:], origin.velocity[:] = self.base_target[:3], lift.velocity
         joints.position[:] += lift.lying * (folding.lying - joints.position)
 
-    def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: float) -> None:
+    def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: TerrainBelief) -> None:
         """Write the desired motion at the nodes of a horizon that begins now."""
         self.builder.write(motion, self.command, node_s, ground, self._limiter.ramp)
         if self._offset is not None:

@@ -18,7 +18,7 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings, SwingTrajectory
-from lgmpc.locomotion.terrain import FlatGround, Terrain
+from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
 
 __all__ = [
     "BaseMotion",
@@ -32,7 +32,6 @@ __all__ = [
     "ContactEvents",
     "ContactHorizon",
     "ContactState",
-    "FlatGround",
     "FootholdPlanner",
     "FootholdSettings",
     "Gait",
@@ -46,7 +45,8 @@ __all__ = [
     "SwingInterval",
     "SwingSettings",
     "SwingTrajectory",
-    "Terrain",
+    "TerrainBelief",
+    "TerrainBeliefSettings",
     "Timeline",
     "find_gait",
     "quadruped_gaits",

@@ -24,16 +24,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
-import numpy as np
 from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
-from lgmpc.locomotion.terrain import FlatGround, Terrain
 from lgmpc.settings import Fraction, NonNegative, Settings
 from lgmpc.typing import Array
+from lgmpc.world import Plane
 
 __all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
 
@@ -114,18 +114,25 @@ class BaseMotion:
     rise_left: float = 0.0
 
 
+class Ground(Protocol):
+    """Heights of the ground, as a planner of footholds reads them."""
+
+    def height_at(self, x: float, y: float) -> float:
+        """Return the height of the ground at a point of the horizontal plane, m."""
+
+
 class FootholdPlanner:
     """Heuristic footholds of every foot, for the present swing and those after it.
 
     Args:
         legs: legs of the robot.
         settings: see :class:`FootholdSettings`.
-        terrain: the ground; flat at height 0 if omitted.
+        ground: heights of the ground; level at 0 if omitted.
 
     Attributes:
         legs: as given.
         settings: as given.
-        terrain: as given.
+        ground: as given.
         height: of the centre of mass above the feet, m.
         feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
         hips: (nc,) of (x, y), the same.
@@ -135,11 +142,11 @@ class FootholdPlanner:
     """
 
     def __init__(
-        self, legs: LegGeometry, settings: FootholdSettings | None = None, terrain: Terrain | None = None
+        self, legs: LegGeometry, settings: FootholdSettings | None = None, ground: Ground | None = None
     ) -> None:
         self.legs = legs
         self.settings = s = FootholdSettings() if settings is None else settings
-        self.terrain: Terrain = FlatGround() if terrain is None else terrain
+        self.ground: Ground = Plane() if ground is None else ground
         self.height = legs.height
         self._rate = math.sqrt(_GRAVITY / legs.height)
         self._rolling = legs.radius / legs.height
@@ -319,12 +326,7 @@ class FootholdPlanner:
                 begin = max(math.ceil((swing.liftoff - t) / dt - 1e-9), 0)
                 points[begin:, foot, 0] = x
                 points[begin:, foot, 1] = y
-                points[begin:, foot, 2] = self._height_at(x, y)
-
-    def _height_at(self, x: float, y: float) -> float:
-        if isinstance(self.terrain, FlatGround):
-            return self.terrain.level
-        return float(self.terrain.height(np.array([[x, y]]))[0])
+                points[begin:, foot, 2] = self.ground.height_at(x, y)
 
 
 def _oblique(normal: Point, line: Point) -> Point:

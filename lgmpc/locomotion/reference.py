@@ -16,6 +16,7 @@ from lgmpc.compile import StageKernel
 from lgmpc.locomotion.command import MotionCommand, Ramp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
@@ -94,7 +95,7 @@ class ReferenceBuilder:
         self._leash = _LEASH_SHARE * legs.height if leash is None else leash
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._bound: MotionReference | None = None  # what _run writes to
-        self._now = np.zeros(17)
+        self._now = np.zeros(19)
         self._pose = DesiredPose.zero()
         self._attitude = (math.nan, 0.0, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
@@ -144,13 +145,14 @@ class ReferenceBuilder:
         c, n = math.cos(self.yaw), math.sin(self.yaw)
         return c * vx - n * vy, n * vx + c * vy
 
-    def pose(self, command: MotionCommand, ground: float) -> DesiredPose:
+    def pose(self, command: MotionCommand, ground: TerrainBelief) -> DesiredPose:
         """Return where the robot should be now; arguments as of :meth:`write`. The result is overwritten next time."""
         pose, yaw = self._pose, self.yaw
-        attitude = yaw, command.pitch, command.roll, command.yaw_rate
+        pitch, roll = self._along(ground, command)
+        attitude = yaw, pitch, roll, command.yaw_rate
         if attitude != self._attitude:
             self._attitude = attitude
-            tilt, c, s = _pitch_roll(command.pitch, command.roll), math.cos(yaw), math.sin(yaw)
+            tilt, c, s = _pitch_roll(pitch, roll), math.cos(yaw), math.sin(yaw)
             quaternion = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
             rotation = _rotation(*quaternion)
             turning = [command.yaw_rate * each for each in rotation[2]]  # the vertical, in the base's axes
@@ -158,16 +160,31 @@ class ReferenceBuilder:
             pose.attitude[:] = [*rotation[0], *rotation[1], *rotation[2], *turning]
             bx, by, bz = _rotate(tilt, self._legs.base)
             self._base = (c * bx - s * by, s * bx + c * by, bz)
-        x, y, z = self.x, self.y, ground + self._legs.height + command.height
-        (bx, by, bz), (vx, vy) = self._base, self.velocity(command)
+        x, y = self.x, self.y
+        z = ground.height_at(x, y) + self._legs.height + command.height
+        (bx, by, bz), (vx, vy), (along_x, along_y) = self._base, self.velocity(command), ground.slope
+        vz = along_x * vx + along_y * vy
         centre, origin, base = pose.centre, pose.origin, pose.base_pose
-        centre[0], centre[1], centre[2], centre[3], centre[4] = x, y, z, vx, vy
+        centre[0], centre[1], centre[2], centre[3], centre[4], centre[5] = x, y, z, vx, vy, vz
         base[0], base[1], base[2] = x + bx, y + by, z + bz
-        origin[0], origin[1], origin[2], origin[3], origin[4] = x + bx, y + by, z + bz, vx, vy
+        origin[0], origin[1], origin[2], origin[3], origin[4], origin[5] = x + bx, y + by, z + bz, vx, vy, vz
         return pose
 
+    def _along(self, ground: TerrainBelief, command: MotionCommand) -> tuple[float, float]:
+        """Return pitch and roll of a base parallel to the ground, and as commanded besides, rad."""
+        if ground.level:
+            return command.pitch, command.roll
+        (x, y), c, s = ground.slope, math.cos(self.yaw), math.sin(self.yaw)
+        ahead, left = c * x + s * y, c * y - s * x
+        return command.pitch - math.atan(ahead), command.roll + math.atan2(left, math.sqrt(1.0 + ahead * ahead))
+
     def write(
-        self, reference: MotionReference, command: MotionCommand, dt: float, ground: float, ramp: Ramp | None = None
+        self,
+        reference: MotionReference,
+        command: MotionCommand,
+        dt: float,
+        ground: TerrainBelief,
+        ramp: Ramp | None = None,
     ) -> None:
         """Write the motion at the nodes of a horizon that begins now.
 
@@ -175,7 +192,7 @@ class ReferenceBuilder:
             reference: overwritten.
             command: limited command.
             dt: duration of the intervals, s.
-            ground: mean height of the feet that stand, m.
+            ground: the surface to stand on, parallel to it.
             ramp: how the velocity changes from now on; None for a constant one.
         """
         if reference is not self._bound:
@@ -183,11 +200,11 @@ class ReferenceBuilder:
         np.multiply(dt, self._intervals, out=self._times[:, 0])
         if ramp is None:
             ramp = _CONSTANT
-        tilt = _pitch_roll(command.pitch, command.roll)
+        tilt = _pitch_roll(*self._along(ground, command))
+        z = ground.height_at(self.x, self.y) + self._legs.height + command.height
         self._now[:] = (
-            self.x, self.y, ground + self._legs.height + command.height, self.yaw,
-            command.vx, command.vy, command.yaw_rate, ramp.ax, ramp.ay, ramp.duration,
-            *tilt, *_rotate(tilt, self._legs.base),
+            self.x, self.y, z, self.yaw, command.vx, command.vy, command.yaw_rate, ramp.ax, ramp.ay, ramp.duration,
+            *tilt, *_rotate(tilt, self._legs.base), *ground.slope,
         )  # fmt: skip
         self._run()
 
@@ -209,7 +226,7 @@ def _motion_kernel(joints: int) -> StageKernel:
 
 def _motion_ahead(joints: int) -> ca.Function:
     """The desired motion at one node, from where the robot should be now and its limited command."""
-    time, now, posture = ca.SX.sym("time"), ca.SX.sym("now", 17), ca.SX.sym("joints", joints)
+    time, now, posture = ca.SX.sym("time"), ca.SX.sym("now", 19), ca.SX.sym("joints", joints)
     x, y, z, heading, vx, vy, rate, ax, ay, duration = ca.vertsplit(now[:10])
     turned = rate * time
     yaw, half = heading + turned, heading + 0.5 * turned
@@ -222,12 +239,13 @@ def _motion_ahead(joints: int) -> ca.Function:
     velocity = _turned(yaw, vx + change * ax, vy + change * ay)
     com = ca.vertcat(x, y) + chord * _turned(half, vx, vy) + way * _turned(heading, ax, ay)
     # Rz(yaw) Ry(pitch) Rx(roll), and the base where the centre of mass of the reference posture requires it.
-    tilt, base = ca.vertsplit(now[10:14]), now[14:]
+    tilt, base, slope = ca.vertsplit(now[10:14]), now[14:17], now[17:]
     attitude = _about_vertical(tilt, ca.cos(0.5 * yaw), ca.sin(0.5 * yaw))
-    origin = ca.vertcat(com + _turned(yaw, base[0], base[1]), z + base[2])
+    height = z + ca.dot(slope, com - ca.vertcat(x, y))
+    origin = ca.vertcat(com + _turned(yaw, base[0], base[1]), height + base[2])
     outputs = {
-        "com": ca.vertcat(com, z),
-        "com_velocity": ca.vertcat(velocity, 0.0),
+        "com": ca.vertcat(com, height),
+        "com_velocity": ca.vertcat(velocity, ca.dot(slope, velocity)),
         "q": ca.vertcat(origin, *attitude, posture),
         "angular_velocity": ca.vertcat(0.0, 0.0, rate),
     }

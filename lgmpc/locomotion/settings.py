@@ -17,6 +17,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
+from lgmpc.locomotion.terrain import TerrainBeliefSettings
 from lgmpc.robot import Robot
 from lgmpc.settings import Problem, Settings, problems
 
@@ -34,6 +35,9 @@ class LocomotionSettings(Settings):
     swing: SwingSettings = Field(default=SwingSettings(), description="Swing trajectories of the feet.")
     contacts: ContactEventSettings = Field(
         default=ContactEventSettings(), description="Conditions under which a measured contact overrides the schedule."
+    )
+    terrain: TerrainBeliefSettings = Field(
+        default=TerrainBeliefSettings(), description="Conclusions about the ground from footholds."
     )
     reference: ReferenceSettings = Field(default=ReferenceSettings(), description="Integration of commands.")
     reaction: StepReactionSettings = Field(

@@ -1,57 +1,122 @@
-"""The controller's model of the ground."""
+"""The ground as a controller believes it to be: a plane through the last footholds, filtered.
+
+A robot without a map knows the ground from its feet. The plane ``z = c + g . (p - m)`` that fits the last foothold of
+every foot best (m, their mean) is the ground under the robot and for a step around it; its slope g is filtered, because
+single steps on uneven ground tilt the fit. The height c follows at once: filtered, it would lag behind on a slope.
+
+Footholds of a level floor differ by some millimetres in height, by what feet sink in and by errors of the estimate. A
+plane within that is taken as level, exactly: its slope counts in full from twice the tilt on.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+import math
+from collections.abc import Sequence
 
 import numpy as np
+from pydantic import Field
 
-from lgmpc.typing import Array, BoolArray
+from lgmpc.robot.feet import UP
+from lgmpc.settings import Positive, Settings
+from lgmpc.typing import Array
 
-__all__ = ["FlatGround", "Terrain"]
+__all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
-
-class Terrain(Protocol):
-    """The ground at points (n, 2) of the world's horizontal plane."""
-
-    def height(self, points: Array) -> Array:
-        """Return (n,) heights, m."""
-
-    def normal(self, points: Array) -> Array:
-        """Return (n, 3) unit normals, upward."""
-
-    def friction(self, points: Array) -> Array:
-        """Return (n,) Coulomb coefficients."""
-
-    def steppable(self, points: Array) -> BoolArray:
-        """Return (n,) flags of admissible footholds."""
+_GRAVITY = 9.81
+_RIDGE = 1e-6
+"""Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
 
 
-@dataclass(frozen=True)
-class FlatGround:
-    """A horizontal plane on which every point is steppable.
+class TerrainBeliefSettings(Settings):
+    """What a robot without a map concludes from its footholds."""
+
+    filter_share: Positive = Field(
+        default=0.5,
+        description="Time constant of the slope, in units of the time in which a pendulum of the robot's height falls,"
+        " sqrt(h / g).",
+    )
+    level_deg: Positive = Field(
+        default=0.75, description="Tilt of the footholds' plane up to which the ground counts as level, degrees."
+    )
+    steepest_deg: float = Field(
+        default=35.0, strict=True, gt=0.0, le=60.0, description="Largest slope of the plane, degrees."
+    )
+
+
+class TerrainBelief:
+    """The plane through the last foothold of every foot.
+
+    Args:
+        feet: their number.
+        height: of the standing robot's centre of mass above its feet, m.
+        settings: see :class:`TerrainBeliefSettings`.
 
     Attributes:
-        level: its height, m.
-        coefficient: of Coulomb friction.
+        settings: as given.
+        normal: (3,) unit normal of the surface, exactly vertical where the ground counts as level; a live view.
+        slope: rise of that surface per metre along the world's x and y.
+        level: whether the ground counts as level.
+        footholds: (nc, 3) last foothold of every foot, world, m.
     """
 
-    level: float = 0.0
-    coefficient: float = 0.6
+    def __init__(self, feet: int, height: float, settings: TerrainBeliefSettings | None = None) -> None:
+        self.settings = s = TerrainBeliefSettings() if settings is None else settings
+        self.normal = np.array(UP)
+        self.slope, self.level = (0.0, 0.0), True
+        self.footholds = np.zeros((feet, 3))
+        self._tilt = (0.0, 0.0)  # slope of the filtered plane, before the test for level ground
+        self._middle = (0.0, 0.0, 0.0)
+        self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
+        self._time_constant = s.filter_share * math.sqrt(height / _GRAVITY)
 
-    def height(self, points: Array) -> Array:
-        """Return (n,) the level."""
-        return np.full(len(points), self.level)
+    def begin(self, points: Array) -> None:
+        """Begin with feet at ``points`` (nc, 3), m."""
+        self.footholds[...] = points
+        self._fit(1.0)
 
-    def normal(self, points: Array) -> Array:
-        """Return (n, 3) the vertical."""
-        return np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    def update(self, elapsed: float, points: Array, stance: Sequence[bool]) -> None:
+        """Take the contact points (nc, 3) of the feet that stand as their footholds; ``elapsed`` since the last, s."""
+        for foot, stands in enumerate(stance):
+            if stands:
+                self.footholds[foot] = points[foot]
+        self._fit(min(elapsed / self._time_constant, 1.0))
 
-    def friction(self, points: Array) -> Array:
-        """Return (n,) the coefficient."""
-        return np.full(len(points), self.coefficient)
+    def height_at(self, x: float, y: float) -> float:
+        """Return the height of the ground at a point of the horizontal plane, m."""
+        mx, my, mz = self._middle
+        along_x, along_y = self.slope
+        return mz + along_x * (x - mx) + along_y * (y - my)
 
-    def steppable(self, points: Array) -> BoolArray:
-        """Return (n,) True."""
-        return np.ones(len(points), dtype=np.bool_)
+    def _fit(self, share: float) -> None:
+        """Move the slope by ``share`` towards that of the plane that fits the footholds best."""
+        points: list[list[float]] = self.footholds.tolist()
+        count = len(points)
+        mx, my, mz = (sum(each) / count for each in zip(*points, strict=True))
+        xx = xy = yy = xz = yz = 0.0
+        for x, y, z in points:
+            x, y, z = x - mx, y - my, z - mz
+            xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+        ridge = _RIDGE * (xx + yy)
+        xx, yy = xx + ridge, yy + ridge
+        determinant = xx * yy - xy * xy
+        gx, gy = self._tilt
+        if determinant > 0.0:
+            fx, fy = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+            gx, gy = gx + share * (fx - gx), gy + share * (fy - gy)
+        steepness = math.hypot(gx, gy)
+        if steepness > self._steepest:
+            gx, gy = gx * self._steepest / steepness, gy * self._steepest / steepness
+        self._tilt, self._middle = (gx, gy), (mx, my, mz)
+        self._set_surface(gx, gy, steepness)
+
+    def _set_surface(self, gx: float, gy: float, steepness: float) -> None:
+        if steepness <= self._flat:
+            if not self.level:
+                self.slope, self.level = (0.0, 0.0), True
+                self.normal[:] = UP
+            return
+        counted = min((steepness - self._flat) / self._flat, 1.0)
+        self.slope, self.level = (counted * gx, counted * gy), False
+        x, y = self.slope
+        size = math.sqrt(1.0 + x * x + y * y)
+        self.normal[:] = -x / size, -y / size, 1.0 / size

@@ -121,7 +121,7 @@ class MultibodyMpc(SqpMpc):
         self._com_reference, self._momentum_reference = view("com_reference"), view("momentum_reference")
         self._q_reference = view("state_reference")[:, : robot.nq]
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
-        self._friction = tuple(view(f"cone{i}_friction")[:, 0] for i in range(nc))
+        self._surfaces = tuple((view(f"cone{i}_friction")[:, 0], view(f"cone{i}_normal")) for i in range(nc))
         self._read = cached(_compile_read_out, type(self)._read_out, action, n + 1, progress=progress)
 
     @abstractmethod

@@ -34,7 +34,7 @@ __all__ = ["LeggedController"]
 _LOG = logging.getLogger(__name__)
 _LIFTING = (Mode.RISE, Mode.SIT)
 _REST = 0.05  # m/s
-_LEVEL_SHARE = 0.02  # of the height: feet that differ by less are level
+_LEVEL_SHARE = 0.02  # of the height: feet that differ by less are in one plane
 
 
 class LeggedController:
@@ -265,7 +265,7 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, situation, time = self.modes, self._situation, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        upright, moving = terms.upright if terms.finite else math.nan, self.command.moves
+        upright, moving = self._upright if terms.finite else math.nan, self.command.moves
         situation.request, situation.moving, situation.stepping = request.mode, moving, feet.stepping
         situation.reacting = situation.reacting and feet.stepping and not moving
         situation.failure = ""
@@ -286,6 +286,12 @@ class LeggedController:
         if transition is not None:
             self._enter(transition, state)
         return machine.mode
+
+    @property
+    def _upright(self) -> float:
+        """Cosine of the base's tilt against the ground."""
+        ground, terms = self.feet.ground, self.wbc.terms
+        return terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
 
     def _enter(self, transition: Transition, state: RobotState) -> None:
         """Prepare the mode that a transition leads to."""
@@ -357,7 +363,9 @@ class LeggedController:
             feet.follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
         feet.write_contacts(time, wbc.tasks["swing"])
-        wbc.contacts.friction[...] = self.floor.update(terms.contact_velocities, feet.settled, wbc.forces)
+        wbc.contacts.friction[...] = self.floor.update(
+            terms.contact_velocities, feet.settled, wbc.forces, terms.normals
+        )
         wbc.weigh(feet.stepping)
         self._desired.write_targets(wbc.tasks, time, feet.ground)
         if lifting:
@@ -391,10 +399,13 @@ class LeggedController:
 
     def _begin(self, state: RobotState) -> None:
         """Stand where the robot is now; lie if it lies, and do nothing if it is tilted too far."""
-        terms, legs = self.wbc.terms, self.feet.legs
+        terms, legs, ground = self.wbc.terms, self.feet.legs, self.feet.ground
         self._begun = True
-        heights = terms.contact_points[:, 2]
-        low = terms.z - float(heights.min()) < 0.5 * (self._folding.height + legs.height)
+        ground.begin(terms.contact_points)
+        heights, unevenness = terms.contact_points[:, 2], _LEVEL_SHARE * legs.height
+        even = float(np.abs(ground.deviations).max()) < unevenness
+        floor = ground.height_at(terms.x, terms.y) if even else float(heights.min())
+        low = terms.z - floor < 0.5 * (self._folding.height + legs.height)
         if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
             self._rest.begin(self.commands.at(state.time).mode)
@@ -405,8 +416,9 @@ class LeggedController:
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
-        # What has no contact yet, but is level with the lowest foot, has it as soon as the robot is let down.
-        contacts = heights - heights.min() < _LEVEL_SHARE * legs.height
+        # What has no contact yet, but is in a plane with all feet, or level with the lowest one, has it as soon as the
+        # robot is let down.
+        contacts = even | (heights - heights.min() < unevenness)
         if state.contacts is not None:
             contacts |= state.contacts
         self._situation.reacting = not bool(contacts.all())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -19,6 +20,7 @@ from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.lie import quaternion, so3
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP, lever
 from lgmpc.robot.scaling import normal_force_range
 from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
 from lgmpc.typing import Array, BoolArray, IntArray
@@ -88,6 +90,36 @@ class LeggedEstimatorSettings(ImuNoise):
     )
 
 
+class GroundBelief(Protocol):
+    """The surface under the feet, as a controller believes it to be.
+
+    Attributes:
+        normal: (3,) its unit normal.
+        level: whether it is level.
+    """
+
+    @property
+    def normal(self) -> Array:
+        """(3,) unit normal of the surface."""
+
+    @property
+    def level(self) -> bool:
+        """Whether it is level."""
+
+
+@dataclass(frozen=True)
+class LevelGround:
+    """A level surface: the :class:`GroundBelief` of an estimator without a controller.
+
+    Attributes:
+        normal: (3,) the vertical.
+        level: True.
+    """
+
+    normal: Array = field(default_factory=lambda: np.array(UP))
+    level: bool = True
+
+
 class LeggedEstimator:
     """Contact-aided invariant filter of a robot with an IMU at its base (Hartley et al. 2020).
 
@@ -95,8 +127,8 @@ class LeggedEstimator:
     are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
     joint speeds and the estimate, slides or has just touched down, which would appear as motion of the base. Feet that
     slide too slowly for this test are detected by their innovation, and begin a new contact where they come to rest.
-    Where the floor is known to be level up to ``floor_noise_m``, each touchdown also measures the height of the contact
-    point: the height does not drift, and a tilt can be distinguished from a bias of the accelerometer.
+    On ground that counts as level, up to ``floor_noise_m``, each touchdown also measures the height of the contact point:
+    the height does not drift, and a tilt can be distinguished from a bias of the accelerometer. On a slope it does not.
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
@@ -112,6 +144,7 @@ class LeggedEstimator:
 
     Attributes:
         settings: as given.
+        ground: the surface under the feet, level unless replaced by the belief of a controller.
         ekf: the filter.
         legs: positions, motion and forces of the feet at the last reading.
         contacts: (nc,) which feet are in contact with the ground; the filter uses those of them that rest.
@@ -141,11 +174,13 @@ class LeggedEstimator:
             settings,
             slip=settings.slip_m_s_rt_hz,
             gravity=robot.gravity,
-            contact_offset=np.array([0.0, 0.0, robot.contact_radius]),
+            contact_offset=-lever(robot.contact_radius, np.array(UP)),
             form=FORMS[settings.form],
             outlier_probability=settings.outlier_probability,
             progress=progress,
         )
+        self.ground: GroundBelief = LevelGround()
+        self._level, self._radius = True, robot.contact_radius
         self.failures = 0
         self.spent = 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
@@ -190,13 +225,14 @@ class LeggedEstimator:
 
     def _advance(self, reading: Measurement) -> None:
         ekf, legs = self.ekf, self.legs
+        self._write_normals()
         if self._running:
             # Rates are those of the legs at the last reading, since which the feet have rolled.
             ekf.predict(reading.gyro, reading.accelerometer, self._period, legs.rates)
         else:
             self._level(reading.accelerometer)
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
-        self._detector.update(legs.forces @ self._up)
+        self._detector.update(legs.forces @ self._up if self._level else (legs.forces * legs.normals).sum(axis=1))
         resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
         for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)
@@ -217,8 +253,20 @@ class LeggedEstimator:
         self._v[3:6] = reading.gyro - ekf.gyro_bias
         self._v[6:] = reading.speeds
 
+    def _write_normals(self) -> None:
+        """Write the normal of the ground into the kinematics of the feet and the filter's contacts."""
+        level = self.ground.level
+        if level and self._level:
+            return
+        self._level = level
+        self.legs.normals[...] = self.ground.normal
+        self.ekf.contact_offset[...] = -lever(self._radius, self.ground.normal)
+
     def _touch_floor(self, feet: IntArray, noise: float) -> None:
-        """Correct with the floor's height at the contact points of ``feet``; the first ones define it."""
+        """Correct with the floor's height at the contact points of ``feet``; on a new floor the first ones define it."""
+        if not self._level:
+            self._floor = math.nan
+            return
         if math.isnan(self._floor):
             self._floor = float((self._up @ self.ekf.points[:, feet]).mean())
         for foot in feet.tolist():

@@ -14,6 +14,7 @@ from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP, lever
 from lgmpc.robot.joint_friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 
@@ -49,6 +50,7 @@ class LegSensing:
         velocities: (nc, 3) of the material points in contact, world axes, m/s: zero unless feet slide or lift.
         spreads: (nc, 3, 3) covariance of :attr:`velocities` per variance of a joint's speed, world axes, m2.
         forces: (nc, 3) forces on the robot, world axes, N.
+        normals: (nc, 3) unit normals of the surfaces under the feet, world axes, to be written to; level at first.
 
     Raises:
         InputError: a robot of another kind, a period that is not positive, or negative noise.
@@ -76,6 +78,8 @@ class LegSensing:
         self._gyro, self._accelerometer = memory["gyro"], memory["accelerometer"]
         self._faster, self._turning = memory["joint_acceleration"], memory["angular_acceleration"]
         self._rotation, self._velocity = memory["rotation"].reshape(3, 3).T, memory["velocity"]
+        self.normals = memory["normals"].reshape(robot.nc, 3)
+        self.normals[:] = UP
         memory["joint_friction"][:] = robot.joint_friction
         memory["variances"][:] = encoder_noise**2, foot_noise**2
         outputs = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
@@ -136,17 +140,17 @@ def _leg_function(robot: Robot) -> ca.Function:
     accelerations = ca.vertcat(accelerometer + robot.gravity, turning, faster)
     unbalanced = model.rnea(level, ca.vertcat(ca.SX.zeros(3), gyro, speeds), accelerations)[6:] - torques
     unbalanced += joint_friction_torque(friction, speeds)
-    down = ca.DM([0.0, 0.0, -robot.contact_radius])
+    normals = ca.SX.sym("normals", 3 * robot.nc)
     outputs: dict[str, list[ca.SX]] = {
         name: [] for name in ("positions", "covariances", "rates", "velocities", "spreads", "forces")
     }
-    for frame in robot.contact_ids:
+    for i, frame in enumerate(robot.contact_ids):
         whole = model.frame_jacobian(level, frame, pin.LOCAL_WORLD_ALIGNED)[:, 6:]
         jacobian = whole[:3, :]
         square = jacobian @ jacobian.T
         position, rates = model.frame_placement(level, frame).translation, whole[3:, :] @ speeds
         moving = rotation @ (ca.cross(gyro, position) + jacobian @ speeds)
-        rolling = ca.cross(rotation @ (gyro + rates), down)
+        rolling = ca.cross(rotation @ (gyro + rates), lever(robot.contact_radius, normals[3 * i : 3 * i + 3]))
         outputs["positions"].append(position)
         outputs["covariances"].append(ca.vec(variances[0] * square + variances[1] * ca.SX.eye(3)))
         outputs["rates"].append(rates)
@@ -165,6 +169,7 @@ def _leg_function(robot: Robot) -> ca.Function:
         "velocity": velocity,
         "variances": variances,
         "joint_friction": friction,
+        "normals": normals,
     }
     results = ca.cse([ca.vertcat(*each) for each in outputs.values()])
     return ca.Function("leg_sensing", list(inputs.values()), results, list(inputs), list(outputs))

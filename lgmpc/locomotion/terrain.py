@@ -87,6 +87,12 @@ class TerrainBelief:
         along_x, along_y = self.slope
         return mz + along_x * (x - mx) + along_y * (y - my)
 
+    @property
+    def deviations(self) -> Array:
+        """(nc,) heights of the footholds above the plane, m."""
+        (mx, my, mz), (gx, gy), points = self._middle, self._tilt, self.footholds
+        return points[:, 2] - mz - gx * (points[:, 0] - mx) - gy * (points[:, 1] - my)
+
     def _fit(self, share: float) -> None:
         """Move the slope by ``share`` towards that of the plane that fits the footholds best."""
         points: list[list[float]] = self.footholds.tolist()

@@ -62,6 +62,7 @@ class InvariantEkf:
             compiled at their first use.
 
     Attributes:
+        contact_offset: as given, to be written to where surfaces tilt.
         form: as given.
         contacts: as given.
         landmarks: as given.
@@ -125,6 +126,7 @@ class InvariantEkf:
         gravity = three("gravity", gravity)
         self._up = -gravity / max(float(np.linalg.norm(gravity)), sys.float_info.min)
         self._parameters = np.concatenate([[0.0], gravity, offset, np.square(densities)])
+        self.contact_offset: Array = self._parameters[4:7]
 
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}

@@ -56,11 +56,28 @@ def build_drives(config: Config, plant: Plant) -> Drives:
     return Drives(config.plant.link, config.plant.actuators, plant.dt, rng)
 
 
-def build_estimator(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedEstimator | None:
-    """Return the estimator of section ``estimator``; None if the controllers receive the simulator's state."""
+def build_estimator(
+    config: Config,
+    robot: Robot,
+    controller: LeggedController | None = None,
+    start: Array | None = None,
+    notify: Notify = lambda message: None,
+) -> LeggedEstimator | None:
+    """Return the estimator of section ``estimator``; None if the controllers receive the simulator's state.
+
+    Args:
+        config: the closed loop.
+        robot: from :func:`build_robot`.
+        controller: whose belief of the ground the estimator reads; a level floor unless given.
+        start: (7,) pose of the base at the start; that of the reference posture unless given.
+        notify: called with a description of what is being prepared.
+    """
     if isinstance(config.estimator, GroundTruth):
         return None
-    return LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, progress=notify)
+    estimator = LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, start, progress=notify)
+    if controller is not None:
+        estimator.ground = controller.feet.ground
+    return estimator
 
 
 def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedController:
@@ -159,7 +176,8 @@ def _build_session(
     same = before is not None and before.simulated == config.plant
     plant = before.plant if before and same else make_plant(robot, config.plant, world)
     controller = build_controller(config, robot, notify)
-    estimator = build_estimator(config, robot, notify)
+    initial = initial_state(robot, config.plant, world)
+    estimator = build_estimator(config, robot, controller, initial[:7], notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     recorder = (
         before.recorder
@@ -178,7 +196,7 @@ def _build_session(
         robot=robot,
         plant=plant,
         controller=controller,
-        initial=initial_state(robot, config.plant, world),
+        initial=initial,
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
         rates=rates,
         recorder=recorder,

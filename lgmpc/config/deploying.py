@@ -129,7 +129,7 @@ def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) ->
     notify("loading the robot")
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)
-    estimator = build_estimator(config, robot, notify)
+    estimator = build_estimator(config, robot, controller, None, notify)
     assert estimator is not None
     rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
     recorder = build_recorder(

@@ -20,11 +20,12 @@ class FrictionMonitor:
     """Lowers the assumed friction coefficient where stance feet slide ever faster, and raises it again slowly.
 
     A controller that assumes more friction than there is commands forces that the floor cannot supply, estimates the
-    difference as a push, and commands even more. Sliding shows it. A stance foot whose contact point moves along
-    the surface faster than ``sliding_speed`` (smoothed over 2 ms), and ever faster, has been given a force outside the floor's
-    cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than by half,
-    because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A foot that
-    slows down proves nothing. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
+    difference as a push, and commands even more. Sliding shows it. A stance foot whose contact point moves along the
+    surface faster than ``sliding_speed`` (smoothed over 2 ms), and ever faster, has been given a force outside the
+    floor's cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than
+    by half, because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A
+    foot that slows down proves nothing. While none slides, the coefficient rises towards ``nominal`` with
+    ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.

@@ -127,8 +127,8 @@ class LeggedEstimator:
     are required. Only resting feet correct the estimate: a foot in contact whose contact point moves, according to
     joint speeds and the estimate, slides or has just touched down, which would appear as motion of the base. Feet that
     slide too slowly for this test are detected by their innovation, and begin a new contact where they come to rest.
-    On ground that counts as level, up to ``floor_noise_m``, each touchdown also measures the height of the contact point:
-    the height does not drift, and a tilt can be distinguished from a bias of the accelerometer. On a slope it does not.
+    On ground that counts as level, up to ``floor_noise_m``, each touchdown also measures the height of the contact
+    point: the height does not drift, and a tilt can be distinguished from a bias of the accelerometer.
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
@@ -180,7 +180,7 @@ class LeggedEstimator:
             progress=progress,
         )
         self.ground: GroundBelief = LevelGround()
-        self._level, self._radius = True, robot.contact_radius
+        self._even, self._radius = True, robot.contact_radius
         self.failures = 0
         self.spent = 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
@@ -232,7 +232,7 @@ class LeggedEstimator:
         else:
             self._level(reading.accelerometer)
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
-        self._detector.update(legs.forces @ self._up if self._level else (legs.forces * legs.normals).sum(axis=1))
+        self._detector.update(legs.forces @ self._up if self._even else (legs.forces * legs.normals).sum(axis=1))
         resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
         for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)
@@ -256,15 +256,15 @@ class LeggedEstimator:
     def _write_normals(self) -> None:
         """Write the normal of the ground into the kinematics of the feet and the filter's contacts."""
         level = self.ground.level
-        if level and self._level:
+        if level and self._even:
             return
-        self._level = level
+        self._even = level
         self.legs.normals[...] = self.ground.normal
         self.ekf.contact_offset[...] = -lever(self._radius, self.ground.normal)
 
     def _touch_floor(self, feet: IntArray, noise: float) -> None:
-        """Correct with the floor's height at the contact points of ``feet``; on a new floor the first ones define it."""
-        if not self._level:
+        """Correct with the height of a level floor at the contact points of ``feet``; the first ones define it."""
+        if not self._even:
             self._floor = math.nan
             return
         if math.isnan(self._floor):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
@@ -13,86 +14,100 @@ FORCES = np.tile([0.0, 6.4, 8.0], (4, 1))
 """Steeper than any coefficient here: they bound nothing."""
 
 
+TILTS = {"level": np.eye(3), "a slope of 25 degrees": pin.exp3(np.radians(25.0) * np.array([0.6, -0.8, 0.0]))}
+
+
+@pytest.fixture(params=TILTS)
+def tilt(request: pytest.FixtureRequest) -> np.ndarray:
+    """Axes of the surface, along which velocities and forces of the tests are given."""
+    return TILTS[request.param]
+
+
+def update(monitor: FrictionMonitor, tilt: np.ndarray, velocities: np.ndarray, forces: np.ndarray) -> float:
+    normals = np.tile(tilt[:, 2], (4, 1))
+    return monitor.update(velocities @ tilt.T, STANCE, forces @ tilt.T, normals)
+
+
 def velocities(foot: int, sideways: float, up: float = 0.0) -> np.ndarray:
     v = np.zeros((4, 3))
     v[foot] = [0.6 * sideways, -0.8 * sideways, up]
     return v
 
 
-def test_while_a_stance_foot_slides_it_falls_with_its_time_constant() -> None:
+def test_while_a_stance_foot_slides_it_falls_with_its_time_constant(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, sliding_speed=0.1, fall_time=0.05)
-    coefficients = [monitor.update(velocities(1, 0.11 + 1e-3 * k), STANCE, FORCES) for k in range(80)]
+    coefficients = [update(monitor, tilt, velocities(1, 0.11 + 1e-3 * k), FORCES) for k in range(80)]
     assert coefficients[3] == 0.6  # the smoothed velocity comes later
     assert coefficients[79] == pytest.approx(np.exp(-1.0) * coefficients[29], rel=1e-12)
 
 
-def test_the_slope_of_the_force_under_which_a_foot_slides_ever_faster_bounds_it_at_once() -> None:
+def test_the_slope_of_the_force_under_which_a_foot_slides_ever_faster_bounds_it_at_once(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, fall_time=1e6)
     forces = FORCES.copy()
     forces[1] = [3.0, -4.0, 12.5]
-    monitor.update(velocities(1, 0.05), STANCE, forces)
+    update(monitor, tilt, velocities(1, 0.05), forces)
     assert monitor.coefficient == 0.6
-    monitor.update(velocities(1, 0.4), STANCE, forces)
+    update(monitor, tilt, velocities(1, 0.4), forces)
     assert monitor.coefficient == pytest.approx(0.4)
     forces[1] = 0.0  # a foot without any load slides for other reasons: no further than by half
-    monitor.update(velocities(1, 0.5), STANCE, forces)
+    update(monitor, tilt, velocities(1, 0.5), forces)
     assert monitor.coefficient == pytest.approx(0.4)
     forces[1, 2] = 1.0
-    monitor.update(velocities(1, 0.6), STANCE, forces)
+    update(monitor, tilt, velocities(1, 0.6), forces)
     assert monitor.coefficient == pytest.approx(0.2)
 
 
-def test_a_foot_that_slows_down_proves_nothing() -> None:
+def test_a_foot_that_slows_down_proves_nothing(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, fall_time=0.05)
     for _ in range(20):
-        monitor.update(velocities(1, 1.0), STANCE, FORCES)
+        update(monitor, tilt, velocities(1, 1.0), FORCES)
     low = monitor.coefficient
     assert low < 0.6
     for speed in np.linspace(0.99, 0.2, 50):
-        assert monitor.update(velocities(1, speed), STANCE, FORCES) == low
+        assert update(monitor, tilt, velocities(1, speed), FORCES) == low
 
 
-def test_it_rises_again_slowly_towards_the_nominal() -> None:
+def test_it_rises_again_slowly_towards_the_nominal(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, fall_time=0.05, rise_time=2.0)
     for _ in range(50):
-        monitor.update(velocities(0, 1.0), STANCE, FORCES)
+        update(monitor, tilt, velocities(0, 1.0), FORCES)
     for _ in range(20):  # until the smoothed velocity is below the threshold
-        monitor.update(np.zeros((4, 3)), STANCE, FORCES)
+        update(monitor, tilt, np.zeros((4, 3)), FORCES)
     low = monitor.coefficient
     assert low < 0.3
     for _ in range(2000):
-        monitor.update(np.zeros((4, 3)), STANCE, FORCES)
+        update(monitor, tilt, np.zeros((4, 3)), FORCES)
     assert monitor.coefficient == pytest.approx(0.6 - (0.6 - low) * np.exp(-1.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("harmless", [velocities(0, 0.09), velocities(0, 0.0, up=3.0), velocities(3, 5.0)])
-def test_slow_creep_vertical_motion_and_feet_in_the_air_do_not_count(harmless: np.ndarray) -> None:
+def test_slow_creep_vertical_motion_and_feet_in_the_air_do_not_count(tilt: np.ndarray, harmless: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3)
-    assert monitor.update(harmless, STANCE, FORCES) == 0.6
+    assert update(monitor, tilt, harmless, FORCES) == 0.6
 
 
-def test_noise_beyond_the_sliding_speed_now_and_then_changes_nothing() -> None:
+def test_noise_beyond_the_sliding_speed_now_and_then_changes_nothing(tilt: np.ndarray) -> None:
     monitor, rng = FrictionMonitor(0.6, 1e-3), np.random.default_rng(0)
     highest = 0.0
     for _ in range(5000):
         noise = np.tile(0.03 * rng.normal(size=3), (4, 1))
         highest = max(highest, float(np.hypot(*noise[0, :2])))
-        assert monitor.update(noise, STANCE, FORCES) == 0.6
+        assert update(monitor, tilt, noise, FORCES) == 0.6
     assert highest > 0.11
 
 
-def test_it_never_falls_below_the_least() -> None:
+def test_it_never_falls_below_the_least(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, least=0.15)
     for _ in range(5000):
-        monitor.update(velocities(2, 2.0), STANCE, FORCES)
+        update(monitor, tilt, velocities(2, 2.0), FORCES)
     assert monitor.coefficient == 0.15
     monitor.reset()
     assert monitor.coefficient == 0.6
 
 
-def test_velocities_that_are_not_finite_change_nothing() -> None:
+def test_velocities_that_are_not_finite_change_nothing(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3)
-    assert monitor.update(np.full((4, 3), np.nan), STANCE, FORCES) == 0.6
+    assert update(monitor, tilt, np.full((4, 3), np.nan), FORCES) == 0.6
 
 
 @pytest.mark.parametrize("argument", ["nominal", "period", "sliding_speed", "fall_time", "rise_time", "least"])

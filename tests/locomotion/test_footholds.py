@@ -16,8 +16,8 @@ from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
-from lgmpc.locomotion.terrain import FlatGround
 from lgmpc.robot import Robot
+from lgmpc.world import Plane
 from tests.support.samples import solo8
 
 TROT = quadruped_gaits()["trot"]
@@ -217,7 +217,7 @@ def test_a_foothold_keeps_its_distance_from_another_foot(legs: LegGeometry) -> N
 
 
 def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> None:
-    planner = FootholdPlanner(legs, terrain=FlatGround(level=0.1))
+    planner = FootholdPlanner(legs, ground=Plane((0.0, 0.0, 0.1)))
     clock = GaitClock(TROT)
     t, dt = 0.02, 0.02
     clock.advance(t)
@@ -262,14 +262,6 @@ def test_later_swings_are_placed_for_the_commanded_velocity(legs: LegGeometry) -
     far, reference = planner.place_later(0, motion, 3.0, 0.18), planner.place_later(0, steady, 3.0, 0.18)
     assert far[0] == pytest.approx(reference[0])
     assert far[1] - reference[1] == pytest.approx(0.2 * planner.settings.error_decay_s, rel=1e-3)
-
-
-def test_flat_ground_is_flat() -> None:
-    ground, points = FlatGround(level=0.2, coefficient=0.4), np.zeros((3, 2))
-    assert ground.height(points).tolist() == [0.2] * 3
-    assert ground.friction(points).tolist() == [0.4] * 3
-    assert ground.normal(points).tolist() == [[0.0, 0.0, 1.0]] * 3
-    assert ground.steppable(points).all()
 
 
 def test_legs_without_abduction_are_measured_from_their_first_joint() -> None:

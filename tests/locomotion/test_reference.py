@@ -12,14 +12,30 @@ from lgmpc.locomotion.command import CommandLimiter, CommandLimits, MotionComman
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 
 N, DT = 20, 0.02
 
 
-def written(builder: ReferenceBuilder, robot: Robot, command: MotionCommand, ground: float = 0.0) -> MotionReference:
+FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
+
+
+def level(height: float = 0.0) -> TerrainBelief:
+    return sloped((0.0, 0.0), height)
+
+
+def sloped(slope: tuple[float, float], height: float = 0.0) -> TerrainBelief:
+    """The belief of a robot that stands on a plane of this slope, ``height`` at the origin."""
+    belief, points = TerrainBelief(4, 0.24), FEET.copy()
+    points[:, 2] = height + points[:, :2] @ slope
+    belief.begin(points)
+    return belief
+
+
+def written(builder: ReferenceBuilder, robot: Robot, command: MotionCommand, height: float = 0.0) -> MotionReference:
     reference = MotionReference.standing(robot, N, np.zeros(3))
-    builder.write(reference, command, DT, ground)
+    builder.write(reference, command, DT, level(height))
     return reference
 
 
@@ -37,7 +53,7 @@ def test_every_pose_has_its_centre_of_mass_where_the_reference_has_it(solo12: Ro
     builder = ReferenceBuilder(solo12, legs)
     builder.begin(np.array([1.0, -2.0, 0.0]), 2.5)
     command = MotionCommand(0.5, -0.2, 1.5, 0.02, 0.2, -0.1)
-    reference = written(builder, solo12, command, ground=0.3)
+    reference = written(builder, solo12, command, height=0.3)
     data = solo12.create_data()
     for k in (0, 7, N):
         np.testing.assert_allclose(pin.centerOfMass(solo12.model, data, reference.q[k]), reference.com[k], atol=1e-9)
@@ -84,7 +100,7 @@ def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs:
     wanted = MotionCommand(0.3, -0.2)
     command = limiter.step(wanted, 1e-3)
     reference = MotionReference.standing(solo12, N, np.zeros(3))
-    builder.write(reference, command, DT, 0.0, limiter.ramp)
+    builder.write(reference, command, DT, level(), limiter.ramp)
     assert 0.0 < limiter.ramp.duration < N * DT
     for k in range(N):
         np.testing.assert_allclose([builder.x, builder.y], reference.com[k, :2], atol=3e-4)
@@ -132,10 +148,34 @@ def test_the_pose_of_now_is_the_first_node_of_the_horizon(solo12: Robot, legs: L
     builder.begin(np.array([1.0, -2.0, 0.0]), 2.5)
     for command in (MotionCommand(), MotionCommand(0.5, -0.2, 1.5, 0.02, 0.2, -0.1), MotionCommand(0.5, roll=0.1)):
         builder.advance(0.1, command)
-        reference, pose = written(builder, solo12, command, ground=0.3), builder.pose(command, 0.3)
+        reference, pose = written(builder, solo12, command, height=0.3), builder.pose(command, level(0.3))
         np.testing.assert_allclose(pose.com, reference.com[0], atol=1e-12)
         np.testing.assert_allclose(pose.velocity, reference.com_velocity[0], atol=1e-12)
         np.testing.assert_allclose(np.r_[pose.base, pose.quaternion], reference.q[0, :7], atol=1e-12)
         np.testing.assert_allclose(pose.rotation, pin.Quaternion(pose.quaternion).matrix(), atol=1e-12)
         turning = pose.rotation @ pose.attitude[9:]
         np.testing.assert_allclose(turning, reference.angular_velocity[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.5])
+def test_on_a_slope_the_base_is_parallel_to_it_and_the_way_rises_with_it(
+    solo12: Robot, legs: LegGeometry, yaw: float
+) -> None:
+    builder, ground = ReferenceBuilder(solo12, legs), sloped((0.2, -0.1), 0.4)
+    slope = np.array(ground.slope)
+    builder.begin(np.array([1.0, -2.0, 0.0]), yaw)
+    command = MotionCommand(vx=0.5, vy=0.1)
+    pose, reference = builder.pose(command, ground), MotionReference.standing(solo12, N, np.zeros(3))
+    builder.write(reference, command, DT, ground)
+    normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
+    np.testing.assert_allclose(pose.rotation[:, 2], normal, atol=1e-9)
+    assert math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(yaw)
+    np.testing.assert_allclose(reference.com[:, 2], 0.4 + reference.com[:, :2] @ slope + legs.height, atol=1e-9)
+    np.testing.assert_allclose(reference.com_velocity[:, 2], reference.com_velocity[:, :2] @ slope, atol=1e-12)
+    np.testing.assert_allclose(np.diff(reference.com, axis=0) / DT, reference.com_velocity[:-1], atol=1e-9)
+    np.testing.assert_allclose(pose.com, reference.com[0], atol=1e-12)
+    np.testing.assert_allclose(pose.base, reference.q[0, :3], atol=1e-12)
+    turn = pin.Quaternion(reference.q[-1, 3:7]).matrix()
+    np.testing.assert_allclose(turn, pose.rotation, atol=1e-12)
+    # The base carries the centre of mass of the reference posture.
+    np.testing.assert_allclose(pose.com, pose.base - pose.rotation @ legs.base, atol=1e-12)

@@ -1,0 +1,85 @@
+"""The belief of the ground against planes that footholds lie on exactly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lgmpc.locomotion import TerrainBelief, TerrainBeliefSettings
+
+FEET = np.array([[0.2, 0.15], [0.2, -0.15], [-0.2, 0.15], [-0.2, -0.15]])
+STANDING = [True] * 4
+
+
+def on_plane(points: np.ndarray, slope: tuple[float, float], height: float = 0.0) -> np.ndarray:
+    return np.column_stack([points, height + points @ slope])
+
+
+def believed(slope: tuple[float, float], height: float = 0.0, at: tuple[float, float] = (0.0, 0.0)) -> TerrainBelief:
+    belief = TerrainBelief(4, 0.24)
+    belief.begin(on_plane(FEET + at, slope, height))
+    return belief
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (30.0, -7.0)])
+@pytest.mark.parametrize("slope", [(0.2, -0.1), (-0.3, 0.0), (0.0, 0.4)])
+def test_a_plane_under_all_feet_is_known_at_once(slope: tuple[float, float], at: tuple[float, float]) -> None:
+    belief = believed(slope, 0.7, at)
+    assert not belief.level
+    np.testing.assert_allclose(belief.slope, slope, rtol=1e-5)
+    normal = np.array([-slope[0], -slope[1], 1.0])
+    np.testing.assert_allclose(belief.normal, normal / np.linalg.norm(normal), atol=1e-5)
+    assert belief.height_at(at[0] + 0.5, at[1] - 0.3) == pytest.approx(
+        0.7 + (at[0] + 0.5) * slope[0] + (at[1] - 0.3) * slope[1], abs=1e-5
+    )
+    np.testing.assert_allclose(belief.deviations, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("height", [0.0, -1.0, 3.7])
+def test_footholds_that_differ_by_millimetres_are_level_exactly(height: float) -> None:
+    belief, rng = TerrainBelief(4, 0.24), np.random.default_rng(0)
+    points = on_plane(FEET, (0.0, 0.0), height)
+    points[:, 2] += 1e-3 * rng.uniform(-1.0, 1.0, 4)
+    belief.begin(points)
+    assert belief.level and belief.slope == (0.0, 0.0) and belief.normal.tolist() == [0.0, 0.0, 1.0]
+    assert belief.height_at(5.0, 5.0) == pytest.approx(points[:, 2].mean(), abs=1e-15)
+
+
+def test_between_level_and_twice_that_tilt_the_slope_counts_in_part() -> None:
+    flat = math.tan(math.radians(TerrainBeliefSettings().level_deg))
+    slopes = [believed((k * 0.1 * flat, 0.0)).slope[0] for k in range(31)]
+    assert slopes[:11] == [0.0] * 11
+    assert (np.diff(slopes[10:]) > 0.0).all() and max(np.diff(slopes)) < 0.31 * flat  # without a jump
+    assert slopes[20:] == pytest.approx([k * 0.1 * flat for k in range(20, 31)], rel=1e-5)
+
+
+def test_the_slope_follows_within_the_filters_time_and_the_height_at_once() -> None:
+    belief = believed((0.0, 0.0))
+    time_constant = belief.settings.filter_share * math.sqrt(0.24 / 9.81)
+    points = on_plane(FEET, (0.3, 0.0), 0.1)
+    for _ in range(round(time_constant / 1e-3)):
+        belief.update(1e-3, points, STANDING)
+    assert belief.slope[0] == pytest.approx(0.3 * (1.0 - math.exp(-1.0)), rel=2e-2)
+    assert belief.height_at(0.0, 0.0) == pytest.approx(0.1, abs=1e-12)
+
+
+def test_feet_in_the_air_keep_their_last_foothold() -> None:
+    belief = believed((0.2, 0.0))
+    raised = belief.footholds + [0.1, 0.0, 0.3]
+    for _ in range(100):
+        belief.update(1e-3, raised, [False] * 4)
+    assert belief.slope == pytest.approx((0.2, 0.0), rel=1e-5)
+    np.testing.assert_array_equal(belief.footholds, on_plane(FEET, (0.2, 0.0)))
+
+
+def test_a_steep_fit_is_limited() -> None:
+    belief = believed((3.0, 0.0))
+    assert math.degrees(math.atan(belief.slope[0])) == pytest.approx(belief.settings.steepest_deg)
+
+
+def test_two_feet_side_by_side_say_nothing_of_the_slope_ahead() -> None:
+    belief = TerrainBelief(2, 0.8)
+    belief.begin(np.array([[0.0, 0.1, 0.02], [0.0, -0.1, 0.0]]))
+    assert belief.slope == pytest.approx((0.0, 0.1), rel=1e-3)

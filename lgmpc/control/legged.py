@@ -163,30 +163,12 @@ class LeggedController:
         """Return the report of the tick that began at ``started`` on the clock, s."""
         wbc, feet, terms, spent = self.wbc, self.feet, self.wbc.terms, self._plan_s + self._forecast_s
         return TickReport(
-            time,
-            terms.finite,
-            self.modes.mode,
-            self.command,
-            feet.clock.gait,
-            feet.stance,
-            feet.events.states,
-            terms.contact_points,
-            terms.com,
-            terms.momentum,
-            self.target,
-            self.base_target,
-            feet.position,
-            feet.footholds,
-            wbc.forces,
-            wbc.external_wrench,
-            wbc.joint_friction,
-            wbc.status,
-            None if self.planner is None else self.planner.plan,
-            self._planned,
-            1e3 * (perf_counter() - started - spent),
-            1e3 * self._plan_s,
-            1e3 * self._forecast_s,
-        )
+            time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.stance,
+            feet.events.states, terms.contact_points, terms.com, terms.momentum, self.target, self.base_target,
+            feet.position, feet.footholds, wbc.forces, wbc.external_wrench, wbc.joint_friction, wbc.status,
+            None if self.planner is None else self.planner.plan, self._planned,
+            1e3 * (perf_counter() - started - spent), 1e3 * self._plan_s, 1e3 * self._forecast_s,
+        )  # fmt: skip
 
     def _decide(self, state: RobotState) -> Command:
         """Advance everything by one tick, and return its command."""
@@ -402,9 +384,8 @@ class LeggedController:
         terms, legs, ground = self.wbc.terms, self.feet.legs, self.feet.ground
         self._begun = True
         ground.begin(terms.contact_points)
-        heights, unevenness = terms.contact_points[:, 2], _LEVEL_SHARE * legs.height
-        even = float(np.abs(ground.deviations).max()) < unevenness
-        floor = ground.height_at(terms.x, terms.y) if even else float(heights.min())
+        contacts = ground.carried(_LEVEL_SHARE * legs.height)
+        floor = ground.height_at(terms.x, terms.y) if contacts.all() else float(terms.contact_points[:, 2].min())
         low = terms.z - floor < 0.5 * (self._folding.height + legs.height)
         if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
@@ -416,9 +397,6 @@ class LeggedController:
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
-        # What has no contact yet, but is in a plane with all feet, or level with the lowest one, has it as soon as the
-        # robot is let down.
-        contacts = even | (heights - heights.min() < unevenness)
         if state.contacts is not None:
             contacts |= state.contacts
         self._situation.reacting = not bool(contacts.all())

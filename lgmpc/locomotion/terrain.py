@@ -18,7 +18,7 @@ from pydantic import Field
 
 from lgmpc.robot.feet import UP
 from lgmpc.settings import Positive, Settings
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
@@ -87,11 +87,17 @@ class TerrainBelief:
         along_x, along_y = self.slope
         return mz + along_x * (x - mx) + along_y * (y - my)
 
-    @property
-    def deviations(self) -> Array:
-        """(nc,) heights of the footholds above the plane, m."""
+    def carried(self, unevenness: float) -> BoolArray:
+        """Return (nc,) which feet stand as soon as a robot is let down on its present footholds.
+
+        All, if they are in one plane up to ``unevenness``, m; else those that are level with the lowest one.
+        """
         (mx, my, mz), (gx, gy), points = self._middle, self._tilt, self.footholds
-        return points[:, 2] - mz - gx * (points[:, 0] - mx) - gy * (points[:, 1] - my)
+        deviations = points[:, 2] - mz - gx * (points[:, 0] - mx) - gy * (points[:, 1] - my)
+        if np.abs(deviations).max() < unevenness:
+            return np.ones(len(points), dtype=np.bool_)
+        level: BoolArray = points[:, 2] - points[:, 2].min() < unevenness
+        return level
 
     def _fit(self, share: float) -> None:
         """Move the slope by ``share`` towards that of the plane that fits the footholds best."""

@@ -34,7 +34,7 @@ def test_a_plane_under_all_feet_is_known_at_once(slope: tuple[float, float], at:
     assert belief.height_at(at[0] + 0.5, at[1] - 0.3) == pytest.approx(
         0.7 + (at[0] + 0.5) * slope[0] + (at[1] - 0.3) * slope[1], abs=1e-5
     )
-    np.testing.assert_allclose(belief.deviations, 0.0, atol=1e-6)
+    assert belief.carried(1e-5).all()
 
 
 @pytest.mark.parametrize("height", [0.0, -1.0, 3.7])
@@ -72,6 +72,13 @@ def test_feet_in_the_air_keep_their_last_foothold() -> None:
         belief.update(1e-3, raised, [False] * 4)
     assert belief.slope == pytest.approx((0.2, 0.0), rel=1e-5)
     np.testing.assert_array_equal(belief.footholds, on_plane(FEET, (0.2, 0.0)))
+
+
+def test_a_foot_in_the_air_is_not_carried() -> None:
+    belief, points = TerrainBelief(4, 0.24), on_plane(FEET, (0.0, 0.0), 2.0)
+    points[2, 2] += 0.05
+    belief.begin(points)
+    assert belief.carried(0.005).tolist() == [True, True, False, True]
 
 
 def test_a_steep_fit_is_limited() -> None:

@@ -17,7 +17,8 @@ from lgmpc.errors import Interrupted
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_words
-from lgmpc.sweeps.ablation import COMPLETE, Change, Worth, ablation_sweep, worths
+from lgmpc.sweeps.ablation import COMPLETE, Worth, ablation_sweep, worths
+from lgmpc.sweeps.comparison import Quantity
 from lgmpc.sweeps.summary import summarize
 
 __all__ = ["ablate_shown"]
@@ -50,7 +51,7 @@ def ablate_shown(
     found = worths(sweep, finished.rows, parts)
     summary = summarize(sweep, finished.rows)
     complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE)
-    content = json_values({"complete": asdict(complete.passed), "parts": [asdict(each) for each in found]})
+    content = {"complete": json_values(asdict(complete.passed)), "parts": [each.content() for each in found]}
     with atomic_write(folder / _TABLE) as stream:
         stream.write((json.dumps(content, indent=2) + "\n").encode())
     if as_json:
@@ -76,11 +77,14 @@ def _show(console: Console, found: Sequence[Worth], complete: float) -> None:
     console.print(table)
 
 
-def _matters(change: Change) -> bool:
-    return change.worsening >= (_OF_ITSELF if change.limit is None else _OF_LIMIT)
+def _matters(change: Quantity) -> bool:
+    return (change.worsening or 0.0) >= (_OF_ITSELF if change.limit is None else _OF_LIMIT)
 
 
-def _words(change: Change) -> str:
-    name, unit, scale = figure_words(change.quantity.rpartition(".")[2])
+def _words(change: Quantity) -> str:
+    name, unit, scale = figure_words(change.name.rpartition(".")[2])
     limit = "" if change.limit is None else f", limit {scale * change.limit:.3g}"
-    return f"{name} {scale * change.complete:.3g} became {scale * change.without:.3g} {unit}".rstrip() + limit
+    return (
+        f"{name} {scale * (change.first or 0.0):.3g} became {scale * (change.second or 0.0):.3g} {unit}".rstrip()
+        + limit
+    )

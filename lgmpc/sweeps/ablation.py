@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,16 @@ from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError
+from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.shipped import config_file
-from lgmpc.sweeps.comparison import higher_is_better
+from lgmpc.sweeps.bisection import value_at
+from lgmpc.sweeps.comparison import Quantity, judged
 from lgmpc.sweeps.design import Sweep, parse_sweep
-from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.rows import Row, paired, place
 from lgmpc.sweeps.statistics import Estimate, share
-from lgmpc.sweeps.values import value_at
 
-__all__ = ["COMPLETE", "PARTS", "Change", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
+__all__ = ["COMPLETE", "PARTS", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
 
 COMPLETE = "complete"
 """Name of the variant with all parts."""
@@ -67,25 +68,6 @@ PARTS = (
 
 
 @dataclass(frozen=True)
-class Change:
-    """The mean change of a quantity without a part, over the pairs.
-
-    Attributes:
-        quantity: a metric or ``boundary``.
-        complete: mean with the part.
-        without: mean without it.
-        limit: limit of the gate; ``None`` if it has none.
-        worsening: share of the limit, or of the complete value; negative for an improvement.
-    """
-
-    quantity: str
-    complete: float
-    without: float
-    limit: float | None
-    worsening: float
-
-
-@dataclass(frozen=True)
 class Worth:
     """The effect of removing a part.
 
@@ -93,18 +75,28 @@ class Worth:
         part: the part.
         passed: share of the points that pass without it.
         lost: share of the pairs that pass only with the part, minus the share that pass only without it.
-        changes: changes of the metrics, those that the gate limits first, each group by decreasing worsening.
+        changes: means over the pairs, with the part and without it, of the metrics of control; those that the gate
+            limits first, each group by decreasing worsening.
     """
 
     part: Part
     passed: Estimate
     lost: float
-    changes: tuple[Change, ...]
+    changes: tuple[Quantity, ...]
 
     @property
     def limited_worsening(self) -> float:
         """Largest worsening of a metric that the gate limits, as a share of the limit."""
-        return max((each.worsening for each in self.changes if each.limit is not None), default=0.0)
+        return max((each.worsening or 0.0 for each in self.changes if each.limit is not None), default=0.0)
+
+    def content(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        changes = [
+            {"quantity": each.name, "complete": each.first, "without": each.second}
+            | {"limit": each.limit, "worsening": each.worsening}
+            for each in self.changes
+        ]
+        return {**json_values(asdict(replace(self, changes=()))), "changes": json_values(changes)}
 
 
 def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
@@ -226,40 +218,37 @@ def worths(sweep: Sweep, rows: Mapping[str, Row], parts: Sequence[Part]) -> tupl
 
 
 def _worth(sweep: Sweep, rows: Mapping[str, Row], part: Part) -> Worth:
-    pairs = list(_pairs(sweep, rows, part.name))
-    passed = sum(without.passed for _, without in pairs)
-    lost = math.fsum(float(complete.passed) - float(without.passed) for complete, without in pairs) / max(len(pairs), 1)
-    limits = sweep.points[0].config.gate.limits
-    names = dict.fromkeys(name for complete, _ in pairs for name in complete.metrics)
-    changes = [change for name in names if (change := _change(name, pairs, limits)) is not None]
-    changes.sort(key=lambda each: (each.limit is None, -each.worsening))
-    return Worth(part, share(passed, len(pairs)), lost, tuple(changes))
-
-
-def _pairs(sweep: Sweep, rows: Mapping[str, Row], variant: str) -> Iterator[tuple[Row, Row]]:
-    complete = {repr(point.levels): rows.get(point.key) for point in sweep.points if point.variant == COMPLETE}
-    for point in sweep.points:
-        first, second = complete[repr(point.levels)], rows.get(point.key)
-        if point.variant == variant and first is not None and second is not None:
-            if first.ending.computed and second.ending.computed:
-                yield first, second
+    complete = {place(point, variant=False): rows.get(point.key) for point in sweep.points if point.variant == COMPLETE}
+    pairs = [
+        (first, second)
+        for point in sweep.points
+        if point.variant == part.name
+        and (first := complete[place(point, variant=False)]) is not None
+        and (second := rows.get(point.key)) is not None
+        and first.ending.computed
+        and second.ending.computed
+    ]
+    values = paired(pairs)
+    passed = values.pop("passed", [])
+    lost = math.fsum(first - second for first, second in passed) / max(len(pairs), 1)
+    changes = list(_changes_of(values, len(pairs), sweep.points[0].config.gate.limits))
+    changes.sort(key=lambda each: (each.limit is None, -(each.worsening or 0.0)))
+    return Worth(part, share(sum(second == 1.0 for _, second in passed), len(pairs)), lost, tuple(changes))
 
 
 _TINY = 1e-9
 _NOT_JUDGED = ("_ms", "real_time_factor", "deadline_misses", "fell", "falls")
 
 
-def _change(name: str, pairs: Sequence[tuple[Row, Row]], limits: Mapping[str, float]) -> Change | None:
-    """Return the change of a metric; ``None`` if it was not measured in all pairs, or is not one of control."""
-    values = [(complete.metrics.get(name), without.metrics.get(name)) for complete, without in pairs]
-    both = [(a, b) for a, b in values if a is not None and b is not None]
-    if len(both) < len(pairs) or not both or any(each in name for each in _NOT_JUDGED):
-        return None
-    complete, without = (math.fsum(each) / len(both) for each in zip(*both, strict=True))
-    stem = name.rpartition(".")[2]
-    key = next((key for key in limits if stem in (key, figure_of(key))), None)
-    scale = abs(limits[key]) if key is not None and limits[key] else abs(complete)
-    worse = complete - without if higher_is_better(name) else without - complete
-    if scale < _TINY:
-        return None
-    return Change(name, complete, without, None if key is None else limits[key], worse / scale)
+def _changes_of(
+    values: Mapping[str, Sequence[tuple[float, float]]], count: int, limits: Mapping[str, float]
+) -> Iterator[Quantity]:
+    """Yield the change of each metric of control that was measured in all pairs."""
+    for name, both in values.items():
+        if len(both) < count or any(each in name for each in _NOT_JUDGED):
+            continue
+        complete, without = (math.fsum(each) / count for each in zip(*both, strict=True))
+        stem = name.rpartition(".")[2]
+        limit = next((limits[key] for key in limits if stem in (key, figure_of(key))), None)
+        if abs(complete if limit is None else limit) >= _TINY:
+            yield judged(name, complete, without, limit=limit)

@@ -1,15 +1,15 @@
-"""The largest value of one key at which a verdict holds."""
+"""Search of the largest value of one key at which a verdict holds; values of a config by their dotted keys."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from lgmpc.config.schema import Config
 from lgmpc.sweeps.settings import BisectionSettings
-from lgmpc.sweeps.values import value_at
 
-__all__ = ["Boundary", "bisect", "scaled"]
+__all__ = ["Boundary", "bisect", "scaled", "value_at"]
 
 
 @dataclass(frozen=True)
@@ -74,3 +74,21 @@ def scaled(config: Config, key: str, value: float) -> Config:
     if isinstance(present, (list, tuple)) and present and all(isinstance(each, (int, float)) for each in present):
         return config.replace({key: tuple(value * each for each in present)})
     return config.replace({key: value})
+
+
+def value_at(config: Config, key: str) -> Any:
+    """Return the value at a dotted key, as plain tables, lists and values.
+
+    Raises:
+        InputError: no such key; names the nearest.
+    """
+    present: Any = config.model_dump()
+    for part in key.split("."):
+        if isinstance(present, dict) and part in present:
+            present = present[part]
+        elif isinstance(present, (list, tuple)) and part.isdecimal() and int(part) < len(present):
+            present = present[int(part)]
+        else:
+            config.replace({key: None})  # raises, and names the nearest key
+            return None  # a table of any keys, which lacks this one
+    return present

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.schema import Config, SolveConfig
@@ -16,14 +16,11 @@ from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import differing
-from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document
-from lgmpc.sweeps.results import Results
-from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, Results, read_document
+from lgmpc.sweeps.rows import Row, paired, place
 from lgmpc.sweeps.statistics import Estimate, mean_difference
 
-__all__ = ["Comparison", "Difference", "Quantity", "compare_folders", "higher_is_better", "is_sweep"]
-
-_Values = Mapping[str, Union[float, None]]  # noqa: UP007
+__all__ = ["Comparison", "Difference", "Quantity", "compare_folders", "higher_is_better", "is_sweep", "judged"]
 
 _HIGHER_IS_BETTER = ("survived_s", "real_time_factor", "passed", "boundary", "walking.ends_standing")
 
@@ -132,7 +129,32 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         if name not in [each.name for each in quantities]:
             raise InputError("metric", name, "a metric of both", [each.name for each in quantities], word=name)
     reasons += [_sentence(each) for each in quantities if each.worse]
-    return Comparison(str(first), str(second), margin, differences, quantities, tuple(reasons))
+    return Comparison(str(first), str(second), margin, tuple(differences), tuple(quantities), tuple(reasons))
+
+
+def judged(
+    name: str, first: float | None, second: float | None, margin: float = 0.0, limit: float | None = None
+) -> Quantity:
+    """Return the comparison of two values; where what it is relative to is zero, any worsening exceeds the margin.
+
+    Args:
+        name: as in :class:`Quantity`, and so are the next two.
+        first: value of the first side.
+        second: value of the second side.
+        margin: share of the limit or, without one, of the first value by which the second may be worse.
+        limit: the gate's limit, if any.
+    """
+    if name.endswith(("_ms", "real_time_factor")) or "_ms." in name or first is None or second is None:
+        return Quantity(name, first, second)
+    worsening = first - second if higher_is_better(name) else second - first
+    scale = abs(first if limit is None else limit)
+    share = worsening / scale if scale > 0.0 else math.inf if worsening > 0.0 else 0.0
+    return Quantity(name, first, second, limit=limit, worsening=share, worse=share > margin)
+
+
+def higher_is_better(name: str) -> bool:
+    """Return whether larger values of a metric are better."""
+    return name in _HIGHER_IS_BETTER or name.rpartition(".")[2].startswith("min_")
 
 
 def _kind(side: Run | SolvedRun | None) -> str:
@@ -141,34 +163,18 @@ def _kind(side: Run | SolvedRun | None) -> str:
     return "a solved problem" if isinstance(side, SolvedRun) else "the run of a closed loop"
 
 
-def _compare_runs(
-    first: Run | SolvedRun, second: Run | SolvedRun, margin: float, judged: Sequence[str]
-) -> tuple[Quantity, ...]:
-    a, b = _measured(first), _measured(second)
-    limits = _limits(first)
-    found = [
-        _judged(name, _at_limit(first, name), _at_limit(second, name), margin, limit, higher=name[:4] == "min_")
-        for name, limit in limits.items()
-    ]
-    for name in dict.fromkeys([*a, *b]):
-        x, y = a.get(name), b.get(name)
-        if name in judged:
-            found.append(_judged(name, x, y, margin, higher=higher_is_better(name)))
+def _compare_runs(a: Run | SolvedRun, b: Run | SolvedRun, margin: float, wanted: Sequence[str]) -> list[Quantity]:
+    config = _config(a)
+    limits = config.gate.limits if isinstance(config, Config) else config.gate.bounds
+    found = [judged(name, _at_limit(a, name), _at_limit(b, name), margin, limit) for name, limit in limits.items()]
+    first, second = _measured(a), _measured(b)
+    for name in dict.fromkeys([*first, *second]):
+        x, y = first.get(name), second.get(name)
+        if name in wanted:
+            found.append(judged(name, x, y, margin))
         elif not {f"max_{name}", f"min_{name}", name} & limits.keys():
             found.append(Quantity(name, x, y))
-    return tuple(found)
-
-
-def _judged(
-    name: str, first: float | None, second: float | None, margin: float, limit: float | None = None, *, higher: bool
-) -> Quantity:
-    """Return the comparison of two values; where what it is relative to is zero, any worsening exceeds the margin."""
-    if name.endswith(("_ms", "real_time_factor")) or "_ms." in name or first is None or second is None:
-        return Quantity(name, first, second)
-    worsening = first - second if higher else second - first
-    scale = abs(first if limit is None else limit)
-    share = worsening / scale if scale > 0.0 else math.inf if worsening > 0.0 else 0.0
-    return Quantity(name, first, second, limit=limit, worsening=share, worse=share > margin)
+    return found
 
 
 def _measured(run: Run | SolvedRun) -> dict[str, float | None]:
@@ -187,61 +193,32 @@ def _config(run: Run | SolvedRun) -> Config | SolveConfig:
     return parse_any_config(run.config, name=str(run.path / CONFIG_FILE))
 
 
-def _limits(run: Run | SolvedRun) -> dict[str, float]:
-    config = _config(run)
-    return config.gate.limits if isinstance(config, Config) else config.gate.bounds
-
-
 def _compare_sweeps(
-    first: Path, second: Path, margin: float, judged: Sequence[str]
-) -> tuple[tuple[Difference, ...], tuple[Quantity, ...]]:
+    first: Path, second: Path, margin: float, wanted: Sequence[str]
+) -> tuple[list[Difference], list[Quantity]]:
     a, b = _rows(first), _rows(second)
-    places = [place for place in a if place in b]
-    if not places:
+    pairs = [(row, b[where]) for where, row in a.items() if where in b]
+    if not pairs:
         raise RunFolderError(f"{first} and {second} have no finished point in common: other bases, factors or draws")
     differences = [Difference("points", len(a), len(b))] if a.keys() != b.keys() else []
     differences += _differences(read_document(first / DOCUMENT), read_document(second / DOCUMENT))
-    values = [(_quantities(a[place]), _quantities(b[place])) for place in places]
-    names = dict.fromkeys(name for x, _ in values for name in x)
-    quantities = [_paired(name, values, margin, judge=name in ("passed", "boundary", *judged)) for name in names]
-    return tuple(differences), tuple(each for each in quantities if each is not None)
-
-
-def _paired(name: str, values: Sequence[tuple[_Values, _Values]], margin: float, *, judge: bool) -> Quantity | None:
-    """Compare a quantity over the pairs that both have it; ``None`` if there are none."""
-    both = [(x.get(name), y.get(name)) for x, y in values]
-    pairs = [(x, y) for x, y in both if x is not None and y is not None and math.isfinite(x) and math.isfinite(y)]
-    if not pairs:
-        return None
-    first, second = (math.fsum(each) / len(pairs) for each in zip(*pairs, strict=True))
-    change = mean_difference([y - x for x, y in pairs])
-    if not judge:
-        return Quantity(name, first, second, change)
-    higher = higher_is_better(name)
-    shift = _judged(name, first, second, margin, higher=higher)
-    beyond_chance = change.high < 0.0 if higher else change.low > 0.0
-    return replace(shift, difference=change, worse=shift.worse and beyond_chance)
+    quantities = []
+    for name, values in paired(pairs).items():
+        change = mean_difference([y - x for x, y in values])
+        x, y = (math.fsum(each) / len(values) for each in zip(*values, strict=True))
+        shift = judged(name, x, y, margin) if name in ("passed", "boundary", *wanted) else Quantity(name, x, y)
+        beyond_chance = change.high < 0.0 if higher_is_better(name) else change.low > 0.0
+        quantities.append(replace(shift, difference=change, worse=shift.worse and beyond_chance))
+    return differences, quantities
 
 
 def _rows(folder: Path) -> dict[str, Row]:
     """Return the rows that have a verdict, by base, variant, levels and draw."""
-    rows = Results(folder / ROWS).rows().values()
-    return {repr((row.base, row.variant, row.levels, row.draw)): row for row in rows if row.ending.computed}
+    return {place(row): row for row in Results(folder / ROWS).rows().values() if row.ending.computed}
 
 
-def _quantities(row: Row) -> _Values:
-    if row.boundary is not None:
-        return {"boundary": row.boundary}
-    return {"passed": float(row.passed), **row.metrics}
-
-
-def higher_is_better(name: str) -> bool:
-    """Return whether larger values of a metric are better."""
-    return name in _HIGHER_IS_BETTER or name.rpartition(".")[2].startswith("min_")
-
-
-def _differences(first: Any, second: Any) -> tuple[Difference, ...]:
-    return tuple(Difference(*each) for each in differing(first, second))
+def _differences(first: Any, second: Any) -> list[Difference]:
+    return [Difference(*each) for each in differing(first, second)]
 
 
 def _sentence(quantity: Quantity) -> str:

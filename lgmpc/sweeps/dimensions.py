@@ -10,8 +10,7 @@ from typing import Any
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import parse_scalar
 from lgmpc.errors import InputError
-from lgmpc.sweeps.bisection import scaled
-from lgmpc.sweeps.values import value_at
+from lgmpc.sweeps.bisection import scaled, value_at
 
 __all__ = ["Dimension", "parse_dimension", "parse_dimensions"]
 

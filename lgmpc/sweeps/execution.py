@@ -15,10 +15,10 @@ from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.schema import Config
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports
-from lgmpc.sweeps.cluster import DaskPool, Machine
+from lgmpc.sweeps.cluster import DaskPool
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.folder import Claim, SweepFolder
-from lgmpc.sweeps.pool import Died, Executor, Hung, Pool, available_cores
+from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
@@ -148,13 +148,13 @@ def run_sweep(
 
 
 @contextmanager
-def _executor(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Executor]:
+def _executor(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Pool]:
     limit = sweep.settings.time_limit_s
     if cluster is None:
         with Pool(workers or available_cores(), start_worker, limit) as pool:
             yield pool
     else:
-        with cluster(folder) as client, DaskPool(client, start_worker, limit, Machine.of(folder)) as there:
+        with cluster(folder) as client, DaskPool(client, start_worker, limit, folder) as there:
             yield there
 
 
@@ -177,7 +177,7 @@ class _Session:
         """Return the sweep's finished points by their keys."""
         return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
 
-    def run(self, executor: Executor, stop: StopSignals, notify: Callable[[str], None]) -> None:
+    def run(self, executor: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
         """Compute and save every point that no other process has finished or is computing."""
         if self.now.done == self.now.total:
             return

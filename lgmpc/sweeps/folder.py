@@ -9,8 +9,11 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from io import FileIO
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +23,137 @@ from lgmpc.errors import RunFolderError
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Point, Sweep
-from lgmpc.sweeps.results import Results
 from lgmpc.sweeps.rows import Row
-from lgmpc.sweeps.settings import SweepSettings
 
-__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "SweepFolder", "read_document"]
+__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "Results", "SweepFolder", "open_folder", "read_document"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
-_FOLDERS = ("claims", "logs", "scratch")
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
 """Sections of the document that may differ when a sweep is resumed: results do not depend on them."""
+
+
+def open_folder(
+    path: Path, name: str, document: Mapping[str, Any], *, resume: bool, head: str = "", inside: Sequence[str] = ()
+) -> None:
+    """Create a folder with a document, or check that an existing one has the same.
+
+    Args:
+        path: the folder.
+        name: file name of the document; its stem is the word for the work in messages.
+        document: plain values that identify the work.
+        resume: whether to continue in an existing folder.
+        head: comment at the beginning of the document.
+        inside: names of folders in it.
+
+    Raises:
+        RunFolderError: if it exists and ``resume`` is false, contains something else, or cannot be written.
+    """
+    file, work = path / name, Path(name).stem
+    text, continued = write_yaml(dict(document)), file.is_file()
+    if continued:
+        there, wanted = read_document(file), parse_yaml(text, name)[0]
+        differing = [key for key in wanted if key not in _FREE and there.get(key) != wanted[key]]
+        if differing:
+            hint = "Choose another folder with --out, or remove this one"
+            raise RunFolderError(f"{path} holds another {work}: {', '.join(differing)} differ. {hint}")
+        if not resume:
+            hint = "add --resume to continue, or choose another folder with --out"
+            raise RunFolderError(f"{path} already holds results of this {work}: {hint}")
+    # A temporary file of the document may be there, of a process that was killed while it wrote it.
+    elif path.exists() and not (path.is_dir() and all(each.name.startswith(f".{name}.") for each in path.iterdir())):
+        raise RunFolderError(f"{path} exists and is not the folder of a {work}: choose another one with --out")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if not continued:
+            with atomic_write(file) as stream:
+                stream.write((head + text).encode())
+        for each in inside:
+            (path / each).mkdir(exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(f"cannot create {path}: {reason_of(error)}. Choose another one with --out") from error
+
+
+def read_document(file: Path) -> dict[str, Any]:
+    """Return the content of a document that lgmpc has written into a folder.
+
+    Raises:
+        RunFolderError: if it cannot be read, or is not a table of keys.
+        ConfigError: if it is not YAML.
+    """
+    try:
+        data, _ = parse_yaml(file.read_text(encoding="utf-8"), str(file))
+    except OSError as error:
+        raise RunFolderError(f"cannot read {file}: {reason_of(error)}") from error
+    except UnicodeDecodeError as error:
+        raise RunFolderError(f"{file} is damaged: not UTF-8 text ({error.reason})") from error
+    if not isinstance(data, dict):
+        raise RunFolderError(f"{file} is damaged: not a table of keys")
+    return data
+
+
+class Results:
+    """The file of the finished points, one line of JSON each; several processes may append to it.
+
+    Args:
+        file: file, created with the first row.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._read = self._lines = 0
+        self._rows: dict[str, Row] = {}
+
+    def rows(self) -> dict[str, Row]:
+        """Return the finished points by their keys; reads only what was added since the last call.
+
+        An incomplete last line is ignored: another process is writing it, or was killed while writing it.
+
+        Raises:
+            RunFolderError: if the file cannot be read or a line in it is not a row.
+        """
+        try:
+            with self._file.open("rb") as file:
+                file.seek(self._read)
+                added = file.read()
+        except FileNotFoundError:
+            return self._rows
+        except OSError as error:
+            raise RunFolderError(f"cannot read {self._file}: {reason_of(error)}") from error
+        whole = added[: added.rfind(b"\n") + 1]
+        for line in whole.splitlines():
+            self._lines += 1
+            row = Row.from_json(line, f"{self._file}:{self._lines}")
+            self._rows[row.key] = row
+        self._read += len(whole)
+        return self._rows
+
+    def append(self, row: Row) -> None:
+        """Save a finished point: its line is on the disk when this returns.
+
+        Raises:
+            RunFolderError: if it cannot be written; the file is then unchanged.
+        """
+        data = f"{row.to_json()}\n".encode()
+        try:
+            with self._file.open("ab+", buffering=0) as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                end = _whole_lines(file)
+                file.truncate(end)  # an incomplete last line was left by a killed process
+                if file.write(data) < len(data):
+                    file.truncate(end)
+                    raise RunFolderError(f"cannot write {self._file}: the disk is full. Free some space, then --resume")
+                os.fsync(file.fileno())
+        except OSError as error:
+            reason = reason_of(error)
+            raise RunFolderError(f"cannot write {self._file}: {reason}. --resume continues from here") from error
+
+
+def _whole_lines(file: FileIO) -> int:
+    """Return the size of the complete lines of a file, B."""
+    if file.seek(0, os.SEEK_END) == 0:
+        return 0
+    with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        return content.rfind(b"\n") + 1
 
 
 @dataclass(frozen=True)
@@ -59,35 +183,10 @@ class SweepFolder:
 
     @classmethod
     def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
-        """Create the folder, or open an existing one.
-
-        Args:
-            path: the folder.
-            sweep: its sweep.
-            resume: whether to open an existing folder.
-
-        Raises:
-            RunFolderError: if it exists and ``resume`` is false, contains another sweep, or cannot be written.
-        """
+        """Create the folder, or open an existing one; arguments and errors as :func:`open_folder`."""
+        head = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
         document = sweep.settings.model_dump(mode="json")
-        there = path / DOCUMENT
-        taken_up = there.is_file()
-        if taken_up:
-            _check_same(path, read_document(there), document)
-            if not resume:
-                hint = "add --resume to continue, or choose another folder with --out"
-                raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
-        elif path.exists() and not _is_unfinished(path):
-            raise RunFolderError(f"{path} exists and is not the folder of a sweep: choose another one with --out")
-        try:
-            for name in _FOLDERS:
-                (path / name).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunFolderError(f"cannot create {path}: {reason_of(error)}. Choose another one with --out") from error
-        if not taken_up:
-            head = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
-            with atomic_write(there) as file:
-                file.write((head + write_yaml(document)).encode())
+        open_folder(path, DOCUMENT, document, resume=resume, head=head, inside=("claims", "logs", "scratch"))
         return cls(path, Results(path / ROWS))
 
     @property
@@ -146,36 +245,3 @@ class SweepFolder:
             return False
         shutil.rmtree(min(passes), ignore_errors=True)
         return True
-
-
-def _is_unfinished(path: Path) -> bool:
-    """Return whether a folder is that of a sweep whose document has not been written."""
-    own = (*_FOLDERS, DOCUMENT, ROWS)
-    return path.is_dir() and all(each.name in own or each.name.startswith(f".{DOCUMENT}.") for each in path.iterdir())
-
-
-def read_document(file: Path) -> dict[str, Any]:
-    """Return the content of a document that lgmpc has written into a folder.
-
-    Raises:
-        RunFolderError: if it cannot be read, or is not a table of keys.
-        ConfigError: if it is not YAML.
-    """
-    try:
-        data, _ = parse_yaml(file.read_text(encoding="utf-8"), str(file))
-    except OSError as error:
-        raise RunFolderError(f"cannot read {file}: {reason_of(error)}") from error
-    except UnicodeDecodeError as error:
-        raise RunFolderError(f"{file} is damaged: not UTF-8 text ({error.reason})") from error
-    if not isinstance(data, dict):
-        raise RunFolderError(f"{file} is damaged: not a table of keys")
-    return data
-
-
-def _check_same(path: Path, there: dict[str, Any], wanted: dict[str, Any]) -> None:
-    differing = [name for name in SweepSettings.model_fields if name not in _FREE and there.get(name) != wanted[name]]
-    if differing:
-        raise RunFolderError(
-            f"{path} holds another sweep: {', '.join(differing)} differ"
-            f" (there: name {there.get('name')}). Choose another folder with --out, or remove this one"
-        )

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lgmpc.config.yaml_text import parse_yaml, write_yaml
-from lgmpc.errors import MissingDependencyError, RunFolderError
-from lgmpc.runs import atomic_write
-from lgmpc.runs.atomic import reason_of
+from lgmpc.errors import MissingDependencyError
 from lgmpc.sweeps.dimensions import Dimension
-from lgmpc.sweeps.folder import read_document
+from lgmpc.sweeps.folder import open_folder
 from lgmpc.sweeps.tuning import Score, TuningProblem
 
 if TYPE_CHECKING:
@@ -44,7 +41,7 @@ def open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) ->
         from optuna.storages.journal import JournalFileBackend
     except ImportError as error:
         raise MissingDependencyError("optuna", "lgmpc tune", 'pip install "lgmpc[tune]"') from error
-    _open(folder, problem.document(), resume)
+    open_folder(folder, _DOCUMENT, problem.document(), resume=resume)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", category=optuna.exceptions.ExperimentalWarning)
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -64,26 +61,6 @@ def open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) ->
         if not completed_trials(study):
             study.enqueue_trial(problem.initial)
         yield study
-
-
-def _open(folder: Path, document: Mapping[str, Any], resume: bool) -> None:
-    file = folder / _DOCUMENT
-    if file.is_file():
-        if read_document(file) != parse_yaml(write_yaml(dict(document)), "")[0]:
-            raise RunFolderError(f"{folder} holds another tuning: choose another folder with --out, or remove this one")
-        if not resume:
-            raise RunFolderError(
-                f"{folder} already holds this tuning: add --resume to continue, or choose another --out"
-            )
-        return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise RunFolderError(f"{folder} exists and is not the folder of a tuning: choose another one with --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(f"cannot create {folder}: {reason_of(error)}. Choose another one with --out") from error
-    with atomic_write(file) as stream:
-        stream.write(write_yaml(dict(document)).encode())
 
 
 def completed_trials(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:

@@ -1,26 +1,21 @@
-"""Fault-tolerant worker processes: a task that raises, hangs or ends its process affects no other task."""
+"""Tasks in child processes: one that raises, hangs or ends its process affects no other task."""
 
 from __future__ import annotations
 
 import itertools
 import os
-import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, TimeoutError, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from dataclasses import dataclass
-from multiprocessing import get_context
-from time import monotonic
-from typing import Generic, Protocol, TypeVar
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from multiprocessing import connection, get_context, parent_process
+from typing import Any, TypeVar
 
-__all__ = ["Died", "Executor", "Hung", "Pool", "available_cores"]
+__all__ = ["Children", "Died", "Hung", "Pool", "available_cores"]
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _POLL_S = 0.5
-_START_S = 60.0
 
 
 def available_cores() -> int:
@@ -28,8 +23,150 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Executor(Protocol):
-    """Applies functions to tasks: on this machine (:class:`Pool`) or on a cluster (:class:`~.cluster.DaskPool`)."""
+class Hung(Exception):
+    """A task exceeded the time limit; its process was killed."""
+
+
+class Died(Exception):
+    """A task's process ended before the task."""
+
+
+class Children:
+    """Child processes, started (``spawn``) when tasks need them and replaced when they end.
+
+    Each call of :meth:`compute` occupies one process, so that the end of the process is attributed to its task. Calls
+    come from threads, where no signal interrupts: none falls between the start of a process and its registration.
+
+    Args:
+        initialize: called first in each process; importable by name.
+        time_limit_s: longest time of a task, s; the start of its process does not count.
+    """
+
+    def __init__(self, initialize: Callable[[], None], time_limit_s: float) -> None:
+        self._initialize, self._limit = initialize, time_limit_s
+        self._lock, self._closed = threading.Lock(), False
+        self._all: list[_Child] = []
+        self._idle: list[_Child] = []
+
+    def compute(self, function: Callable[[T], R], task: T) -> R:
+        """Return the value of a function of a task, computed in a child process.
+
+        Args:
+            function: function of a task; importable by name.
+            task: its argument.
+
+        Raises:
+            Exception: raised by the function.
+            Hung: the task exceeded the time limit.
+            Died: the process ended before the task.
+        """
+        child = self._take()
+        value, error = child.compute(function, task, self._limit)
+        if not child.pipe.closed:
+            self._idle.append(child)
+        if error is not None:
+            raise error
+        return value  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        """Kill all processes; later tasks raise :class:`Died`."""
+        with self._lock:
+            self._closed = True
+            for child in self._all:
+                child.process.kill()
+                child.process.join()
+
+    def _take(self) -> _Child:
+        """Return an idle process or a new one; those that ended while they were idle are dropped."""
+        with self._lock:
+            if self._closed:
+                raise Died("all processes were ended")
+            while self._idle:
+                child = self._idle.pop()
+                if child.process.is_alive():
+                    return child
+                child.pipe.close()
+            child = _Child(self._initialize)
+            self._all = [*(each for each in self._all if not each.pipe.closed), child]
+            return child
+
+
+class _Child:
+    """A process with a pipe to it, which is closed when the process has ended."""
+
+    def __init__(self, initialize: Callable[[], None]) -> None:
+        context = get_context("spawn")
+        self.pipe, there = context.Pipe()
+        self.process = context.Process(target=_serve, args=(there, initialize), daemon=True)
+        self._ready = False
+        with there:
+            self.process.start()
+
+    def compute(self, function: Callable[[T], R], task: T, limit_s: float) -> tuple[Any, Exception | None]:
+        """Return the value of a function of a task, or the exception that it raised."""
+        try:
+            self._ready = self._ready or self.pipe.recv()
+            self.pipe.send((function, task))
+            if self.pipe.poll(limit_s):
+                return self.pipe.recv()  # type: ignore[no-any-return]
+            error: Exception = Hung(f"still computing after {limit_s:g} s (time_limit_s)")
+        except (EOFError, OSError):
+            error = Died("its process ended: killed, out of memory, or crashed in native code")
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+        return None, error
+
+
+def _serve(there: connection.Connection[Any, Any], initialize: Callable[[], None]) -> None:
+    """Compute the tasks that come in, until the process that sends them closes the pipe or ends."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    initialize()
+    there.send(True)
+    while True:
+        try:
+            function, task = there.recv()
+        except EOFError:
+            return
+        answer: tuple[Any, Exception | None]
+        try:
+            answer = function(task), None
+        except KeyboardInterrupt:
+            return
+        except Exception as error:
+            answer = None, error
+        try:
+            there.send(answer)
+        except Exception as error:  # it cannot be pickled
+            there.send((None, RuntimeError(f"{type(error).__name__}: {error}")))
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+class Pool:
+    """Child processes of this machine, each driven by a thread; a context manager that ends them.
+
+    Args:
+        workers: largest number of processes.
+        initialize: called first in each process; importable by name.
+        time_limit_s: longest time of a task, s.
+    """
+
+    def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
+        self._workers, self._children = workers, Children(initialize, time_limit_s)
+        self._executor: Executor = ThreadPoolExecutor(workers)
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._children.close()
+        self._executor.shutdown(wait=False, cancel_futures=True)
 
     def map(
         self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
@@ -44,123 +181,24 @@ class Executor(Protocol):
         Yields:
             The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
         """
-        ...
-
-
-class Hung(Exception):
-    """A task exceeded the time limit; its process was killed."""
-
-
-class Died(Exception):
-    """A task's process ended before the task."""
-
-
-class _Worker:
-    """One process with an executor of its own, so that the end of the process is attributed to its task."""
-
-    def __init__(self, initialize: Callable[[], None]) -> None:
-        self._executor = ProcessPoolExecutor(1, get_context("spawn"), initialize)
-        self._pid: Future[int] | None = None
-
-    @property
-    def started(self) -> bool:
-        """Whether its process accepts tasks."""
-        return self._pid is not None and self._pid.done()
-
-    def submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        """Submit a task to its process, which is started for the first one."""
-        if self._pid is None:
-            self._pid = self._executor.submit(os.getpid)
-        return self._executor.submit(function, task)
-
-    def kill(self) -> None:
-        """Kill its process, also one that is still starting, which would begin its task otherwise."""
-        if self._pid is not None:
-            with suppress(BrokenProcessPool, CancelledError, TimeoutError, ProcessLookupError):
-                os.kill(self._pid.result(_START_S), signal.SIGKILL)
-        self._executor.shutdown(wait=False, cancel_futures=True)
-
-
-@dataclass
-class _Running(Generic[T]):
-    worker: _Worker
-    task: T
-    started: float | None = None
-
-    def age_s(self) -> float:
-        """Return how long the task has run, s; the start of its process does not count."""
-        if self.started is None and self.worker.started:
-            self.started = monotonic()
-        return 0.0 if self.started is None else monotonic() - self.started
-
-
-class Pool:
-    """Processes, started once (``spawn``) and replaced when they end, that apply functions to tasks.
-
-    Args:
-        workers: largest number of processes.
-        initialize: called first in each process; importable by name.
-        time_limit_s: longest time of a task, s.
-    """
-
-    def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
-        self._count, self._initialize, self._limit = workers, initialize, time_limit_s
-        self._idle: list[_Worker] = []
-        self._busy: list[_Worker] = []
-
-    def __enter__(self) -> Pool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for worker in [*self._idle, *self._busy]:
-            worker.kill()
-
-    def map(
-        self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
-    ) -> Iterator[tuple[T, R | Exception]]:
-        """Yield each task with its result or exception as they finish; see :meth:`Executor.map`."""
-        waiting = iter(tasks)
-        running: dict[Future[R], _Running[T]] = {}
-        exhausted = False
+        waiting, running = iter(tasks), dict[Future[R], T]()
         while True:
-            while not exhausted and len(running) < (workers or self._count):
-                for task in itertools.islice(waiting, 1):
-                    worker, future = self._submit(function, task)
-                    running[future] = _Running(worker, task)
-                    break
-                else:
-                    exhausted = True
+            for task in itertools.islice(waiting, max(0, (workers or self._capacity()) - len(running))):
+                running[self._submit(function, task)] = task
             if not running:
                 return
-            done = wait(running, _POLL_S, FIRST_COMPLETED).done
-            for future in done:
-                finished = running.pop(future)
-                result = self._result(future, finished.worker)
-                yield finished.task, result
-            for future in [each for each in running if running[each].age_s() > self._limit]:
-                late = running.pop(future)
-                self._busy.remove(late.worker)
-                late.worker.kill()
-                yield late.task, Hung(f"still computing after {self._limit:g} s (time_limit_s)")
+            # As a list, because Dask computes a finished task again, whose worker ends, while its future is referenced.
+            done = [(running.pop(each), self._result(each)) for each in wait(running, _POLL_S, FIRST_COMPLETED).done]
+            yield from done
 
-    def _submit(self, function: Callable[[T], R], task: T) -> tuple[_Worker, Future[R]]:
-        """Submit a task to an idle process, or to a new one; one that ended while it was idle is replaced."""
-        while True:
-            worker = self._idle.pop() if self._idle else _Worker(self._initialize)
-            self._busy.append(worker)  # first, so that a signal from here on ends this process too
-            try:
-                return worker, worker.submit(function, task)
-            except BrokenProcessPool:
-                self._busy.remove(worker)
-                worker.kill()
+    def _capacity(self) -> int:
+        return self._workers
 
-    def _result(self, future: Future[R], worker: _Worker) -> R | Exception:
-        self._busy.remove(worker)
-        error = future.exception()
-        if isinstance(error, BrokenProcessPool):
-            worker.kill()
-            return Died("its process ended: killed, out of memory, or crashed in native code")
-        self._idle.append(worker)
-        if isinstance(error, Exception):
+    def _submit(self, function: Callable[[T], R], task: T) -> Future[R]:
+        return self._executor.submit(self._children.compute, function, task)
+
+    def _result(self, future: Future[Any]) -> Any:
+        try:
+            return future.result()
+        except Exception as error:
             return error
-        return future.result()

@@ -10,11 +10,10 @@ from typing import Any
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps.design import Sweep, load_sweep
 from lgmpc.sweeps.figure import sweep_drawing
-from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY
-from lgmpc.sweeps.results import Results
-from lgmpc.sweeps.rows import Row
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, Results
+from lgmpc.sweeps.rows import Row, place
 from lgmpc.sweeps.summary import Summary, summarize
-from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, point_table, search_words
+from lgmpc.sweeps.tables import group_table, level_table, pairing_table, point_table, search_words
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 
@@ -31,8 +30,8 @@ def load_results(folder: Path) -> tuple[Sweep, dict[str, Row]]:
         ConfigError: if its document or a base config cannot be read.
     """
     sweep = load_sweep(folder / DOCUMENT)
-    by_place = {_place(row): row for row in Results(folder / ROWS).rows().values()}
-    rows = {point.key: by_place[_place(point)] for point in sweep.points if _place(point) in by_place}
+    by_place = {place(row): row for row in Results(folder / ROWS).rows().values()}
+    rows = {point.key: by_place[place(point)] for point in sweep.points if place(point) in by_place}
     if not rows:
         raise RunFolderError(f"{folder} has no finished point: lgmpc sweep {folder / DOCUMENT} --out {folder} --resume")
     return sweep, rows
@@ -61,25 +60,20 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
     return write_page(page, html or folder / "report.html")
 
 
-def _place(item: Any) -> str:
-    """Return the place of a point or a row in its sweep as text, because rows were converted to JSON."""
-    return json.dumps([item.base, item.variant, dict(item.levels), item.draw], sort_keys=True)
-
-
 def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[str]:
     metrics = sweep.settings.metrics
-    found = [_table(group_table(summary, metrics))]
+    found = [table(*group_table(summary, metrics))]
     if summary.levels:
-        found.append(_table(level_table(summary)))
+        found.append(table(*level_table(summary)))
     if summary.pairings:
-        found.append(_table(pairing_table(summary, metrics)))
+        found.append(table(*pairing_table(summary, metrics)))
     told = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
     yield section("Results", *found, words(each for each in told if each))
     drawing = sweep_drawing(sweep, rows, summary)
     if drawing is not None:
         yield section("Figure", figures(dict([drawing])))
     kept = sorted(each.name for each in (folder / "logs").glob("*-*"))
-    points = [folded(f"{len(rows)} points", _table(point_table(sweep, rows)))]
+    points = [folded(f"{len(rows)} points", table(*point_table(sweep, rows)))]
     if kept:
         commands = words(f"lgmpc explain {folder / 'logs' / name}" for name in kept)
         points.append(folded(f"{len(kept)} kept in logs/", commands))
@@ -90,10 +84,6 @@ def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary
     if versions:
         rows_of = [(name, str(version)) for name, version in versions.items()]
         yield section("Versions", folded("Packages", table(("", ""), rows_of)))
-
-
-def _table(content: TextTable) -> str:
-    return table(content.headings, content.rows)
 
 
 def _versions(folder: Path) -> dict[str, Any]:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from lgmpc.errors import RunFolderError
 from lgmpc.settings.messages import show_value
 
-__all__ = ["Ending", "Row"]
+if TYPE_CHECKING:
+    from lgmpc.sweeps.design import Point
+
+__all__ = ["Ending", "Row", "paired", "place"]
 
 
 class Ending(str, Enum):
@@ -79,6 +84,11 @@ class Row:
         """Whether the run passed."""
         return self.ending is Ending.PASS
 
+    @property
+    def quantities(self) -> Mapping[str, float | None]:
+        """Its figures by name: ``boundary``, or ``passed`` and the metrics."""
+        return {"passed": float(self.passed), **self.metrics} if self.boundary is None else {"boundary": self.boundary}
+
     def to_json(self) -> str:
         """Return the row as one line of JSON, with null for NaN and infinity."""
         return _ROW.dump_json(self).decode()
@@ -100,3 +110,20 @@ class Row:
 
 
 _ROW = TypeAdapter(Row)
+
+
+def place(item: Point | Row, *, variant: bool = True) -> str:
+    """Return base, variant (unless left out), levels and draw as text, the same of a point and of its row."""
+    parts = [item.base, item.variant if variant else "", dict(item.levels), item.draw]
+    return json.dumps(parts, sort_keys=True)
+
+
+def paired(pairs: Iterable[tuple[Row, Row]]) -> dict[str, list[tuple[float, float]]]:
+    """Return the values of each quantity in the pairs of rows that both have it as a finite number, by its name."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for first, second in pairs:
+        for name, x in first.quantities.items():
+            y = second.quantities.get(name)
+            if x is not None and y is not None and math.isfinite(x) and math.isfinite(y):
+                found.setdefault(name, []).append((x, y))
+    return found

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.design import Point, Sweep
-from lgmpc.sweeps.rows import Ending, Row
+from lgmpc.sweeps.rows import Ending, Row, paired, place
 from lgmpc.sweeps.settings import Choice, Directions, Expectation
 from lgmpc.sweeps.statistics import Estimate, mean_difference, median, share
 
@@ -224,44 +226,36 @@ def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
     draws = sweep.settings.samples.keys if sweep.settings.samples else ()
     drawn = {draw.key[0] for draw in draws if not isinstance(draw, Choice)}
     computed = [pair for pair in pairs if pair[1].ending.computed]
+    labels = [_labels(sweep, point, ()) for point, _ in computed]
     for key in dict.fromkeys(key for point, _ in computed for key in point.levels):
-        values = [_size(point.levels[key]) if key in drawn else level_text(point.levels[key]) for point, _ in computed]
-        distinct = list(dict.fromkeys(values))
-        if len(distinct) < 2:
+        levels = [point.levels[key] for point, _ in computed]
+        words = _bins(levels) if key in drawn else [level_text(each) for each in levels]
+        if len(set(words)) < 2:
             continue
-        if key not in drawn or len(distinct) <= _BINS:
-            bins: list[tuple[str, Callable[[Any], bool]]] = [(level_text(each), _equals(each)) for each in distinct]
-        else:
-            ordered = sorted(values)
-            edges = [*(ordered[i * len(ordered) // _BINS] for i in range(_BINS)), ordered[-1]]
-            bins = [
-                (f"{low:.3g} to {high:.3g}", _between(low, high, last=high == edges[-1]))
-                for low, high in zip(edges, edges[1:], strict=False)
-            ]
-        members: dict[str, tuple[dict[str, str], list[tuple[Any, Row]]]] = {}
-        for value, (point, row) in zip(values, computed, strict=True):
-            labels = _labels(sweep, point, ())
-            members.setdefault(repr(labels), (labels, []))[1].append((value, row))
-        for words, inside in bins:
-            for labels, own in members.values():
-                rows = [row for value, row in own if inside(value)]
-                yield Level(labels, key, words, share(sum(row.passed for row in rows), len(rows)))
+        groups: dict[tuple[str, str], list[Row]] = {}
+        for word, label, (_, row) in zip(words, labels, computed, strict=True):
+            groups.setdefault((word, repr(label)), []).append(row)
+        ordered = [word for _, word in sorted(zip(map(_size, levels), words, strict=True))] if key in drawn else words
+        for word in dict.fromkeys(ordered):
+            for text, label in {repr(each): each for each in labels}.items():
+                rows = groups.get((word, text), [])
+                yield Level(label, key, word, share(sum(row.passed for row in rows), len(rows)))
 
 
-def _size(level: Any) -> Any:
-    """Return a comparable level: a number or text unchanged, a drawn vector by its length."""
-    if isinstance(level, (list, tuple)):
-        numbers = all(isinstance(each, (int, float)) for each in level)
-        return round(math.hypot(*level), 9) if numbers else repr(level)
-    return level if isinstance(level, (int, float, str)) else repr(level)
+def _bins(levels: Sequence[Any]) -> list[str]:
+    """Return the range of each drawn number; of few, the number itself."""
+    sizes = np.array([_size(each) for each in levels])
+    ordered = np.sort(sizes)
+    if len(np.unique(ordered)) <= _BINS:
+        return [level_text(float(each)) for each in sizes]
+    edges = [*(ordered[i * len(ordered) // _BINS] for i in range(_BINS)), ordered[-1]]
+    inside = np.searchsorted(edges[1:-1], sizes, side="right")
+    return [f"{edges[i]:.3g} to {edges[i + 1]:.3g}" for i in inside]
 
 
-def _equals(level: Any) -> Callable[[Any], bool]:
-    return lambda value: bool(value == level)
-
-
-def _between(low: Any, high: Any, *, last: bool) -> Callable[[Any], bool]:
-    return lambda value: low <= value < high or (last and value == high)
+def _size(level: Any) -> float:
+    """Return a drawn number, or the length of a drawn vector."""
+    return math.hypot(*level) if isinstance(level, (list, tuple)) else float(level)
 
 
 def level_text(level: object) -> str:
@@ -279,23 +273,12 @@ def _pairings(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Pairing]:
     by_place: dict[str, dict[str, Row]] = {}
     for point, row in pairs:
         if row.ending.computed:
-            by_place.setdefault(repr((point.base, point.levels, point.draw)), {})[point.variant] = row
+            by_place.setdefault(place(point, variant=False), {})[point.variant] = row
     for name in names[1:]:
         both = [(rows[names[0]], rows[name]) for rows in by_place.values() if {names[0], name} <= rows.keys()]
-        for quantity in dict.fromkeys(each for first, _ in both for each in _quantities(first)):
-            differences = _values(
-                None if a is None or b is None else b - a
-                for a, b in ((_quantities(x).get(quantity), _quantities(y).get(quantity)) for x, y in both)
-            )
-            if differences:
-                yield Pairing(name, names[0], quantity, mean_difference(differences))
-
-
-def _quantities(row: Row) -> dict[str, float | None]:
-    if row.boundary is not None:
-        return {"boundary": row.boundary}
-    timeless = {name: value for name, value in row.metrics.items() if not any(each in name for each in _NOT_COMPARED)}
-    return {"passed": float(row.passed), **timeless}
+        for quantity, values in paired(both).items():
+            if not any(each in quantity for each in _NOT_COMPARED):
+                yield Pairing(name, names[0], quantity, mean_difference([b - a for a, b in values]))
 
 
 def _complaints(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps.design import Sweep
@@ -18,8 +18,7 @@ _USUAL = ("survived_s", "max_tilt_deg")
 """Metrics in the tables of a sweep that names none."""
 
 
-@dataclass(frozen=True)
-class TextTable:
+class TextTable(NamedTuple):
     """Headings and rows of cells."""
 
     headings: tuple[str, ...]

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import logging
-import os
 import resource
 import signal
-import threading
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing import parent_process
-from multiprocessing.connection import wait
 from pathlib import Path
 from time import perf_counter
 
@@ -49,25 +45,20 @@ class Task:
 
 
 def start_worker() -> None:
-    """Prepare a worker process: without output, ignoring Ctrl-C, and ended with the process that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Prepare a worker process: without output, and ended by the process that started it, not by signals to both.
+
+    So a point whose machine ends, with a signal to all its processes, is computed again, and not one that died.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     logging.getLogger("lgmpc").addHandler(logging.NullHandler())
     warnings.simplefilter("ignore")
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
 
 
 def warm(config: Config) -> None:
     """Build the session of a config, so that its compiled functions are in the cache.
 
-    What cannot be built is the reason of its points' rows. An exception would be pickled, which not all can be: the
-    process would end.
+    An exception is the reason of the rows of the config's points.
     """
     with suppress(Exception):
         prepare(config)
@@ -77,16 +68,46 @@ def compute(task: Task) -> Row:
     """Run a point, or search its boundary; exceptions become the reason of its row.
 
     Raises:
-        Interrupted: by a signal to this process.
+        Interrupted: by Ctrl-C during a run.
     """
-    started = perf_counter()
+    started, simulated_s = perf_counter(), 0.0
     _limit_memory(task.memory_gb)
-    trial = _Trial(task)
+
+    def run(config: Config) -> FinishedRun:
+        nonlocal simulated_s
+        finished = run_config(config, task.scratch)
+        if finished.signal is not None:
+            raise Interrupted(finished.signal)
+        log = finished.session.log
+        simulated_s += float(log.time[-1] - log.time[0]) + log.control_period_s if log.ticks else 0.0
+        return finished
+
     try:
-        row = trial.row()
+        if task.bisect is None:
+            row = _judged(task, run(task.config))
+        else:
+            key = task.bisect.key
+            found = bisect(lambda x: run(scaled(task.config, key, x)).result.verdict.passed, task.bisect)
+            row = Row(
+                task.key,
+                Ending.UNBRACKETED if found.value is None else Ending.PASS,
+                (found.reason,) if found.reason else (),
+                boundary=found.value,
+                trials=found.trials,
+                violations=found.violations,
+            )
     except Exception as error:
-        row = Row(task.key, Ending.RAISED, (f"{type(error).__name__}: {error}",), simulated_s=trial.simulated_s)
-    return replace(row, elapsed_s=perf_counter() - started)
+        row = Row(task.key, Ending.RAISED, (f"{type(error).__name__}: {error}",))
+    return replace(row, simulated_s=simulated_s, elapsed_s=perf_counter() - started)
+
+
+def _judged(task: Task, run: FinishedRun) -> Row:
+    """Return the row of a single run."""
+    verdict, measured = run.result.verdict, run.result.metrics
+    metrics = {} if measured is None else flat_metrics(measured)
+    if task.metrics is not None:
+        metrics = {name: metrics.get(name) for name in task.metrics}
+    return Row(task.key, Ending.PASS if verdict.passed else Ending.FAIL, verdict.reasons, metrics)
 
 
 def _limit_memory(gigabytes: float) -> None:
@@ -94,48 +115,3 @@ def _limit_memory(gigabytes: float) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = int(1e9 * gigabytes)
     resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
-
-
-class _Trial:
-    """The runs of one point.
-
-    Attributes:
-        simulated_s: simulated time of all runs, s.
-    """
-
-    def __init__(self, task: Task) -> None:
-        self._task = task
-        self.simulated_s = 0.0
-
-    def row(self) -> Row:
-        """Run the point and return its row."""
-        task = self._task
-        if task.bisect is None:
-            run = self._run(task.config)
-            ending = Ending.PASS if run.result.verdict.passed else Ending.FAIL
-            metrics = {} if run.result.metrics is None else flat_metrics(run.result.metrics)
-            if task.metrics is not None:
-                metrics = {name: metrics.get(name) for name in task.metrics}
-            return Row(task.key, ending, run.result.verdict.reasons, metrics, simulated_s=self.simulated_s)
-        found = bisect(self._passes, task.bisect)
-        return Row(
-            task.key,
-            Ending.UNBRACKETED if found.value is None else Ending.PASS,
-            (found.reason,) if found.reason else (),
-            boundary=found.value,
-            trials=found.trials,
-            violations=found.violations,
-            simulated_s=self.simulated_s,
-        )
-
-    def _passes(self, value: float) -> bool:
-        assert self._task.bisect is not None
-        return self._run(scaled(self._task.config, self._task.bisect.key, value)).result.verdict.passed
-
-    def _run(self, config: Config) -> FinishedRun:
-        run = run_config(config, self._task.scratch)
-        if run.signal is not None:
-            raise Interrupted(run.signal)
-        log = run.session.log
-        self.simulated_s += float(log.time[-1] - log.time[0]) + log.control_period_s if log.ticks else 0.0
-        return run

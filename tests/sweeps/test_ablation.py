@@ -73,9 +73,9 @@ def test_parts_are_ranked_by_lost_passes_then_by_what_the_gate_limits(row: Calla
     assert [each.part for each in (orientation, mpc, posture)] == [parts[2], parts[0], parts[1]]
     assert (orientation.passed.value, orientation.lost) == (0.5, 0.5)
     change = mpc.changes[0]
-    assert (change.quantity, change.complete, change.without, change.limit) == ("max_tilt_deg", 2.0, 4.0, 10.0)
+    assert (change.name, change.first, change.second, change.limit) == ("max_tilt_deg", 2.0, 4.0, 10.0)
     assert change.worsening == pytest.approx(0.2)
-    assert [each.quantity for each in mpc.changes] == ["max_tilt_deg", "rms_joint_velocity_rad_s", "survived_s"]
+    assert [each.name for each in mpc.changes] == ["max_tilt_deg", "rms_joint_velocity_rad_s", "survived_s"]
 
 
 def test_points_without_a_verdict_make_no_pair(row: Callable[..., Row]) -> None:

@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from lgmpc.config.execution import run_config
 from lgmpc.errors import ClusterError, InputError
 from lgmpc.sweeps import Ending, SweepProgress, run_sweep
-from lgmpc.sweeps.cluster import DaskPool, Machine, dask_client
+from lgmpc.sweeps.cluster import DaskPool, dask_client
 from lgmpc.sweeps.pool import Died, Hung
 from lgmpc.sweeps.trial import start_worker
 
@@ -48,9 +47,8 @@ def act(task: tuple[str, str]) -> str:
 
 def test_each_task_pays_for_itself_only(client: "distributed.Client", tmp_path: Path) -> None:
     """As with a pool of processes; a task whose worker is killed is computed again, unless it kills every one."""
-    machine = Machine.of(tmp_path)
     names = ["raise", "hang", "kill once", "a", "kill always", "b"]
-    with DaskPool(client, start_worker, 6.0, machine) as pool:
+    with DaskPool(client, start_worker, 6.0, tmp_path) as pool:
         found = dict(pool.map(act, [(name, str(tmp_path / name)) for name in names]))
     by_name = {name: result for (name, _), result in found.items()}
     assert isinstance(by_name["raise"], ValueError)
@@ -83,14 +81,25 @@ def test_a_sweep_continues_after_a_killed_worker_with_the_points_of_one_machine(
 
 
 def test_a_worker_that_sees_another_folder_or_has_other_versions_ends_the_sweep(
-    client: "distributed.Client", tmp_path: Path
+    client: "distributed.Client", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for machine, words in (
-        (Machine.of(tmp_path / "elsewhere"), "has no folder .*elsewhere: choose a shared folder"),
-        (replace(Machine.of(tmp_path), versions=(("lgmpc", "0.0"),)), "has other versions: lgmpc .* instead of 0.0"),
-    ):
-        with DaskPool(client, start_worker, 4.0, machine) as pool, pytest.raises(ClusterError, match=words):
-            list(pool.map(act, [("a", "")]))
+    words = "has no folder .*elsewhere: choose a shared folder"
+    with DaskPool(client, start_worker, 4.0, tmp_path / "elsewhere") as pool, pytest.raises(ClusterError, match=words):
+        list(pool.map(act, [("a", "")]))
+    monkeypatch.setattr("lgmpc.sweeps.cluster.versions", lambda: {"lgmpc": "0.0"})
+    words = "has other versions: lgmpc .* instead of 0.0"
+    with DaskPool(client, start_worker, 4.0, tmp_path) as pool, pytest.raises(ClusterError, match=words):
+        list(pool.map(act, [("a", "")]))
+
+
+def test_a_lost_scheduler_ends_the_sweep(tmp_path: Path) -> None:
+    with distributed.LocalCluster(n_workers=1, dashboard_address="127.0.0.1:0") as cluster:
+        with distributed.Client(cluster) as own, DaskPool(own, start_worker, 60.0, tmp_path) as pool:
+            results = pool.map(act, [("a", ""), ("hang", ""), ("b", "")])
+            next(results)
+            cluster.close()
+            with pytest.raises(ClusterError, match="connection to the Dask scheduler is lost.*--resume"):
+                list(results)
 
 
 def test_no_scheduler_and_workers_of_a_scheduler_are_one_error() -> None:

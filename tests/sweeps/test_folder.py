@@ -11,8 +11,7 @@ import pytest
 
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.folder import SweepFolder, read_document
-from lgmpc.sweeps.results import Results
+from lgmpc.sweeps.folder import Results, SweepFolder, read_document
 
 from .conftest import Parse
 
@@ -67,7 +66,7 @@ def test_a_full_disk_leaves_the_finished_rows(tmp_path: Path, row: Make) -> None
 import resource, signal, sys
 from pathlib import Path
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.results import Results
+from lgmpc.sweeps.folder import Results
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({file.stat().st_size + 20}, {file.stat().st_size + 20}))
 Results(Path({str(file)!r})).append(Row("b", Ending.PASS))

@@ -3,17 +3,22 @@
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 import pytest
 from workers import act, nothing
 
+from lgmpc.config import load_config
 from lgmpc.config.interrupts import stop_signals
-from lgmpc.errors import Interrupted
+from lgmpc.errors import ConfigError, Interrupted
 from lgmpc.sweeps.pool import Died, Hung, Pool
+from lgmpc.sweeps.trial import start_worker
 
 
 def test_each_task_pays_for_itself_only() -> None:
@@ -59,11 +64,11 @@ def test_tasks_are_drawn_when_a_process_is_free_and_no_process_is_left_behind() 
 def test_a_signal_while_a_task_is_handed_over_leaves_no_process_behind(
     monkeypatch: pytest.MonkeyPatch, task: int
 ) -> None:
-    """Of the first call, which starts the process, or of the second, which would keep it for ten minutes."""
-    whole = ProcessPoolExecutor.submit
+    """Of the first task, which starts a process, or of the second, which would keep it for ten minutes."""
+    whole = ThreadPoolExecutor.submit
     calls = []
 
-    def interrupted(self: ProcessPoolExecutor, *args: Any) -> Any:
+    def interrupted(self: ThreadPoolExecutor, *args: Any) -> Any:
         future = whole(self, *args)
         calls.append(args)
         if len(calls) == task + 1:
@@ -71,10 +76,56 @@ def test_a_signal_while_a_task_is_handed_over_leaves_no_process_behind(
         return future
 
     before = set(multiprocessing.active_children())
-    monkeypatch.setattr(ProcessPoolExecutor, "submit", interrupted)
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", interrupted)
     with pytest.raises(Interrupted), stop_signals(), Pool(1, nothing, time_limit_s=60.0) as pool:
-        next(pool.map(act, ["hang"]))
+        list(pool.map(act, ["a", "hang"]))
     assert len(calls) == task + 1
     for process in set(multiprocessing.active_children()) - before:
-        process.join(30.0)
-        assert not process.is_alive()
+        process.join(60.0)
+        assert process.exitcode == -signal.SIGKILL
+
+
+def test_a_process_that_is_starting_when_the_pool_ends_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread of the task is between the start of the process and the end of its registration."""
+    started, ended = threading.Event(), threading.Event()
+    whole = BaseProcess.start
+
+    def slow(self: BaseProcess) -> None:
+        whole(self)
+        started.set()
+        ended.wait(0.2)  # the end of the pool waits for the lock meanwhile
+
+    before = set(multiprocessing.active_children())
+    monkeypatch.setattr(BaseProcess, "start", slow)
+    with pytest.raises(Interrupted), Pool(1, nothing, time_limit_s=60.0) as pool:
+        tasks = pool.map(act, ["hang"])
+        threading.Thread(target=lambda: started.wait() and signal.raise_signal(signal.SIGTERM)).start()
+        with stop_signals():
+            next(tasks)
+    for process in set(multiprocessing.active_children()) - before:
+        process.join(60.0)
+        assert process.exitcode == -signal.SIGKILL
+
+
+def test_signals_to_a_worker_do_not_end_its_task() -> None:
+    """A scheduler sends SIGTERM to all processes of a job; the worker's point is then computed elsewhere."""
+    with Pool(1, start_worker, time_limit_s=60.0) as pool:
+        ((_, result),) = pool.map(act, ["terminate"])
+    assert str(result).startswith("terminate in ")
+
+
+def test_results_and_errors_that_cannot_be_pickled_are_their_own_tasks_errors() -> None:
+    with Pool(1, nothing, time_limit_s=60.0) as pool:
+        found = dict(pool.map(act, ["unpicklable", "error that does not unpickle", "a"]))
+    assert isinstance(found["unpicklable"], RuntimeError) and "pickle" in str(found["unpicklable"])
+    assert isinstance(found["error that does not unpickle"], TypeError)
+    assert str(found["a"]).startswith("a in ")
+
+
+def test_one_bad_config_is_the_error_of_its_task_in_an_executor_of_the_standard_library() -> None:
+    """Errors of lgmpc can be pickled: otherwise one ends the processes of all tasks."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        bad, good = (executor.submit(load_config, name) for name in ("solo12_balnce", "solo12_balance"))
+        with pytest.raises(ConfigError, match="Did you mean solo12_balance"):
+            bad.result(120.0)
+        assert good.result(120.0) == load_config("solo12_balance")

@@ -9,11 +9,11 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.sweeps import Ending, Row
+from lgmpc.sweeps.bisection import value_at
 from lgmpc.sweeps.dimensions import Dimension, parse_dimension
 from lgmpc.sweeps.journal import open_study
 from lgmpc.sweeps.study import _Session
 from lgmpc.sweeps.tuning import Objective, Score, tuning_problem
-from lgmpc.sweeps.values import value_at
 
 CONFIG = load_config("solo12_balance")
 

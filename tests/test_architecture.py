@@ -52,7 +52,7 @@ ARROWS: dict[str, str] = {
     "hardware": "control.interface",
     "hardware.simulated": "control.interface simulation",
     "demos": f"{_PARTS} mechanics control simulation",
-    "runs": "world",
+    "runs": "lie world",
     "viz": "lie state robot world runs demos",
     "config": "",
     # A document composes the settings of the subpackages.

@@ -11,10 +11,10 @@ Logarithms return rotation vectors of norm at most pi; at exactly pi, the one wi
 
 from typing import Protocol
 
-from lgmpc.lie import quaternion, se3, sek3, so3
+from lgmpc.lie import attitude, quaternion, se3, sek3, so3
 from lgmpc.lie.checks import ArrayFunction
 
-__all__ = ["GROUPS", "Group", "quaternion", "se3", "sek3", "so3"]
+__all__ = ["GROUPS", "Group", "attitude", "quaternion", "se3", "sek3", "so3"]
 
 
 class Group(Protocol):

@@ -27,7 +27,6 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any, TypeVar, cast
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -133,6 +132,8 @@ class Coefficient:
         It has no square root below the seam, so that derivatives of any order are exact at 0. The argument of each
         branch stays within that branch's domain, because ``if_else`` differentiates both.
         """
+        import casadi as ca
+
         near = t <= SEAM
         far = ca.if_else(near, 16.0, t)
         return ca.if_else(near, self._series(ca.if_else(near, t, 0.0)), self._closed(ca, ca.sqrt(far), far))

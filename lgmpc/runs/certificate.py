@@ -15,7 +15,7 @@ from lgmpc.runs.limited import DriveLine, JointLimits, hardware_quantities, join
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
-from lgmpc.typing import Array, IntArray
+from lgmpc.typing import GRAVITY, Array, IntArray
 
 __all__ = ["Balances", "Certificate", "Check", "Peak", "certify", "window_edges"]
 
@@ -241,7 +241,7 @@ def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
         return
     dt = log.control_period_s
     lasts = dt * np.diff(edges)
-    weight = 9.81 * log.mass_kg
+    weight = GRAVITY * log.mass_kg
     # What is logged at a tick acted in the step before; a push acts in the step after.
     forces = log.contact_forces[1:].sum(axis=1) + log.push[:-1, :3] - [0.0, 0.0, weight]
     change = np.diff(balances.momentum[inside], axis=0) - np.diff(_integral(dt * forces)[edges], axis=0)

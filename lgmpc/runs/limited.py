@@ -17,7 +17,7 @@ from lgmpc.runs.metrics import Metrics, slide, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.runs.support import capture_margin
 from lgmpc.runs.verdict import measured
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = [
     "DriveLine",
@@ -308,7 +308,7 @@ def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
     """Return the tangential forces of loaded feet with the limits of their friction cones; NaN margins of others."""
     normal = log.contact_forces[:, :, 2]
     tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
-    weight = 9.81 * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
+    weight = GRAVITY * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
     limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
     loaded = normal > max(_LOADED * weight, CONTACT_FORCE_N)
     return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)

@@ -12,6 +12,7 @@ from typing import get_args, get_type_hints
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude, so3
 from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
 from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import RunLog
@@ -26,7 +27,6 @@ __all__ = [
     "flat_metrics",
     "friction_margin",
     "metric_names",
-    "rotate",
     "rpy_deg",
     "slide",
     "slip",
@@ -213,14 +213,6 @@ def flat_metrics(metrics: Metrics) -> dict[str, float | None]:
     return found
 
 
-def rotate(quaternion: Array, vector: Array) -> Array:
-    """Return ``R(quaternion) vector`` for unit quaternions (..., 4) x y z w and vectors (..., 3), broadcast."""
-    imaginary, real = quaternion[..., :3], quaternion[..., 3:]
-    twice_cross = 2.0 * np.cross(imaginary, vector)
-    rotated: Array = vector + real * twice_cross + np.cross(imaginary, twice_cross)
-    return rotated
-
-
 def tilt_deg(quaternion: Array, reference: Array) -> Array:
     """Return the angle between the base's upright axis and the vertical.
 
@@ -231,12 +223,8 @@ def tilt_deg(quaternion: Array, reference: Array) -> Array:
     Returns:
         (n,) angles in degrees, in [0, 180].
     """
-    vertical = np.array([0.0, 0.0, 1.0])
-    upright = rotate(reference * [-1.0, -1.0, -1.0, 1.0], vertical)
-    axis = rotate(quaternion, upright)
-    # atan2 of sine and cosine: arccos loses half of the digits near zero.
-    angle: Array = np.degrees(np.arctan2(np.linalg.norm(axis[:, :2], axis=1), axis[:, 2]))
-    return angle
+    upright = so3.from_quaternion.unchecked(reference)[2]
+    return np.degrees(attitude.tilt(so3.from_quaternion.unchecked(quaternion), upright))
 
 
 def rpy_deg(quaternion: Array) -> Array:
@@ -248,12 +236,8 @@ def rpy_deg(quaternion: Array) -> Array:
     Returns:
         (n, 3) degrees; roll and yaw unwrapped, pitch in [-90, 90].
     """
-    x, y, z, w = quaternion.T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    angles: Array = np.degrees(np.column_stack((np.unwrap(roll), pitch, np.unwrap(yaw))))
-    return angles
+    angles = attitude.roll_pitch_yaw(so3.from_quaternion.unchecked(quaternion))
+    return np.degrees(np.column_stack((np.unwrap(angles[:, 0]), angles[:, 1], np.unwrap(angles[:, 2]))))
 
 
 def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array]:
@@ -329,6 +313,5 @@ def _rms(values: Array) -> float | None:
 
 
 def _rotation_deg(first: Array, second: Array) -> float:
-    # For unit quaternions |q0 - q1| = 2 sin(angle / 4) and |q0 + q1| = 2 cos(angle / 4); the smaller of the two signs.
-    apart, together = np.linalg.norm(first - second), np.linalg.norm(first + second)
-    return float(np.degrees(4.0 * np.arctan2(min(apart, together), max(apart, together))))
+    rotations = so3.from_quaternion.unchecked(np.stack([first, second]))
+    return float(np.degrees(attitude.angle_between(rotations[0], rotations[1])))

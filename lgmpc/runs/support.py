@@ -7,11 +7,10 @@ import numpy as np
 from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["capture_margin", "capture_point", "support_margin"]
 
-_GRAVITY = 9.81
 _LOWEST = 0.02  # m; at lower heights the pendulum does not model the robot
 _TINY = 1e-9  # m
 
@@ -24,7 +23,7 @@ def capture_point(log: RunLog) -> Array:
     """
     height = np.maximum(log.com[:, 2], _LOWEST)
     velocity = log.momentum[:, :2] / log.mass_kg
-    point: Array = log.com[:, :2] + velocity * np.sqrt(height / _GRAVITY)[:, None]
+    point: Array = log.com[:, :2] + velocity * np.sqrt(height / GRAVITY)[:, None]
     return point
 
 

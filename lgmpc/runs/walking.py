@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from lgmpc.lie import attitude, so3
 from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.log import CONTACT_STATES, RunLog, push_intervals
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["WalkingMetrics", "body_velocity", "heading", "stride_mean", "walking_metrics"]
 
@@ -31,8 +32,6 @@ STANDING_M_S = 0.02
 
 IMPACT_S = 0.02
 """Duration of the impact after a touchdown, s."""
-
-_GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -111,17 +110,14 @@ def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
 
 def heading(quaternion: Array) -> Array:
     """Return (n,) the headings of bases (n, 4) x y z w: the angle of their x axes in the plane, unwrapped, rad."""
-    x, y, z, w = quaternion.T
-    angle: Array = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    return angle
+    return np.unwrap(attitude.yaw(so3.from_quaternion.unchecked(quaternion)))
 
 
 def body_velocity(log: RunLog) -> Array:
     """Return (n, 3) velocity ahead and to the left of the centre of mass, m/s, and yaw rate, rad/s."""
     yaw = heading(log.base_pose[:, 3:])
     vx, vy, rate = np.gradient(np.column_stack((log.com[:, :2], yaw)), log.time, axis=0).T
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.column_stack((c * vx + s * vy, c * vy - s * vx, rate))
+    return np.column_stack((*attitude.turn(-yaw, vx, vy), rate))
 
 
 def stride_mean(values: Array, ticks: int) -> Array:
@@ -205,7 +201,7 @@ def _cost_of_transport(walk: _Walk) -> float | None:
         if speed > 0.0:
             work += float(np.abs(log.tau[a:b] * log.joint_velocity[a:b]).sum()) * walk.dt
             distance += float((walk.velocity[a:b, :2] @ (walk.command[a, :2] / speed)).sum()) * walk.dt
-    return work / (log.mass_kg * _GRAVITY * distance) if distance > 0.0 and np.isfinite(log.mass_kg) else None
+    return work / (log.mass_kg * GRAVITY * distance) if distance > 0.0 and np.isfinite(log.mass_kg) else None
 
 
 def _scuff(walk: _Walk) -> float:
@@ -282,8 +278,7 @@ def _foot_error(walk: _Walk) -> float:
     ticks = np.array([0, walk.ticks - 1])
     base, yaw = walk.log.base_pose[ticks], heading(walk.log.base_pose[ticks, 3:])
     apart = walk.log.contact_points[ticks, :, :2] - base[:, None, :2]
-    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    x, y = c * apart[..., 0] + s * apart[..., 1], c * apart[..., 1] - s * apart[..., 0]
+    x, y = attitude.turn(-yaw[:, None], apart[..., 0], apart[..., 1])
     return float(np.hypot(x[1] - x[0], y[1] - y[0]).max(initial=0.0))
 
 

@@ -19,7 +19,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def turn(angle: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return a vector of the plane turned by an angle, rad: floats, arrays that broadcast, or CasADi expressions."""
+    """Return a vector of the plane turned by an angle, rad: floats, or arrays that broadcast."""
     c, s = (math.cos(angle), math.sin(angle)) if isinstance(angle, float) else (np.cos(angle), np.sin(angle))
     return c * x - s * y, s * x + c * y
 

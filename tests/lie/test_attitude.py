@@ -1,10 +1,9 @@
-"""Angles of attitudes against scipy's rotations, and turns of the plane in all three kinds of numbers."""
+"""Angles of attitudes against scipy's rotations, and turns of the plane."""
 
 from __future__ import annotations
 
 import math
 
-import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -48,6 +47,3 @@ def test_turns_of_the_plane() -> None:
     np.testing.assert_allclose(attitude.turn(angle, x, y), expected, rtol=1e-15)
     batch = attitude.turn(np.array([0.0, angle]), np.array([x, x]), y)
     np.testing.assert_allclose(np.stack(batch, axis=-1), [[x, y], expected], rtol=1e-15)
-    symbol = ca.SX.sym("angle")
-    function = ca.Function("turn", [symbol], [ca.vertcat(*attitude.turn(symbol, x, y))])
-    np.testing.assert_allclose(function(angle).full().ravel(), expected, rtol=1e-15)

@@ -125,7 +125,7 @@ class LeggedController:
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
         self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
-        self.report = self._report(math.nan, perf_counter())
+        self.report = self._report(math.nan, 0.0)._replace(tick_ms=0.0)
 
     @property
     def fallen(self) -> bool:

@@ -29,7 +29,7 @@ from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController
-from lgmpc.world import make_world
+from lgmpc.world import World, make_world
 
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
 """Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
@@ -103,7 +103,6 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         modes=config.modes,
         delays=config.delays,
         joint_friction=_build_joint_friction(config, robot),
-        drives=config.drives,
         period=period,
     )
 
@@ -115,7 +114,15 @@ def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimato
 
 
 def build_recorder(
-    config: Config, robot: Robot, rates: Rates, *, effort_limit: Array, mass: float, friction: float, estimated: bool
+    config: Config,
+    robot: Robot,
+    rates: Rates,
+    *,
+    effort_limit: Array,
+    mass: float,
+    friction: float,
+    estimated: bool,
+    world: World | None = None,
 ) -> Recorder:
     """Return an empty recorder.
 
@@ -127,6 +134,7 @@ def build_recorder(
         mass: of the recorded robot, kg.
         friction: coefficient of its floor.
         estimated: whether an estimate is recorded beside the true state.
+        world: the world of a simulated robot.
     """
     mpc = next((part.mpc for _, part in config.parts() if part.mpc.enabled), None)
     return Recorder(
@@ -142,6 +150,8 @@ def build_recorder(
         contact_frames=robot.contact_frames,
         friction=friction,
         contact_radius=robot.contact_radius,
+        upright_axis=robot.upright_axis,
+        world=world,
         control_period_s=rates.period,
         ticks=rates.ticks,
         mpc_nodes=0 if mpc is None else mpc.nodes,
@@ -191,6 +201,7 @@ def _build_session(
             mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
             friction=config.plant.friction,
             estimated=estimator is not None,
+            world=world,
         )
     )
     return ClosedLoopSession(

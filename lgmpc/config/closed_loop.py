@@ -22,7 +22,7 @@ from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.forensics import finite_part
-from lgmpc.runs.log import CONTACT_STATES, MODES
+from lgmpc.runs.log import CONTACT_STATES, MODES, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
@@ -214,8 +214,7 @@ class ClosedLoopSession:
         whole = bool((np.diff(finite.time) < 1.5 * finite.control_period_s).all())
         if self.rates.substeps == 1 and whole:  # every step of the plant is in the log
             edges = window_edges(finite)
-            momentum, energy = momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges])
-            balances = Balances(edges, momentum, energy)
+            balances = Balances(edges, *momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges]))
         return certify(finite, joint_limits(robot, self.simulated.actuators), balances)
 
 
@@ -257,6 +256,10 @@ class RunObserver:
         self._every, self._last = max(1, round(_REPORT_PERIOD / rates.period)), rates.ticks - 1
         self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
         self._after_fall, self.fell_s = after_fall_s, fell_s
+        self._world, self._upright = recorder.world, controller.robot.upright_axis
+        # An update computes the contact points before the normals: those of the last update belong to them.
+        self._next_normals = (controller.wbc.terms if truth is None else truth).normals
+        self._normals = self._next_normals.copy()
         self._started, self._from = perf_counter(), math.nan
 
     def __call__(self, tick: Tick) -> bool:
@@ -276,6 +279,7 @@ class RunObserver:
             "contact_forces": sample.contact_forces,
             "contact_forces_desired": report.forces,
             "contact_points": sensed.contact_points,
+            "contact_normals": self._normals,
             "com": sensed.com,
             "com_reference": report.com_target,
             "momentum": sensed.momentum,
@@ -303,6 +307,7 @@ class RunObserver:
         if self._records_forecasts:
             values["forecast_ms"] = report.forecast_ms
         self._record(values)
+        self._normals[...] = self._next_normals
         plan = report.plan
         if report.planned and plan is not None:
             failed = int(not plan.status.fresh)
@@ -314,9 +319,11 @@ class RunObserver:
     def _show(self, time: float, q: Array, mode: Mode) -> None:
         elapsed = perf_counter() - self._started
         self._from = time if math.isnan(self._from) else self._from
-        x, y = q[3:5].tolist()
-        tilt = math.degrees(math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0)))
-        if self.fell_s == math.inf and mode not in _LOW and (q[2] < self._lowest or tilt > FALL_TILT_DEG):
+        base = q[None, :7]
+        normal = self._world.normal(base[:, :2])
+        tilt = float(tilt_deg(base[:, 3:], self._upright, normal)[0])
+        height = (q[2] - self._world.height(base[:, :2])[0]) * normal[0, 2]
+        if self.fell_s == math.inf and mode not in _LOW and (height < self._lowest or tilt > FALL_TILT_DEG):
             self.fell_s = time
             end = min(time + self._after_fall, self._duration)
             _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, end)

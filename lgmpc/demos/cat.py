@@ -8,7 +8,8 @@ import numpy as np
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.mechanics.rigid_body import GRAVITY
+from lgmpc.typing import Array
 
 __all__ = ["run"]
 

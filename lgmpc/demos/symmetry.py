@@ -23,7 +23,8 @@ from lgmpc.mechanics import (
     free_body,
     heavy_top,
 )
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.mechanics.rigid_body import GRAVITY
+from lgmpc.typing import Array
 
 __all__ = ["run"]
 

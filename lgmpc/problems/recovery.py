@@ -17,8 +17,9 @@ from pydantic import Field
 from lgmpc.actions import MultibodyAction, RungeKutta4
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
-from lgmpc.lie import attitude, so3
+from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems.attitude import angle_between, rotation_of, rpy_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
@@ -97,17 +98,17 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs, end = trajectory.xs, trajectory.xs[-1]
-        rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
-        rpy = attitude.roll_pitch_yaw(rotations)
+        rotations = [rotation_of(x) for x in xs]
+        rpy = np.array([rpy_of(rotation) for rotation in rotations])
         logs = np.degrees([pin.log3(goal.T @ rotation) for rotation in rotations])
-        steps = attitude.angle_between(rotations[:-1], rotations[1:])
+        steps = [angle_between(one, other) for one, other in zip(rotations, rotations[1:], strict=False)]
         return {
-            "final_tilt_deg": float(np.degrees(attitude.tilt(rotations[-1]))),
+            "final_tilt_deg": float(np.degrees(tilt(end))),
             "final_error_m": float(np.linalg.norm(end[:3] - x0[:3])),
             "final_speed_m_s": float(np.linalg.norm(end[7:10])),
             "final_rate_rad_s": float(np.linalg.norm(end[10:])),
             "height_lost_m": float(max(x0[2] - xs[:, 2].min(), 0.0)),
-            "attitude_step_deg": float(np.degrees(steps.max())),
+            "attitude_step_deg": float(np.degrees(max(steps))),
             "rpy_jump_deg": float(np.degrees(np.abs(_wrapped(np.diff(rpy, axis=0))).max())),
             "log_jump_deg": float(np.linalg.norm(np.diff(logs, axis=0), axis=1).max()),
             **thrust_figures(vehicle, trajectory, durations),

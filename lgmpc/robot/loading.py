@@ -18,7 +18,7 @@ from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground,
 from lgmpc.robot.sources import ResolvedSource, build_model, resolve
 from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import Array
 
 __all__ = ["load_robot"]
 
@@ -147,7 +147,7 @@ def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: Ro
 
     own_effort = np.where(np.isnan(given_effort), model.effortLimit, np.nan)
     own_velocity = np.where(np.isnan(given_velocity), model.velocityLimit, np.nan)
-    weight = float(pin.computeTotalMass(model)) * GRAVITY
+    weight = float(pin.computeTotalMass(model)) * 9.81
     urdf_limits = (own_effort, own_velocity, lower, upper)
     limit_problems, notes = checks.check_limits(joints, *urdf_limits, weight=weight, reach=_reach(model))
 

@@ -173,6 +173,14 @@ class Robot:
         return gravity
 
     @cached_property
+    def upright_axis(self) -> Array:
+        """(3,) axis of the base that is vertical in the reference posture; z of a fixed base."""
+        turned = self.floating_base
+        axis = np.array(pin.Quaternion(self.q_reference[3:7]).matrix()[2]) if turned else np.array([0.0, 0.0, 1.0])
+        axis.flags.writeable = False
+        return axis
+
+    @cached_property
     def x_reference(self) -> Array:
         """(nq + nv,) reference posture at rest."""
         x = np.concatenate([self.q_reference, np.zeros(self.nv)])

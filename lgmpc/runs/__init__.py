@@ -6,7 +6,8 @@ from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun
 from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
-from lgmpc.runs.log import PushInterval, RunLog, push_intervals
+from lgmpc.runs.intervals import PushInterval, push_intervals
+from lgmpc.runs.log import RunLog
 from lgmpc.runs.metrics import Metrics, Timing, compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.recorder import LogSettings, Recorder

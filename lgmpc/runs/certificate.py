@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 
 from lgmpc.runs.atomic import json_values
-from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.limited import DriveLine, JointLimits, hardware_quantities, joint_power
-from lgmpc.runs.log import MODES, RunLog
-from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
-from lgmpc.typing import GRAVITY, Array, IntArray
+from lgmpc.typing import Array, IntArray
 
 __all__ = ["Balances", "Certificate", "Check", "Peak", "certify", "window_edges"]
 
@@ -25,10 +23,10 @@ _FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01
 """Allowed residuals: share of the weight, and of the weight times the largest height of the base. The integration error
 is 0.2 % of the weight in a trot and 1.2 % in fast recovery steps with a step of 1 ms, half of that with 0.5 ms."""
 _SUNK_M = 0.005
-"""Allowed penetration of a soft floor by a foot, m."""
+"""Allowed penetration of soft ground by a foot, m."""
 _ROUNDING = 1e-9
 _LYING = (*LOW_MODES, "damp")
-"""Modes in which the body may lie on the floor; the contact force on the body is not measured."""
+"""Modes in which the body may lie on the ground; the contact force on the body is not measured."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +129,13 @@ class Balances:
         ticks: (k,) ticks of the edges.
         momentum: (k, 3) linear, N.s, world axes.
         energy: (k,) kinetic and potential, J.
+        weight: (3,) of the simulated robot, N, world axes.
     """
 
     ticks: IntArray
     momentum: Array
     energy: Array
+    weight: Array
 
 
 def window_edges(log: RunLog) -> IntArray:
@@ -146,10 +146,10 @@ def window_edges(log: RunLog) -> IntArray:
 def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) -> Certificate:
     """Check a run, up to its first fall.
 
-    Normal forces are positive, contact forces within their friction cones, penetrations of the floor small; joints stay
+    Normal forces are positive, contact forces in their friction cones, penetrations of the ground small; joints stay
     within their limits of torque, speed and position; with a torque-speed line, torques are on or below it and powers
     below the largest that it allows; the change of momentum is the impulse of all forces, and that of energy at most
-    their work. Forces on other parts of the body than the feet are not measured: a knee that strikes the floor changes
+    their work. Forces on other parts of the body than the feet are not measured: a knee that strikes the ground changes
     the momentum without an impulse. Power is the mechanical output of the drives: a config has no data on currents and
     losses.
 
@@ -160,7 +160,7 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
             step per tick.
     """
     if log.floating_base:
-        fallen = fallen_ticks(log, tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:]))
+        fallen = fallen_ticks(log)
         if fallen.any():
             log = log.until(int(np.argmax(fallen)))
     if log.ticks < 2:
@@ -171,15 +171,13 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
 def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iterator[Check]:
     feet = tuple(log.contact_frames.tolist())
     if feet:
-        normal = log.contact_forces[:, :, 2]
+        normal, tangential, limit = log.normal_forces, log.tangential_forces, log.friction_limits
         yield _smallest("normal force", feet, log.time, normal, 0.0, normal, "N")
-        limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
-        tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
-        closed = normal > CONTACT_FORCE_N
-        if closed.any():
-            margin = np.where(closed, limit - tangential, np.inf)
+        opened = normal <= CONTACT_FORCE_N  # a force that is not a number is not
+        if not opened.all():
+            margin = np.where(opened, np.inf, limit - tangential)
             yield _smallest("friction", feet, log.time, tangential, limit, margin, "N")
-        depth = -1e3 * log.contact_points[:, :, 2]
+        depth = -1e3 * log.contact_clearance
         yield _smallest("floor penetration", feet, log.time, depth, 1e3 * _SUNK_M, 1e3 * _SUNK_M - depth, "mm")
     for each in hardware_quantities(log, joints):
         margin = np.where(np.isfinite(each.margins), each.margins, np.inf)
@@ -187,7 +185,7 @@ def _checks(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iter
             yield _smallest(each.name, each.subjects, log.time, each.values, each.limits, margin, each.unit)
     if joints.line is not None and log.joint_names.size:
         yield _on_line(log, joints.line)
-    if balances is not None and np.isfinite(log.mass_kg):
+    if balances is not None:
         yield from _balanced(log, balances)
 
 
@@ -241,9 +239,9 @@ def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
         return
     dt = log.control_period_s
     lasts = dt * np.diff(edges)
-    weight = GRAVITY * log.mass_kg
+    weight = float(np.linalg.norm(balances.weight))
     # What is logged at a tick acted in the step before; a push acts in the step after.
-    forces = log.contact_forces[1:].sum(axis=1) + log.push[:-1, :3] - [0.0, 0.0, weight]
+    forces = log.contact_forces[1:].sum(axis=1) + log.push[:-1, :3] + balances.weight
     change = np.diff(balances.momentum[inside], axis=0) - np.diff(_integral(dt * forces)[edges], axis=0)
     residual = np.where(used, np.linalg.norm(change, axis=1) / lasts, 0.0)[:, None]
     limit = _FORCE_SHARE * weight
@@ -251,7 +249,7 @@ def _balanced(log: RunLog, balances: Balances) -> Iterator[Check]:
     speeds = 0.5 * (log.joint_velocity[1:] + log.joint_velocity[:-1])
     work = dt * (log.tau[1:] * speeds).sum(axis=1) + _push_work(log)
     gain = np.where(used, np.diff(balances.energy[inside]) - np.diff(_integral(work)[edges]), 0.0)[:, None]
-    allowed = _ENERGY_SHARE * weight * float(log.base_pose[:, 2].max())
+    allowed = _ENERGY_SHARE * weight * float(log.base_height.max())
     yield _smallest("energy balance", ("",), log.time[edges[1:]], gain, allowed, allowed - gain, "J")
 
 

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.lie import attitude, so3
 from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array
 
 __all__ = ["EstimatorErrors", "estimator_errors", "tilt_and_yaw_deg"]
-
-CONTACT_FORCE_N = 0.1
-"""Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +41,16 @@ class EstimatorErrors:
     rejected_measurements: int | None = None
 
 
-def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | None:
-    """Return the errors over the first ``end`` ticks (all unless given); ``None`` if there was no finite estimate."""
+def estimator_errors(log: RunLog) -> EstimatorErrors | None:
+    """Return the errors of a log; ``None`` if there was no finite estimate."""
     if log.estimate_q is None or log.estimate_v is None or log.estimate_contacts is None:
         return None
-    use = np.flatnonzero(np.isfinite(log.estimate_q[:end]).all(axis=1) & np.isfinite(log.estimate_v[:end]).all(axis=1))
+    use = np.flatnonzero(np.isfinite(log.estimate_q).all(axis=1) & np.isfinite(log.estimate_v).all(axis=1))
     if use.size == 0:
         return None
     position = np.linalg.norm(log.estimate_q[use, :3] - log.q[use, :3], axis=1)
     tilt, yaw = tilt_and_yaw_deg(log.estimate_q[use, 3:7], log.q[use, 3:7])
     velocity = np.linalg.norm(log.estimate_v[use, :3] - log.v[use, :3], axis=1)
-    standing = log.contact_forces[use, :, 2] > CONTACT_FORCE_N
     return EstimatorErrors(
         max_position_m=float(position.max()),
         final_position_m=float(position[-1]),
@@ -64,8 +59,8 @@ def estimator_errors(log: RunLog, end: int | None = None) -> EstimatorErrors | N
         final_yaw_deg=float(abs(yaw[-1])),
         rms_velocity_m_s=float(np.sqrt(np.mean(np.square(velocity)))),
         max_velocity_m_s=float(velocity.max()),
-        wrong_contact_fraction=float((standing != (log.estimate_contacts[use] != 0)).mean()),
-        rejected_measurements=int(np.count_nonzero(log.estimate_contacts[:end] == 2)),
+        wrong_contact_fraction=float((log.closed[use] != (log.estimate_contacts[use] != 0)).mean()),
+        rejected_measurements=int(np.count_nonzero(log.estimate_contacts == 2)),
     )
 
 
@@ -79,6 +74,12 @@ def tilt_and_yaw_deg(estimate: Array, truth: Array) -> tuple[Array, Array]:
     Returns:
         (n,) tilts in [0, 180] and (n,) yaws in [-180, 180], degrees: the rotation is the tilt after the yaw.
     """
-    one, other = so3.from_quaternion.unchecked(estimate), so3.from_quaternion.unchecked(truth)
-    tilt, yaw = attitude.tilt_and_yaw(one @ np.swapaxes(other, -1, -2))
-    return np.degrees(tilt), np.degrees(yaw)
+    u, w = estimate[:, :3], estimate[:, 3:]
+    v, s = truth[:, :3], truth[:, 3:]
+    vector = s * u - w * v - np.cross(u, v)  # of estimate * conjugate(truth)
+    scalar = (w * s)[:, 0] + np.einsum("ni,ni->n", u, v)
+    across, along = np.linalg.norm(vector[:, :2], axis=1), np.hypot(vector[:, 2], scalar)
+    sign = np.where(scalar < 0.0, -1.0, 1.0)
+    tilt: Array = np.degrees(2.0 * np.arctan2(across, along))
+    yaw: Array = np.degrees(2.0 * np.arctan2(sign * vector[:, 2], sign * scalar))
+    return tilt, yaw

@@ -8,10 +8,10 @@ from enum import Enum
 
 import numpy as np
 
-from lgmpc.runs.estimate import CONTACT_FORCE_N, tilt_and_yaw_deg
-from lgmpc.runs.intervals import intervals, joined_intervals
+from lgmpc.runs.estimate import tilt_and_yaw_deg
+from lgmpc.runs.intervals import intervals, joined_intervals, push_intervals
 from lgmpc.runs.limited import Limited
-from lgmpc.runs.log import MODES, RunLog, push_intervals
+from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.origin import SettingsChange
 from lgmpc.typing import Array, BoolArray
 
@@ -213,7 +213,7 @@ def _contacts(log: RunLog) -> Iterator[Event]:
     relied = np.ones(log.contact_forces.shape[:2], dtype=bool) if log.stance is None else log.stance != 0
     if log.mode is not None:
         relied &= np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])[:, None]
-    missing = relied & (log.contact_forces[:, :, 2] <= CONTACT_FORCE_N)
+    missing = relied & ~log.closed
     for foot in range(len(feet)):
         for a, b in intervals(missing[:, foot]):
             if log.time[b - 1] - log.time[a] < _OPEN_S:

@@ -17,7 +17,6 @@ from lgmpc.runs.folder import Run
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limited_quantities
 from lgmpc.runs.log import RunLog
-from lgmpc.runs.metrics import tilt_deg
 from lgmpc.runs.modes import fallen_ticks
 from lgmpc.runs.verdict import Outcome
 
@@ -145,12 +144,11 @@ class _Failure(NamedTuple):
 def _failure(log: RunLog, quantities: Sequence[Limited], broke_s: float | None) -> _Failure | None:
     """Return the fall of a run or its first violation of a limit on each tick; ``None`` if there is neither."""
     if log.floating_base:
-        tilt = tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:])
-        fallen = fallen_ticks(log, tilt)
+        fallen = fallen_ticks(log)
         if fallen.any():
             tick = int(np.argmax(fallen))
-            height = 100.0 * log.base_pose[tick, 2] / log.base_pose[0, 2]
-            state = f"tilt {tilt[tick]:.3g} deg, base at {height:.3g} % of its first height"
+            height = 100.0 * log.base_height[tick] / log.base_height[0]
+            state = f"tilt {log.tilt_deg[tick]:.3g} deg, base at {height:.3g} % of its first height"
             return _Failure(float(log.time[tick]), f"the robot fell ({state})", fell=True)
     if broke_s is not None:
         return _Failure(broke_s, "the state was no longer finite")

@@ -1,12 +1,18 @@
-"""Intervals of ticks in which a flag is true."""
+"""Intervals of ticks in which a flag is true, such as those of pushes."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["intervals", "joined_intervals"]
+if TYPE_CHECKING:
+    from lgmpc.runs.log import RunLog
+
+__all__ = ["PushInterval", "intervals", "joined_intervals", "push_intervals"]
 
 
 def intervals(flags: BoolArray) -> list[tuple[int, int]]:
@@ -24,3 +30,30 @@ def joined_intervals(time: Array, flags: BoolArray, gap_s: float) -> list[tuple[
         else:
             found.append((a, b))
     return found
+
+
+@dataclass(frozen=True)
+class PushInterval:
+    """One push of a log.
+
+    Attributes:
+        start: time of its first tick, s.
+        end: time of its end, s.
+        impulse: (3,) integral of its force, N.s, world axes.
+    """
+
+    start: float
+    end: float
+    impulse: Array
+
+
+def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
+    """Return the pushes of a run: the intervals in which the applied wrench is not zero."""
+    if log.ticks < 2:
+        return ()
+    active = np.any(log.push != 0.0, axis=1)
+    period = float(np.median(np.diff(log.time)))
+    return tuple(
+        PushInterval(float(log.time[a]), float(log.time[b - 1]) + period, log.push[a:b, :3].sum(axis=0) * period)
+        for a, b in intervals(active)
+    )

@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.figures import figure_of, figure_words
 from lgmpc.runs.gate import Gate
-from lgmpc.runs.log import RunLog
-from lgmpc.runs.metrics import Metrics, slide, tilt_deg
+from lgmpc.runs.log import CONTACT_FORCE_N, RunLog
+from lgmpc.runs.metrics import Metrics, slide
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.runs.support import capture_margin
 from lgmpc.runs.verdict import measured
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.typing import Array, BoolArray
 
 __all__ = [
     "DriveLine",
@@ -224,7 +223,7 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
     yield from hardware_quantities(log, joints)
     if feet:
         yield _friction(log, feet)
-        moved = 1e3 * slide(log.time, log.contact_points, log.contact_forces[:, :, 2])
+        moved = 1e3 * slide(log)
         yield _gated("slip", "mm", feet, moved, gate.max_slip_m, 1e3, _SLID_M)
         if np.isfinite(log.mass_kg):
             margin = 1e3 * capture_margin(log)[:, None]
@@ -241,9 +240,8 @@ def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator
             )
     if log.floating_base:
         base = log.base_pose
-        tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-        yield _gated("tilt", "deg", ("",), tilt[:, None], gate.max_tilt_deg, 1.0, FALL_TILT_DEG)
-        height = 1e3 * base[:, 2:3]
+        yield _gated("tilt", "deg", ("",), log.tilt_deg[:, None], gate.max_tilt_deg, 1.0, FALL_TILT_DEG)
+        height = 1e3 * log.base_height[:, None]
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
         judged = gate.min_base_height_fraction is not None or gate.min_base_height_m is not None
@@ -306,9 +304,7 @@ def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Li
 
 def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
     """Return the tangential forces of loaded feet with the limits of their friction cones; NaN margins of others."""
-    normal = log.contact_forces[:, :, 2]
-    tangential = np.linalg.norm(log.contact_forces[:, :, :2], axis=2)
-    weight = GRAVITY * log.mass_kg if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
-    limit = log.friction_over_time[:, None] * np.maximum(normal, 0.0)
+    normal, tangential, limit = log.normal_forces, log.tangential_forces, log.friction_limits
+    weight = log.weight_n if np.isfinite(log.mass_kg) else float(np.median(normal.sum(axis=1)))
     loaded = normal > max(_LOADED * weight, CONTACT_FORCE_N)
     return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)

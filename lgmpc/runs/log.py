@@ -4,30 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.intervals import intervals
-from lgmpc.typing import Array
+from lgmpc.lie import quaternion
+from lgmpc.notebook import html_table
+from lgmpc.runs.channels import Channel, Table, single
+from lgmpc.runs.ground import along_ground, level_ground
+from lgmpc.typing import Array, BoolArray
 
 __all__ = [
     "CHANNELS",
+    "CONTACT_FORCE_N",
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
     "FORECAST_CHANNELS",
     "FRICTION_CHANNELS",
+    "GRAVITY",
+    "GROUND_CHANNELS",
     "LIMIT_CHANNELS",
     "MODES",
     "MPC_CHANNELS",
     "STEP_CHANNELS",
-    "Channel",
-    "PushInterval",
     "RunLog",
-    "push_intervals",
+    "tilt_deg",
 ]
 
 StatusArray = NDArray[np.int8]
@@ -39,54 +44,16 @@ MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
 """Modes of the controller; the channel ``mode`` consists of indices into this."""
 
 
-@dataclass(frozen=True)
-class Channel:
-    """Shape and type of one logged quantity; the first axis is the tick.
+CONTACT_FORCE_N = 0.1
+"""Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
 
-    Attributes:
-        axes: names of the axes after the tick ("nq", "nc", ...) or their fixed lengths.
-        dtype: NumPy type of the entries.
-    """
-
-    axes: tuple[str | int, ...] = ()
-    dtype: type[np.generic] = np.float64
+GRAVITY = 9.81
+"""m/s2, for the weight."""
 
 
-def single(name: str, array: NDArray[Any], kinds: str) -> Any:
-    """Return the single value of an entry of a log file.
-
-    Args:
-        name: name of the entry.
-        array: the entry.
-        kinds: NumPy's kind letters of the allowed types.
-
-    Raises:
-        RunFolderError: the entry has several values, or another type.
-    """
-    if array.shape != () or array.dtype.kind not in kinds:
-        raise RunFolderError(f"entry '{name}' has shape {array.shape} and holds {array.dtype}, expected one value")
-    return array.item()
-
-
-class _Table:
-    """A table of channels: its call declares one of them as a field of :class:`RunLog`.
-
-    Args:
-        name: name of the table.
-        optional: whether some runs lack its channels, which are ``None`` then.
-    """
-
-    def __init__(self, name: str, *, optional: bool = False) -> None:
-        self._name, self._optional = name, optional
-
-    def __call__(self, *axes: str | int, dtype: type[np.generic] = np.float64) -> Any:
-        metadata = {self._name: Channel(axes, dtype)}
-        return field(default=None, metadata=metadata) if self._optional else field(metadata=metadata)
-
-
-_tick, _update = _Table("tick"), _Table("update")  # the axis "nodes" counts the horizon's states, N + 1
+_tick, _ground, _update = map(Table, ("tick", "ground", "update"))  # the axis "nodes" counts states, N + 1
 _estimate, _step, _friction, _forecast, _limit = (
-    _Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit")
+    Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit")
 )
 
 
@@ -102,7 +69,9 @@ class RunLog:
         tau_command: (n, nu) torque that the controller commanded, N.m.
         contact_forces: (n, nc, 3) forces on the robot, measured by the plant, N.
         contact_forces_desired: (n, nc, 3) forces of the whole-body QP, N.
-        contact_points: (n, nc, 3) positions of the contact points, m.
+        contact_points: (n, nc, 3) positions of the contact points, m: of spherical feet, the points nearest to the
+            ground.
+        contact_normals: (n, nc, 3) unit normals of the ground there.
         com: (n, 3) centre of mass, m.
         com_reference: (n, 3) its target, m.
         momentum: (n, 6) centroidal momentum [linear; angular].
@@ -111,6 +80,9 @@ class RunLog:
         push_point: (n, 3) its point of application, m.
         wbc_status: (n,) 0 = solved; a fallback command otherwise: 1 = the QP failed, 2 = the command was not finite.
         wbc_ms: (n,) duration of the whole-body controller's tick, ms.
+        contact_clearance: (n, nc) distances of the contact points from the ground, negative below it, m.
+        ground_height: (n,) height of the ground below the base, m.
+        ground_normal: (n, 3) its unit normal there.
         mpc_time: (m,) time of each MPC update, s.
         mpc_horizon_com: (m, N+1, 3) predicted centre of mass, m.
         mpc_forces: (m, nc, 3) forces of the first node, N.
@@ -125,6 +97,8 @@ class RunLog:
         effort_limit: (nu,) torque limits that the plant clips at, at the end, N.m.
         friction: friction coefficient of the plant's floor at the end.
         contact_radius: radius of the spherical feet, m (0 = point feet).
+        upright_axis: (3,) axis of the base that is vertical in the robot's posture; None in older logs, whose first
+            reference has it.
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
@@ -146,42 +120,46 @@ class RunLog:
         joint_friction: (n, nu) estimated friction that the torques overcome, N.m; None if it was not estimated.
     """
 
-    time: Array = _tick()
+    time: Array = _tick(unit="s")
     q: Array = _tick("nq")
     v: Array = _tick("nv")
-    tau: Array = _tick("nu")
-    tau_command: Array = _tick("nu")
-    contact_forces: Array = _tick("nc", 3)
-    contact_forces_desired: Array = _tick("nc", 3)
-    contact_points: Array = _tick("nc", 3)
-    com: Array = _tick(3)
-    com_reference: Array = _tick(3)
+    tau: Array = _tick("nu", unit="N.m")
+    tau_command: Array = _tick("nu", unit="N.m")
+    contact_forces: Array = _tick("nc", 3, unit="N")
+    contact_forces_desired: Array = _tick("nc", 3, unit="N")
+    contact_points: Array = _tick("nc", 3, unit="m")
+    contact_normals: Array = _tick("nc", 3)
+    com: Array = _tick(3, unit="m")
+    com_reference: Array = _tick(3, unit="m")
     momentum: Array = _tick(6)
     base_reference: Array = _tick(7)
     push: Array = _tick(6)
-    push_point: Array = _tick(3)
+    push_point: Array = _tick(3, unit="m")
     wbc_status: StatusArray = _tick(dtype=np.int8)
-    wbc_ms: Array = _tick()
-    mpc_time: Array = _update()
-    mpc_horizon_com: Array = _update("nodes", 3)
-    mpc_forces: Array = _update("nc", 3)
+    wbc_ms: Array = _tick(unit="ms")
+    contact_clearance: Array = _ground("nc", unit="m")
+    ground_height: Array = _ground(unit="m")
+    ground_normal: Array = _ground(3)
+    mpc_time: Array = _update(unit="s")
+    mpc_horizon_com: Array = _update("nodes", 3, unit="m")
+    mpc_forces: Array = _update("nc", 3, unit="N")
     mpc_status: StatusArray = _update(dtype=np.int8)
-    mpc_ms: Array = _update()
+    mpc_ms: Array = _update(unit="ms")
     estimate_q: Array | None = _estimate("nq")
     estimate_v: Array | None = _estimate("nv")
     estimate_contacts: StatusArray | None = _estimate("nc", dtype=np.int8)
-    estimate_ms: Array | None = _estimate()
+    estimate_ms: Array | None = _estimate(unit="ms")
     command: Array | None = _step(3)
     mode: StatusArray | None = _step(dtype=np.int8)
-    gait_period_s: Array | None = _step()
+    gait_period_s: Array | None = _step(unit="s")
     stance: StatusArray | None = _step("nc", dtype=np.int8)
     contact_states: StatusArray | None = _step("nc", dtype=np.int8)
-    swing_targets: Array | None = _step("nc", 3)
-    footholds: Array | None = _step("nc", 3)
-    joint_friction: Array | None = _friction("nu")
-    forecast_ms: Array | None = _forecast()
+    swing_targets: Array | None = _step("nc", 3, unit="m")
+    footholds: Array | None = _step("nc", 3, unit="m")
+    joint_friction: Array | None = _friction("nu", unit="N.m")
+    forecast_ms: Array | None = _forecast(unit="ms")
     floor_friction: Array | None = _limit()
-    torque_limits: Array | None = _limit("nu")
+    torque_limits: Array | None = _limit("nu", unit="N.m")
     contact_frames: NDArray[np.str_]
     joint_names: NDArray[np.str_]
     effort_limit: Array
@@ -191,6 +169,7 @@ class RunLog:
     mpc_period_s: float
     floating_base: bool = True
     mass_kg: float = math.nan
+    upright_axis: Array | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("contact_frames", "U"), ("joint_names", "U"), ("effort_limit", "f")):
@@ -201,15 +180,15 @@ class RunLog:
             if getattr(self, name).ndim != 1:
                 raise RunFolderError(f"log channel '{name}' has {getattr(self, name).ndim} axes, expected 1")
         dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
-        for table, length in ((CHANNELS, len(self.time)), (MPC_CHANNELS, len(self.mpc_time))):
-            for name, channel in table.items():
-                self._check(name, getattr(self, name), channel, length, dims)
-        for table in self._optional_tables():
+        for table in (*self._tick_tables(), MPC_CHANNELS):
             missing = [name for name in table if getattr(self, name) is None]
             if missing:
                 raise RunFolderError(f"log lacks {', '.join(missing)}")
+            length = len(self.mpc_time if table is MPC_CHANNELS else self.time)
             for name, channel in table.items():
-                self._check(name, getattr(self, name), channel, len(self.time), dims)
+                self._check(name, getattr(self, name), channel, length, dims)
+        if self.upright_axis is not None and self.upright_axis.shape != (3,):
+            raise RunFolderError(f"log entry 'upright_axis' has shape {self.upright_axis.shape}, expected (3,)")
         for array in (self.contact_frames, self.joint_names, self.effort_limit):
             array.setflags(write=False)
         if self.joint_names.shape != (dims["nu"],):
@@ -260,10 +239,76 @@ class RunLog:
         """Whether a foot swung at some time."""
         return self.stance is not None and not bool(self.stance.all())
 
-    def _optional_tables(self) -> list[Mapping[str, Channel]]:
-        """The optional tables of channels that this log has."""
-        tables = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS)
-        return [table for table in tables if any(getattr(self, name) is not None for name in table)]
+    def _tick_tables(self) -> list[Mapping[str, Channel]]:
+        """Return the tables of channels per tick that this log has."""
+        optional = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS)
+        present = [table for table in optional if any(getattr(self, name) is not None for name in table)]
+        return [CHANNELS, GROUND_CHANNELS, *present]
+
+    @property
+    def channels(self) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Shape and unit of each channel that this log has; their meaning is that of the attribute of this name."""
+        tables = (*self._tick_tables(), MPC_CHANNELS)
+        return {name: (getattr(self, name).shape, each.unit) for table in tables for name, each in table.items()}
+
+    def __repr__(self) -> str:
+        last = f", {self.time[0]:g} to {self.time[-1]:g} s" if self.ticks else ""
+        return (
+            f"RunLog of {self.ticks} ticks{last}, {len(self.mpc_time)} MPC updates, {len(self.joint_names)} joints,"
+            f" contacts {', '.join(self.contact_frames)}\nchannels (shapes and units in .channels): "
+            + ", ".join(self.channels)
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a table of the channels."""
+        return html_table("RunLog", [(name, f"{shape} {unit}") for name, (shape, unit) in self.channels.items()])
+
+    @cached_property
+    def normal_forces(self) -> Array:
+        """(n, nc) parts of the contact forces along the ground's normals, N."""
+        forces: Array = np.einsum("nki,nki->nk", self.contact_forces, self.contact_normals)
+        return forces
+
+    @cached_property
+    def tangential_forces(self) -> Array:
+        """(n, nc) norms of the parts along the ground, N."""
+        return along_ground(self.contact_forces, self.contact_normals)
+
+    @cached_property
+    def friction_limits(self) -> Array:
+        """(n, nc) largest parts along the ground within the friction cones, N."""
+        limits: Array = self.friction_over_time[:, None] * np.maximum(self.normal_forces, 0.0)
+        return limits
+
+    @property
+    def closed(self) -> BoolArray:
+        """(n, nc) flags of the contacts with a force."""
+        flags: BoolArray = self.normal_forces > CONTACT_FORCE_N
+        return flags
+
+    @property
+    def weight_n(self) -> float:
+        """Weight of the simulated robot, N; NaN where its mass was not recorded."""
+        return GRAVITY * self.mass_kg
+
+    @cached_property
+    def tilt_deg(self) -> Array:
+        """(n,) angle between the base's upright axis and the normal of the ground below it, in [0, 180], degrees."""
+        if self.upright_axis is not None:
+            return tilt_deg(self.base_pose[:, 3:], self.upright_axis, self.ground_normal)
+        upright = quaternion.act.unchecked(quaternion.inverse.unchecked(self.base_reference[0, 3:]), _UP)
+        return tilt_deg(self.base_pose[:, 3:], upright, self.ground_normal)
+
+    @cached_property
+    def base_height(self) -> Array:
+        """(n,) distance of the base from the ground below it, along the ground's normal, m."""
+        return self.above_ground(self.base_pose[:, :3])
+
+    def above_ground(self, points: Array) -> Array:
+        """Return (n,) the distances of (n, 3) points from the plane of the ground below the base at each tick, m."""
+        below = np.column_stack((self.base_pose[:, :2], self.ground_height))
+        distances: Array = np.einsum("ni,ni->n", points - below, self.ground_normal)
+        return distances
 
     @property
     def base_pose(self) -> Array:
@@ -296,7 +341,7 @@ class RunLog:
         if every <= 1 or self.ticks == 0:
             return self
         starts = np.arange(0, self.ticks, every)
-        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
+        names = [name for table in self._tick_tables() for name in table]
         kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in names}
         worst = np.maximum.reduceat(np.abs(self.wbc_status.astype(np.int16)), starts)
         kept["wbc_status"] = worst.astype(np.int8)
@@ -304,7 +349,7 @@ class RunLog:
 
     def until(self, end: int) -> RunLog:
         """Return the log of the first ``end`` ticks, and the MPC updates before the next one."""
-        return self._part(slice(end), slice(self._updates_before(end)))
+        return self if end >= self.ticks else self._part(slice(end), slice(self._updates_before(end)))
 
     def since(self, start: int) -> RunLog:
         """Return the log from tick ``start`` on, and the MPC updates from then on."""
@@ -314,7 +359,7 @@ class RunLog:
         return int(np.searchsorted(self.mpc_time, self.time[tick])) if tick < self.ticks else len(self.mpc_time)
 
     def _part(self, ticks: slice, updates: slice) -> RunLog:
-        names = [name for table in (CHANNELS, *self._optional_tables()) for name in table]
+        names = [name for table in self._tick_tables() for name in table]
         kept: dict[str, Any] = {name: getattr(self, name)[ticks].copy() for name in names}
         kept |= {name: getattr(self, name)[updates].copy() for name in MPC_CHANNELS}
         return replace(self, **kept)
@@ -332,7 +377,9 @@ class RunLog:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
         tables = ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS
-        optional = [*(name for table in tables for name in table), "mass_kg"]
+        optional = [*(name for table in tables for name in table), "mass_kg", "upright_axis"]
+        if "contact_normals" not in arrays and "contact_points" in arrays:  # a log from before there was other ground
+            arrays = {**arrays, **level_ground(arrays["contact_points"])}
         absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
@@ -349,36 +396,29 @@ def _channels(name: str) -> Mapping[str, Channel]:
     return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
 
 
-CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = map(
-    _channels, ("tick", "update", "estimate", "step", "friction", "forecast", "limit")
+CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS = map(
+    _channels, ("tick", "ground", "update", "estimate", "step")
 )
-"""Channels by table, one entry per MPC update or per logged control tick; the last five tables are those of runs with
-an estimator, of runs whose steps are recorded, of runs that estimate joint friction, of runs that forecast steps
-against pushes, and of continued runs whose floor or torque limits changed."""
+FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = map(_channels, ("friction", "forecast", "limit"))
+"""Channels by table, one entry per MPC update or per logged control tick; those of the ground are computed when the
+log is made. The last five tables are those of runs with an estimator, of runs whose steps are recorded, of runs that
+estimate joint friction, of runs that forecast steps against pushes, and of continued runs whose floor or torque limits
+changed."""
 
 
-@dataclass(frozen=True)
-class PushInterval:
-    """One push of a log.
+_UP = np.array([0.0, 0.0, 1.0])
 
-    Attributes:
-        start: time of its first tick, s.
-        end: time of its end, s.
-        impulse: (3,) integral of its force, N.s, world axes.
+
+def tilt_deg(orientations: Array, upright: Array = _UP, vertical: Array = _UP) -> Array:
+    """Return (n,) the angles between an axis of the base and the vertical, in [0, 180], degrees.
+
+    Args:
+        orientations: (n, 4) quaternions of the base, x y z w.
+        upright: (3,) the axis, base axes; z unless given.
+        vertical: (3,) or (n, 3) unit vectors of the world; z unless given.
     """
-
-    start: float
-    end: float
-    impulse: Array
-
-
-def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
-    """Return the pushes of a run: the intervals in which the applied wrench is not zero."""
-    if log.ticks < 2:
-        return ()
-    active = np.any(log.push != 0.0, axis=1)
-    period = float(np.median(np.diff(log.time)))
-    return tuple(
-        PushInterval(float(log.time[a]), float(log.time[b - 1]) + period, log.push[a:b, :3].sum(axis=0) * period)
-        for a, b in intervals(active)
-    )
+    axis = quaternion.act.unchecked(orientations, np.broadcast_to(upright, (len(orientations), 3)))
+    # atan2 of sine and cosine: arccos loses half of the digits near zero.
+    sine, cosine = np.linalg.norm(np.cross(axis, vertical), axis=1), np.sum(axis * vertical, axis=1)
+    angle: Array = np.degrees(np.arctan2(sine, cosine))
+    return angle

@@ -12,27 +12,16 @@ from typing import get_args, get_type_hints
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie import attitude, so3
-from lgmpc.runs.estimate import CONTACT_FORCE_N, EstimatorErrors, estimator_errors
+from lgmpc.lie import quaternion
+from lgmpc.runs.estimate import EstimatorErrors, estimator_errors
+from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
 from lgmpc.typing import Array
 
-__all__ = [
-    "Metrics",
-    "Timing",
-    "compute_metrics",
-    "flat_metrics",
-    "friction_margin",
-    "metric_names",
-    "rpy_deg",
-    "slide",
-    "slip",
-    "tilt_deg",
-    "timing",
-]
+__all__ = ["Metrics", "Timing", "compute_metrics", "flat_metrics", "metric_names", "rpy_deg", "slide", "timing"]
 
 CONTACT_GAP_S = 0.02
 """A contact that opens for a shorter time, s, remains one stance, and so does its slip."""
@@ -55,19 +44,19 @@ class Metrics:
         survived_s: time until the base fell (below half its first or its target height, tilted beyond 45 degrees, or
             not finite); the whole duration if it did not. A robot that lies, rises or lies down has not fallen.
         fell: whether it fell.
-        max_tilt_deg: largest angle between the base's upright axis and the vertical. The upright axis is the one that
-            is vertical in the reference posture, so yaw does not count.
+        max_tilt_deg: largest angle between the base's upright axis and the normal of the ground. The upright axis is
+            the one that is vertical in the reference posture, so yaw does not count.
         max_displacement_m: largest distance of the base's position from its initial one or, in a run with motion
             commands, from the commanded one (the target base pose).
-        min_base_height_m: lowest base height.
+        min_base_height_m: lowest base height above the ground, along its normal.
         final_position_error_m: distance of the last base position from the first, or from the target.
         final_tilt_deg: tilt at the end.
         final_rotation_deg: angle of the rotation from the first base orientation, or from the last target, to the
             last one, yaw included.
-        max_slip_m: largest horizontal distance of a contact point from its position at the start of the stance,
-            including the rolling of spherical feet.
-        max_foot_displacement_m: largest horizontal distance of a contact point from its initial position, steps
-            included.
+        max_slip_m: largest distance along the ground of a contact point from its position at the start of the
+            stance, including the rolling of spherical feet.
+        max_foot_displacement_m: largest distance along the ground of a contact point from its initial position,
+            steps included.
         max_abs_torque_nm: largest torque applied.
         torque_saturation_fraction: fraction of the ticks in which at least one joint was at its limit.
         min_friction_margin_n: smallest ``mu f_n - |f_t|`` of the measured forces over closed contacts and time.
@@ -136,59 +125,57 @@ def compute_metrics(
     Raises:
         InputError: if the log has no tick with a finite state.
     """
-    end = log.finite_ticks
+    whole, end = log, log.finite_ticks
     if end == 0:
         raise InputError("log", f"{log.ticks} ticks, none finite", "a log with at least one finite state")
-    use = slice(0, end)
-    time = log.time[use]
-    base = log.base_pose[use]
-    tilt = tilt_deg(base[:, 3:], log.base_reference[0, 3:])
-    fallen = fallen_ticks(log, tilt)
-    fell = bool(fallen.any()) or end < log.ticks
+    log = whole if end == whole.ticks else whole.until(end)
+    base, tilt, height = log.base_pose, log.tilt_deg, log.base_height
+    fallen = fallen_ticks(log)
+    fell = bool(fallen.any()) or end < whole.ticks
     fall_index = int(np.argmax(fallen)) if fallen.any() else end
     # The last tick has the period of the others; the time of a fall is that of its first tick.
-    last = float(log.time[-1]) + log.control_period_s
-    survived = (float(log.time[fall_index]) if fall_index < log.ticks else last) - float(time[0])
+    last = float(whole.time[-1]) + log.control_period_s
+    survived = (float(whole.time[fall_index]) if fall_index < whole.ticks else last) - float(log.time[0])
 
-    home = log.base_reference[use] if log.commanded else base[:1]
+    home = log.base_reference if log.commanded else base[:1]
     displacement = np.linalg.norm(base[:, :3] - home[:, :3], axis=1)
-    torque = np.abs(log.tau[use])
-    saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time[use]
-    stance_slip, from_start = slip(time, log.contact_points[use], log.contact_forces[use, :, 2])
-    steady = time >= steady_from_s
-    com_error = np.linalg.norm(log.com[use] - log.com_reference[use], axis=1)[steady]
-    joint_velocity = log.joint_velocity[use][steady]
+    torque = np.abs(log.tau)
+    saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time
+    margins = (log.friction_limits - log.tangential_forces)[log.closed]
+    from_start = along_ground(log.contact_points - log.contact_points[:1], log.contact_normals[:1])
+    steady = log.time >= steady_from_s
+    com_error = np.linalg.norm(log.com - log.com_reference, axis=1)[steady]
     return Metrics(
         survived_s=survived,
         fell=fell,
         max_tilt_deg=float(tilt.max()),
         max_displacement_m=float(displacement.max()),
-        min_base_height_m=float(base[:, 2].min()),
+        min_base_height_m=float(height.min()),
         final_position_error_m=float(displacement[-1]),
         final_tilt_deg=float(tilt[-1]),
         final_rotation_deg=_rotation_deg(home[-1, 3:], base[-1, 3:]),
-        max_slip_m=float(stance_slip.max(initial=0.0)),
+        max_slip_m=float(slide(log).max(initial=0.0)),
         max_foot_displacement_m=float(from_start.max(initial=0.0)),
         max_abs_torque_nm=float(torque.max(initial=0.0)),
         torque_saturation_fraction=float(saturated.any(axis=1).mean()),
-        min_friction_margin_n=friction_margin(log.contact_forces[use], log.friction_over_time[use, None]),
-        rms_joint_velocity_rad_s=_rms(joint_velocity.ravel()),
+        min_friction_margin_n=float(margins.min()) if margins.size else None,
+        rms_joint_velocity_rad_s=_rms(log.joint_velocity[steady].ravel()),
         com_rms_error_m=_rms(com_error),
         max_com_error_m=float(com_error.max()) if com_error.size else None,
-        solver_failures=int(np.count_nonzero(log.wbc_status) + np.count_nonzero(log.mpc_status)),
-        deadline_misses=int(np.count_nonzero(_tick_ms(log) > 1e3 * log.control_period_s)),
-        mpc_ms=timing(log.mpc_ms),
-        wbc_ms=timing(log.wbc_ms),
+        solver_failures=int(np.count_nonzero(whole.wbc_status) + np.count_nonzero(whole.mpc_status)),
+        deadline_misses=int(np.count_nonzero(_tick_ms(whole) > 1e3 * log.control_period_s)),
+        mpc_ms=timing(whole.mpc_ms),
+        wbc_ms=timing(whole.wbc_ms),
         real_time_factor=(last - float(log.time[0])) / elapsed_s if elapsed_s else None,
-        estimator_ms=None if log.estimate_ms is None else timing(log.estimate_ms),
-        estimator=estimator_errors(log, end),
-        min_base_height_fraction=float(base[:, 2].min() / base[0, 2]) if log.floating_base else 1.0,
-        walking=walking_metrics(log, tilt[:fall_index]),
+        estimator_ms=None if whole.estimate_ms is None else timing(whole.estimate_ms),
+        estimator=estimator_errors(log),
+        min_base_height_fraction=float(height.min() / height[0]) if log.floating_base else 1.0,
+        walking=walking_metrics(log, fall_index),
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
-        forecast_ms=None if log.forecast_ms is None else timing(log.forecast_ms[log.forecast_ms > 0.0]),
-        joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[end - 1].mean()),
+        forecast_ms=None if whole.forecast_ms is None else timing(whole.forecast_ms[whole.forecast_ms > 0.0]),
+        joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[-1].mean()),
     )
 
 
@@ -213,20 +200,6 @@ def flat_metrics(metrics: Metrics) -> dict[str, float | None]:
     return found
 
 
-def tilt_deg(quaternion: Array, reference: Array) -> Array:
-    """Return the angle between the base's upright axis and the vertical.
-
-    Args:
-        quaternion: (n, 4) base orientations, x y z w.
-        reference: (4,) orientation of the reference posture; the body axis that is vertical in it is the upright axis.
-
-    Returns:
-        (n,) angles in degrees, in [0, 180].
-    """
-    upright = so3.from_quaternion.unchecked(reference)[2]
-    return np.degrees(attitude.tilt(so3.from_quaternion.unchecked(quaternion), upright))
-
-
 def rpy_deg(quaternion: Array) -> Array:
     """Return roll, pitch and yaw of orientations: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
 
@@ -236,53 +209,25 @@ def rpy_deg(quaternion: Array) -> Array:
     Returns:
         (n, 3) degrees; roll and yaw unwrapped, pitch in [-90, 90].
     """
-    angles = attitude.roll_pitch_yaw(so3.from_quaternion.unchecked(quaternion))
-    return np.degrees(np.column_stack((np.unwrap(angles[:, 0]), angles[:, 1], np.unwrap(angles[:, 2]))))
+    x, y, z, w = quaternion.T
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    angles: Array = np.degrees(np.column_stack((np.unwrap(roll), pitch, np.unwrap(yaw))))
+    return angles
 
 
-def slip(time: Array, points: Array, normal_forces: Array) -> tuple[Array, Array]:
-    """Return the horizontal displacements of the contact points.
+def slide(log: RunLog) -> Array:
+    """Return (n, nc) displacements of the feet along the ground since the start of their present stance, m.
 
-    Args:
-        time: (n,) s.
-        points: (n, nc, 3) contact points, m.
-        normal_forces: (n, nc) measured normal forces, N. A stance is an interval of closed contact; gaps shorter
-            than 20 ms do not end it.
-
-    Returns:
-        (nc,) largest distance from the position at the start of a stance, over all stances, and (nc,) largest distance
-        from the position at the first tick, m.
+    A stance is an interval of closed contact; gaps shorter than 20 ms do not end it. In the air they are 0.
     """
-    horizontal = points[:, :, :2]
-    from_start: Array = np.linalg.norm(horizontal - horizontal[0], axis=2).max(axis=0)
-    return slide(time, points, normal_forces).max(axis=0, initial=0.0), from_start
-
-
-def slide(time: Array, points: Array, normal_forces: Array) -> Array:
-    """Return (n, nc) displacements of the feet since the start of their present stance, m; 0 in the air.
-
-    Arguments as in :func:`slip`.
-    """
-    closed = normal_forces > CONTACT_FORCE_N
-    moved = np.zeros(closed.shape)
+    closed, moved = log.closed, np.zeros(log.closed.shape)
     for foot in range(closed.shape[1]):
-        for a, b in joined_intervals(time, closed[:, foot], CONTACT_GAP_S):
-            moved[a:b, foot] = np.linalg.norm(points[a:b, foot, :2] - points[a, foot, :2], axis=1)
+        points, normals = log.contact_points[:, foot], log.contact_normals[:, foot]
+        for a, b in joined_intervals(log.time, closed[:, foot], CONTACT_GAP_S):
+            moved[a:b, foot] = along_ground(points[a:b] - points[a], normals[a])
     return moved
-
-
-def friction_margin(forces: Array, friction: float | Array) -> float | None:
-    """Return the smallest ``mu f_n - |f_t|`` over closed contacts, N; ``None`` if all are open.
-
-    Args:
-        forces: (n, nc, 3) contact forces, N.
-        friction: coefficient, or (n, 1) coefficients.
-    """
-    closed = forces[..., 2] > CONTACT_FORCE_N
-    if not closed.any():
-        return None
-    margin = friction * forces[..., 2] - np.linalg.norm(forces[..., :2], axis=-1)
-    return float(margin[closed].min())
 
 
 def timing(milliseconds: Array) -> Timing | None:
@@ -313,5 +258,5 @@ def _rms(values: Array) -> float | None:
 
 
 def _rotation_deg(first: Array, second: Array) -> float:
-    rotations = so3.from_quaternion.unchecked(np.stack([first, second]))
-    return float(np.degrees(attitude.angle_between(rotations[0], rotations[1])))
+    apart = quaternion.compose.unchecked(quaternion.inverse.unchecked(first), second)
+    return float(np.degrees(np.linalg.norm(quaternion.log.unchecked(apart))))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, RunLog
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import BoolArray
 
 __all__ = ["FALL_HEIGHT_FRACTION", "FALL_TILT_DEG", "LOW_MODES", "ModeMetrics", "fallen_ticks", "falls", "mode_metrics"]
 
@@ -42,16 +42,14 @@ class ModeMetrics:
     torque_step_nm: float | None
 
 
-def fallen_ticks(log: RunLog, tilt: Array) -> BoolArray:
-    """Return (k,) flags of a fallen robot at the first k ticks, from the tilt (k,) of its base, degrees."""
-    ticks = len(tilt)
-    fallen: BoolArray = tilt > FALL_TILT_DEG
+def fallen_ticks(log: RunLog) -> BoolArray:
+    """Return (n,) flags of a fallen robot."""
+    fallen: BoolArray = log.tilt_deg > FALL_TILT_DEG
     if log.floating_base:
-        height = log.base_pose[:ticks, 2]
-        upright = height[:1] if log.mode is None else log.base_reference[:ticks, 2]
-        fallen |= height < FALL_HEIGHT_FRACTION * upright
+        upright = log.base_height[:1] if log.mode is None else log.above_ground(log.base_reference[:, :3])
+        fallen |= log.base_height < FALL_HEIGHT_FRACTION * upright
     if log.mode is not None:
-        fallen &= ~np.isin(log.mode[:ticks], [MODES.index(mode) for mode in LOW_MODES])
+        fallen &= ~np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])
     return fallen
 
 
@@ -60,11 +58,11 @@ def falls(log: RunLog, fallen: BoolArray) -> list[int]:
 
     Args:
         log: the log.
-        fallen: (k,) flags of the first k ticks, see :func:`fallen_ticks`.
+        fallen: (n,) flags, see :func:`fallen_ticks`.
     """
     if log.mode is None:
         return [int(tick) for tick in np.flatnonzero(fallen)[:1]]
-    lying = log.mode[: len(fallen)] == MODES.index("lie")
+    lying = log.mode == MODES.index("lie")
     found, tick = [], 0
     while fallen[tick:].any():
         tick += int(np.argmax(fallen[tick:]))
@@ -80,12 +78,11 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
 
     Args:
         log: the log, at the full control rate.
-        fallen: (k,) flags of the first k ticks, see :func:`fallen_ticks`.
+        fallen: (n,) flags, see :func:`fallen_ticks`.
     """
     if log.mode is None:
         return None
-    ticks = len(fallen)
-    mode, tau = log.mode[:ticks], log.tau[:ticks]
+    mode, tau = log.mode, log.tau
     damped = mode == MODES.index("damp")
     low = np.isin(mode, [MODES.index(each) for each in LOW_MODES])
     steps = np.abs(np.diff(tau, axis=0))[low[1:] & low[:-1]]

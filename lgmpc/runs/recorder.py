@@ -12,19 +12,22 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from lgmpc.errors import InputError
+from lgmpc.runs.channels import Channel
+from lgmpc.runs.ground import ground_channels
 from lgmpc.runs.log import (
     CHANNELS,
     ESTIMATE_CHANNELS,
     FORECAST_CHANNELS,
     FRICTION_CHANNELS,
+    GROUND_CHANNELS,
     LIMIT_CHANNELS,
     MPC_CHANNELS,
     STEP_CHANNELS,
-    Channel,
     RunLog,
 )
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
+from lgmpc.world import World
 
 __all__ = ["LogSettings", "Recorder"]
 
@@ -60,6 +63,11 @@ class Recorder:
         friction_estimated: whether estimated joint friction is recorded.
         forecasts: whether durations of forecasts of steps against pushes are recorded.
         mass: of the simulated robot, kg; NaN if unknown.
+        world: the world relative to whose ground the run is judged; a level floor unless given.
+        upright_axis: (3,) axis of the base that is vertical in the robot's posture; unless given, in the first target.
+
+    Attributes:
+        world: as given.
 
     Raises:
         InputError: if a size, a period or the friction is not valid.
@@ -86,7 +94,10 @@ class Recorder:
         friction_estimated: bool = False,
         forecasts: bool = False,
         mass: float = math.nan,
+        world: World | None = None,
+        upright_axis: ArrayLike | None = None,
     ) -> None:
+        self.world = World() if world is None else world
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
             if value < 0:
                 raise InputError(name, value, "a number that is not negative")
@@ -107,6 +118,7 @@ class Recorder:
         self._mpc_period_s = float(mpc_period_s)
         self._floating_base = floating_base
         self._mass = float(mass)
+        self._upright_axis = None if upright_axis is None else np.array(upright_axis, dtype=np.float64)
         sizes = {
             "nq": nq,
             "nv": nv,
@@ -147,7 +159,7 @@ class Recorder:
         Args:
             channels: a value for each of :data:`~lgmpc.runs.log.CHANNELS`, and for each of the optional channels that
                 are recorded, fastest in their order; shapes and units as in :class:`~lgmpc.runs.log.RunLog`, without
-                the first axis.
+                the first axis. The contact points may be those for other normals than the ground's, given with them.
 
         Raises:
             InputError: a channel is missing or unknown.
@@ -174,7 +186,8 @@ class Recorder:
 
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
-        return -(-self._ticks.log_bytes // every) + self._updates.log_bytes
+        ground = sum(math.prod(self._ticks.shape_of(channel)) for channel in GROUND_CHANNELS.values()) * 8
+        return -(-(self._ticks.log_bytes + ground * self._ticks.capacity) // every) + self._updates.log_bytes
 
     def _limit_channels(self) -> dict[str, Any]:
         """Return the channels of limits; none if they did not change."""
@@ -186,9 +199,13 @@ class Recorder:
         return dict(zip(LIMIT_CHANNELS, (friction, effort), strict=True))
 
     def log(self) -> RunLog:
-        """Return a copy of all that has been recorded."""
+        """Return a copy of all that has been recorded, relative to the ground of the world."""
+        ticks = self._ticks.columns()
+        base = ticks["q"][:, :3] if self._floating_base else np.zeros((self.ticks, 3))
+        points, normals = ticks["contact_points"], ticks["contact_normals"]
+        ticks |= ground_channels(self.world, self._contact_radius, base, points, normals)
         return RunLog(
-            **self._ticks.columns(),
+            **ticks,
             **self._updates.columns(),
             **self._limit_channels(),
             contact_frames=self._contact_frames.copy(),
@@ -200,6 +217,7 @@ class Recorder:
             mpc_period_s=self._mpc_period_s,
             floating_base=self._floating_base,
             mass_kg=self._mass,
+            upright_axis=self._upright_axis,
         )
 
 
@@ -212,11 +230,8 @@ class _Rows:
     """
 
     def __init__(self, channels: Mapping[str, Channel], sizes: Mapping[str, int], capacity: int) -> None:
-        self.count = 0
-        self.shapes = {
-            name: tuple(axis if isinstance(axis, int) else sizes[axis] for axis in channel.axes)
-            for name, channel in channels.items()
-        }
+        self.count, self._sizes = 0, sizes
+        self.shapes = {name: self.shape_of(channel) for name, channel in channels.items()}
         self._channels = channels
         self._names = tuple(channels)
         ends = accumulate(math.prod(shape) for shape in self.shapes.values())
@@ -227,6 +242,15 @@ class _Rows:
         self._row = np.zeros(width)
         self._values = [self._row[self._places[name]].reshape(shape) for name, shape in self.shapes.items()]
         self._table = np.zeros((max(capacity, 1), width))
+
+    @property
+    def capacity(self) -> int:
+        """Number of rows that there is memory for."""
+        return len(self._table)
+
+    def shape_of(self, channel: Channel) -> tuple[int, ...]:
+        """Return the shape of one value of a channel."""
+        return tuple(axis if isinstance(axis, int) else self._sizes[axis] for axis in channel.axes)
 
     def append(self, values: Mapping[str, ArrayLike]) -> None:
         """Append a row.
@@ -260,7 +284,7 @@ class _Rows:
         sizes = (
             math.prod(self.shapes[name]) * np.dtype(channel.dtype).itemsize for name, channel in self._channels.items()
         )
-        return len(self._table) * sum(sizes)
+        return self.capacity * sum(sizes)
 
     def _in_order(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
         """Return the values in the order of the channels."""

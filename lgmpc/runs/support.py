@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lgmpc.runs.estimate import CONTACT_FORCE_N
-from lgmpc.runs.log import MODES, RunLog
+from lgmpc.runs.log import GRAVITY, MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["capture_margin", "capture_point", "support_margin"]
 
@@ -18,10 +17,11 @@ _TINY = 1e-9  # m
 def capture_point(log: RunLog) -> Array:
     """Return the (n, 2) capture point of each tick, m, world axes; NaN where the mass was not recorded.
 
-    Of a linear inverted pendulum: ``x + v sqrt(z / g)`` with the centre of mass ``x`` at height ``z`` above the floor
-    and its velocity ``v`` (Pratt et al., Humanoids 2006).
+    Of a linear inverted pendulum: ``x + v sqrt(z / g)`` with the centre of mass ``x`` at height ``z`` above the ground,
+    measured vertically, and its velocity ``v`` (Pratt et al., Humanoids 2006); a pendulum that moves parallel to a
+    slope has the same (Kajita et al., IROS 2001).
     """
-    height = np.maximum(log.com[:, 2], _LOWEST)
+    height = np.maximum(log.above_ground(log.com) / log.ground_normal[:, 2], _LOWEST)
     velocity = log.momentum[:, :2] / log.mass_kg
     point: Array = log.com[:, :2] + velocity * np.sqrt(height / GRAVITY)[:, None]
     return point
@@ -30,10 +30,10 @@ def capture_point(log: RunLog) -> Array:
 def capture_margin(log: RunLog) -> Array:
     """Return the (n,) distance of the capture point from the edge of the support, m; negative outside.
 
-    The support is the convex hull of the feet that touch the floor and of the footholds of those that swing. NaN in
+    The support is the convex hull of the feet that touch the ground and of the footholds of those that swing. NaN in
     flight, where the mass was not recorded, and while the robot lies, rises or lies down: its body may carry it.
     """
-    points, used = log.contact_points[:, :, :2], log.contact_forces[:, :, 2] > CONTACT_FORCE_N
+    points, used = log.contact_points[:, :, :2], log.closed
     if log.stance is not None and log.footholds is not None:
         swinging = log.stance == 0
         points = np.where(swinging[:, :, None], log.footholds[:, :, :2], points)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.log import single
+from lgmpc.runs.channels import single
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from lgmpc.lie import attitude, so3
-from lgmpc.runs.estimate import CONTACT_FORCE_N
-from lgmpc.runs.log import CONTACT_STATES, RunLog, push_intervals
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.runs.ground import along_ground
+from lgmpc.runs.intervals import push_intervals
+from lgmpc.runs.log import CONTACT_STATES, RunLog
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["WalkingMetrics", "body_velocity", "heading", "stride_mean", "walking_metrics"]
 
@@ -43,14 +43,14 @@ class WalkingMetrics:
         raw_velocity_rmse_m_s: RMS norm of the error of the instantaneous planar velocity, on plateaus.
         velocity_bias_m_s: norm of the mean velocity error on a plateau, the largest of all plateaus.
         yaw_rate_rmse_rad_s: RMS error of the yaw rate averaged over a stride, on plateaus.
-        height_rmse_m: RMS error of the base's height, on plateaus.
+        height_rmse_m: RMS error of the base's height above the ground, on plateaus.
         height_std_m: standard deviation of the base's height within a plateau, the largest of all plateaus.
         cost_of_transport: integral of ``|torque x joint speed|`` over weight x distance in the commanded direction, on
             plateaus with a planar velocity.
         steps: number of swings of all feet.
         lost_contacts: number of contacts lost during a stance, of all feet.
         walking_tilt_deg: largest tilt while the command is not zero or a foot swings.
-        max_scuff_m: largest distance that a foot slides over the floor within one swing.
+        max_scuff_m: largest distance that a foot slides over the ground within one swing.
         peak_impact_n: largest normal force of a foot within 20 ms from the end of a swing.
         odometry_drift_percent: error of the estimated base position at the end over the distance travelled;
             None without an estimator.
@@ -83,23 +83,23 @@ class WalkingMetrics:
     final_foot_error_m: float | None
 
 
-def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
+def walking_metrics(log: RunLog, end: int) -> WalkingMetrics | None:
     """Return the metrics of a run with motion commands; ``None`` if all were zero and no foot swung.
 
     Args:
         log: the log.
-        tilt: (k,) tilt of the base at the first k ticks, deg; later ticks, such as those after a fall, are ignored.
+        end: number of ticks that are evaluated; later ones, such as those after a fall, are ignored.
     """
-    if not (log.commanded or log.stepped) or len(tilt) < 2:
+    if not (log.commanded or log.stepped) or end < 2:
         return None
-    walk = _Walk(log, len(tilt))
+    walk = _Walk(log, end)
     moving = walk.command.any(axis=1) | ~walk.stance.all(axis=1)
     return WalkingMetrics(
         **_tracking(walk),
         cost_of_transport=_cost_of_transport(walk),
         steps=_count(walk, "swing"),
         lost_contacts=_count(walk, "lost"),
-        walking_tilt_deg=float(tilt[moving].max(initial=0.0)),
+        walking_tilt_deg=float(walk.log.tilt_deg[moving].max(initial=0.0)),
         max_scuff_m=_scuff(walk),
         peak_impact_n=_peak_impact(walk),
         odometry_drift_percent=_drift(walk),
@@ -110,14 +110,16 @@ def walking_metrics(log: RunLog, tilt: Array) -> WalkingMetrics | None:
 
 def heading(quaternion: Array) -> Array:
     """Return (n,) the headings of bases (n, 4) x y z w: the angle of their x axes in the plane, unwrapped, rad."""
-    return np.unwrap(attitude.yaw(so3.from_quaternion.unchecked(quaternion)))
+    x, y, z, w = quaternion.T
+    angle: Array = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return angle
 
 
 def body_velocity(log: RunLog) -> Array:
     """Return (n, 3) velocity ahead and to the left of the centre of mass, m/s, and yaw rate, rad/s."""
     yaw = heading(log.base_pose[:, 3:])
-    vx, vy, rate = np.gradient(np.column_stack((log.com[:, :2], yaw)), log.time, axis=0).T
-    return np.column_stack((*attitude.turn(-yaw, vx, vy), rate))
+    rates = np.gradient(np.column_stack((log.com[:, :2], yaw)), log.time, axis=0)
+    return np.column_stack((_ahead(yaw, rates[:, :2]), rates[:, 2]))
 
 
 def stride_mean(values: Array, ticks: int) -> Array:
@@ -131,23 +133,21 @@ class _Walk:
     """The first ``ticks`` of a log, with the quantities from which the metrics are computed."""
 
     def __init__(self, log: RunLog, ticks: int) -> None:
+        self.commanded, self.velocity = log.commanded, body_velocity(log)[:ticks]
+        self.log = log = log.until(ticks)
         assert log.command is not None and log.gait_period_s is not None
         assert log.stance is not None and log.contact_states is not None
-        self.log, self.ticks = log, ticks
-        self.time, self.command = log.time[:ticks], log.command[:ticks]
+        self.time, self.command, self.period, self.states = log.time, log.command, log.gait_period_s, log.contact_states
         self.dt = float(np.median(np.diff(self.time)))
-        self.period = log.gait_period_s[:ticks]
-        self.stance: BoolArray = log.stance[:ticks] != 0
-        self.states = log.contact_states[:ticks]
-        self.velocity = body_velocity(log)[:ticks]
+        self.stance: BoolArray = log.stance != 0
 
     def constant(self) -> Iterator[tuple[int, int]]:
         """Yield the intervals ``[a, b)`` of ticks in which command, gait period and push are constant."""
-        yield from _constant_intervals(self.command, self.period, self.log.push[: self.ticks])
+        yield from _constant_intervals(self.command, self.period, self.log.push)
 
     def demanded(self) -> Iterator[tuple[int, int]]:
         """Yield the intervals ``[a, b)`` of ticks in which command and push are constant, of any gait."""
-        yield from _constant_intervals(self.command, self.log.push[: self.ticks])
+        yield from _constant_intervals(self.command, self.log.push)
 
     def stride(self, tick: int) -> int:
         """Return the number of ticks of the gait cycle at a tick."""
@@ -170,12 +170,13 @@ def _constant_intervals(*causes: Array) -> Iterator[tuple[int, int]]:
 
 def _tracking(walk: _Walk) -> dict[str, Any]:
     means, raw, heights, biases, deviations = [], [], [], [], []
+    desired = walk.log.above_ground(walk.log.base_reference[:, :3])
     for a, b in walk.plateaus():
         error = walk.velocity[a:b] - walk.command[a:b]
-        height = walk.log.base_pose[a:b, 2]
+        height = walk.log.base_height[a:b]
         means.append(stride_mean(error, walk.stride(a)))
         raw.append(error[:, :2])
-        heights.append(height - walk.log.base_reference[a:b, 2])
+        heights.append(height - desired[a:b])
         biases.append(float(np.linalg.norm(error[:, :2].mean(axis=0))))
         deviations.append(float(height.std()))
     strides = np.concatenate(means) if means else np.zeros((0, 3))
@@ -201,14 +202,13 @@ def _cost_of_transport(walk: _Walk) -> float | None:
         if speed > 0.0:
             work += float(np.abs(log.tau[a:b] * log.joint_velocity[a:b]).sum()) * walk.dt
             distance += float((walk.velocity[a:b, :2] @ (walk.command[a, :2] / speed)).sum()) * walk.dt
-    return work / (log.mass_kg * GRAVITY * distance) if distance > 0.0 and np.isfinite(log.mass_kg) else None
+    return work / (log.weight_n * distance) if distance > 0.0 and np.isfinite(log.mass_kg) else None
 
 
 def _scuff(walk: _Walk) -> float:
-    """Return the largest sum of a foot's displacements in one swing between ticks at which the floor pushes it, m."""
-    touching = walk.log.contact_forces[: walk.ticks, :, 2] > CONTACT_FORCE_N
-    sliding = (walk.states == CONTACT_STATES.index("swing")) & touching
-    distance = np.linalg.norm(np.diff(walk.log.contact_points[: walk.ticks, :, :2], axis=0), axis=2)
+    """Return the largest sum of a foot's displacements in one swing between ticks at which the ground pushes it, m."""
+    sliding = (walk.states == CONTACT_STATES.index("swing")) & walk.log.closed
+    distance = along_ground(np.diff(walk.log.contact_points, axis=0), walk.log.contact_normals[1:])
     distance = np.where(sliding[1:] & sliding[:-1], distance, 0.0)
     longest = 0.0
     for foot in range(distance.shape[1]):
@@ -219,21 +219,20 @@ def _scuff(walk: _Walk) -> float:
 
 def _peak_impact(walk: _Walk) -> float | None:
     """Return the largest normal force of a foot within the duration of an impact after its touchdown, N."""
-    forces = walk.log.contact_forces[: walk.ticks, :, 2]
     peaks = []
-    for foot in range(forces.shape[1]):
+    for foot, forces in enumerate(walk.log.normal_forces.T):
         for tick in np.flatnonzero(np.diff(walk.stance[:, foot].astype(np.int8)) > 0) + 1:
-            peaks.append(float(forces[tick : tick + max(1, round(IMPACT_S / walk.dt)), foot].max()))
+            peaks.append(float(forces[tick : tick + max(1, round(IMPACT_S / walk.dt))].max()))
     return max(peaks, default=None)
 
 
 def _drift(walk: _Walk) -> float | None:
     if walk.log.estimate_q is None:
         return None
-    true = walk.log.base_pose[: walk.ticks, :3]
+    true = walk.log.base_pose[:, :3]
     # Stride by stride: the sway within one is not distance travelled.
-    distance = np.linalg.norm(np.diff(true[:: walk.stride(walk.ticks - 1), :2], axis=0), axis=1).sum()
-    error = np.linalg.norm(walk.log.estimate_q[walk.ticks - 1, :3] - true[-1])
+    distance = np.linalg.norm(np.diff(true[:: walk.stride(-1), :2], axis=0), axis=1).sum()
+    error = np.linalg.norm(walk.log.estimate_q[-1, :3] - true[-1])
     return float(1e2 * error / distance) if distance > 0.0 else None
 
 
@@ -259,13 +258,14 @@ def _recovery_time(walk: _Walk) -> float | None:
 def _ending(walk: _Walk) -> dict[str, Any]:
     moving = np.flatnonzero(walk.command.any(axis=1))
     # Of a run whose commands move the robot, it may have fallen before.
-    rest = int(moving[-1]) + 1 if len(moving) else walk.ticks if walk.log.commanded else 0
-    if rest >= walk.ticks:
+    ticks = len(walk.time)
+    rest = int(moving[-1]) + 1 if len(moving) else ticks if walk.commanded else 0
+    if rest >= ticks:
         return {"ends_standing": None, "stop_strides": None, "final_foot_error_m": None}
     slow = np.linalg.norm(walk.velocity[rest:, :2], axis=1) < STANDING_M_S
     stepping = np.flatnonzero(~(slow & walk.stance[rest:].all(axis=1)))
     stands = rest + int(stepping[-1]) + 1 if len(stepping) else rest
-    if stands >= walk.ticks:
+    if stands >= ticks:
         return {"ends_standing": False, "stop_strides": None, "final_foot_error_m": None}
     return {
         "ends_standing": True,
@@ -275,11 +275,15 @@ def _ending(walk: _Walk) -> dict[str, Any]:
 
 
 def _foot_error(walk: _Walk) -> float:
-    ticks = np.array([0, walk.ticks - 1])
-    base, yaw = walk.log.base_pose[ticks], heading(walk.log.base_pose[ticks, 3:])
-    apart = walk.log.contact_points[ticks, :, :2] - base[:, None, :2]
-    x, y = attitude.turn(-yaw[:, None], apart[..., 0], apart[..., 1])
-    return float(np.hypot(x[1] - x[0], y[1] - y[0]).max(initial=0.0))
+    base = walk.log.base_pose[[0, -1]]
+    apart = _ahead(heading(base[:, 3:])[:, None], walk.log.contact_points[[0, -1], :, :2] - base[:, None, :2])
+    return float(np.linalg.norm(apart[1] - apart[0], axis=-1).max(initial=0.0))
+
+
+def _ahead(yaw: Array, vectors: Array) -> Array:
+    """Return horizontal vectors (..., 2) in axes turned by the yaw (...,), ahead and to the left."""
+    c, s, (x, y) = np.cos(yaw), np.sin(yaw), np.moveaxis(vectors, -1, 0)
+    return np.stack((c * x + s * y, c * y - s * x), axis=-1)
 
 
 def _rms(errors: Array) -> float | None:

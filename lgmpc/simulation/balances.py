@@ -1,4 +1,4 @@
-"""Momentum and energy of the simulated robot, by its own masses, for checks of a run against Newton's laws."""
+"""Momentum, energy and weight of the simulated robot, by its own masses, for checks of a run against Newton's laws."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from lgmpc.typing import Array
 __all__ = ["momentum_and_energy"]
 
 
-def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Array) -> tuple[Array, Array]:
-    """Return the linear momentum and the mechanical energy of the simulated robot, rotors included.
+def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return the linear momentum and the mechanical energy, rotors included, of the simulated robot, and its weight.
 
     Args:
         robot: the controllers' model.
@@ -22,7 +22,7 @@ def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Arra
         v: (k, nv) velocities.
 
     Returns:
-        (k, 3) momenta, N.s, world axes, and (k,) energies, J.
+        (k, 3) momenta, N.s, world axes, (k,) energies, J, and the (3,) weight, N, world axes.
     """
     model = simulated_model(robot, settings)
     data = model.createData()
@@ -34,4 +34,5 @@ def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Arra
         upper = np.triu(pin.crba(model, data, position))
         kinetic = velocity @ upper @ velocity - 0.5 * np.diag(upper) @ velocity**2
         energy[i] = kinetic + pin.computePotentialEnergy(model, data, position)
-    return momentum, energy
+    weight: Array = sum(body.mass for body in model.inertias[1:]) * np.array(model.gravity.linear)
+    return momentum, energy, weight

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lgmpc.runs import RunLog
-from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
 from lgmpc.viz.figure_files import draw_figures, legend_above
@@ -155,7 +154,7 @@ def _draw_contacts(axes: Axes, log: RunLog, shown: np.ndarray) -> None:
     """Draw a row for each foot: filled in measured contact, outlined where the controller assumes contact."""
     time = log.time[shown]
     for row, name in enumerate(log.contact_frames.tolist()):
-        touching = log.contact_forces[shown, row, 2] > CONTACT_FORCE_N
+        touching = log.closed[shown, row]
         axes.fill_between(time, row - 0.36, row + 0.36, where=touching, color=X, alpha=0.5, lw=0.0, step="post")
         if log.stance is not None:
             relied = np.where(log.stance[shown, row] != 0, row + 0.36, np.nan)

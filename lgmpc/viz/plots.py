@@ -11,7 +11,7 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.figures import length_unit
-from lgmpc.runs.metrics import rpy_deg, tilt_deg
+from lgmpc.runs.metrics import rpy_deg
 from lgmpc.typing import Array
 from lgmpc.viz.figure_files import (
     Drawing,
@@ -74,11 +74,12 @@ def _base(figure: Figure, log: RunLog) -> bool:
     unit, scale = length_unit(float(np.abs(moved).max()))
     for axis, color, name in ((0, X, "x (forward)"), (1, Y, "y (left)")):
         position.plot(log.time, scale * moved[:, axis], color=color, label=name)
-    height.plot(log.time, 1e3 * log.base_reference[:, 2], color=INK, lw=1.0, ls="--", label="target")
-    height.plot(log.time, 1e3 * base[:, 2], color=Z, label="base")
-    tilt.plot(log.time, tilt_deg(base[:, 3:], log.base_reference[0, 3:]), color=X)
+    target = log.above_ground(log.base_reference[:, :3])
+    height.plot(log.time, 1e3 * target, color=INK, lw=1.0, ls="--", label="target")
+    height.plot(log.time, 1e3 * log.base_height, color=Z, label="base")
+    tilt.plot(log.time, log.tilt_deg, color=X)
     position.set(title="Base displacement", ylabel=unit)
-    height.set(title="Base height", ylabel="mm")
+    height.set(title="Base height above the ground", ylabel="mm")
     tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
     finish(log, position, span=2e-3 * scale)
     finish(log, height, span=2.0)
@@ -142,7 +143,7 @@ def _forces(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 1.0 + 1.7 * contacts)
     rows = figure.subplots(contacts, 2, sharex=True, sharey="col", squeeze=False)
     for k, name in enumerate(log.contact_frames.tolist()):
-        normal, tangential = log.contact_forces[:, k, 2], np.linalg.norm(log.contact_forces[:, k, :2], axis=1)
+        normal, tangential = log.normal_forces[:, k], log.tangential_forces[:, k]
         left, right = rows[k]
         left.plot(log.time, log.contact_forces_desired[:, k, 2], color=EXTRA, lw=1.0, label="planned")
         left.plot(log.time, normal, color=X, label="measured")

@@ -12,8 +12,7 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Metrics, Run, RunLog, SolvedRun, TrajectoryLog, WalkingMetrics, push_intervals
 from lgmpc.runs.figures import figure_number, figure_words, length_unit
 from lgmpc.runs.intervals import intervals
-from lgmpc.runs.log import MODES
-from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.log import MODES, tilt_deg
 from lgmpc.runs.walking import body_velocity
 from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
@@ -37,7 +36,6 @@ _TALL = 2.5
 """Ratio of a motion's height to its width, and to the robot's size, above which the camera follows it too."""
 _CLEARANCE = 0.25
 """Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
-_UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 _Content = dict[str, object]
 
 
@@ -126,7 +124,7 @@ def _readouts(log: RunLog, frames: Frames) -> tuple[Readout, ...]:
         moved = np.linalg.norm(base[:, :3] - base[0, :3], axis=1)
         unit, factor = length_unit(float(moved.max()))
         first = Readout("moved", f" {unit}", factor * moved, 1 if unit == "mm" else 2)
-    return first, Readout("tilt", "°", tilt_deg(base[:, 3:], log.base_reference[0, 3:]), 2)
+    return first, Readout("tilt", "°", log.tilt_deg[frames.ticks], 2)
 
 
 def _pushes(log: RunLog) -> list[_Content]:
@@ -303,7 +301,7 @@ def _solved_readouts(log: TrajectoryLog, pictures: Pictures) -> tuple[Readout, .
         effort = 100.0 * np.max(np.abs(log.us) / np.maximum(np.abs(limit), 1e-12), axis=1)
         found.append(Readout("effort", " %", effort[pictures.intervals], 0))
     if log.floating_base:
-        found.append(Readout("tilt", "°", tilt_deg(pictures.q[:, 3:7], _UPRIGHT), 1))
+        found.append(Readout("tilt", "°", tilt_deg(pictures.q[:, 3:7]), 1))
     else:
         speed = np.abs(log.xs[:, log.nq :]).max(axis=1)
         found.append(Readout("fastest joint", " rad/s", speed[pictures.intervals], 2))

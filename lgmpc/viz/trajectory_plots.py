@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
-from lgmpc.runs.metrics import tilt_deg
+from lgmpc.runs.log import tilt_deg
 from lgmpc.typing import Array
 from lgmpc.viz.figure_files import (
     Drawing,
@@ -82,7 +82,7 @@ def _base(figure: Figure, log: TrajectoryLog) -> bool:
         position.plot(log.times, log.xs[:, axis], color=color, label=name)
         linear.plot(log.times, v[:, axis], color=color, label=name)
         angular.plot(log.times, v[:, 3 + axis], color=color, label=name)
-    tilt.plot(log.times, tilt_deg(log.xs[:, 3:7], np.array([0.0, 0.0, 0.0, 1.0])), color=INK)
+    tilt.plot(log.times, tilt_deg(log.xs[:, 3:7]), color=INK)
     position.set(title="Base position, world", ylabel="m")
     tilt.set(title="Base tilt from upright", ylabel="deg", ylim=(0.0, None))
     linear.set(title="Linear velocity, base axes", ylabel="m/s")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lgmpc.runs import RunLog, push_intervals
-from lgmpc.runs.estimate import CONTACT_FORCE_N
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.walking import body_velocity, stride_mean
@@ -80,7 +79,7 @@ def draw_feet(figure: Figure, log: RunLog) -> bool:
     for k, (axes, name) in enumerate(zip(rows, feet, strict=True)):
         axes.plot(time, 1e3 * log.swing_targets[shown, k, 2], color=INK, lw=1.0, ls="--", label="target")
         axes.plot(time, 1e3 * log.contact_points[shown, k, 2], color=X, label="contact point")
-        touching = log.contact_forces[shown, k, 2] > CONTACT_FORCE_N
+        touching = log.closed[shown, k]
         axes.fill_between(time, 0.0, 1.0, touching, transform=axes.get_xaxis_transform(), color=SOFT, alpha=0.15, lw=0)
         axes.set_ylabel(f"{name}, mm")
         finish(log, axes, span=10.0)
@@ -105,7 +104,7 @@ def _detail(log: RunLog) -> tuple[float, float]:
 def _add_bars(axes: Axes, log: RunLog) -> None:
     assert log.contact_states is not None
     feet = log.contact_frames.tolist()
-    touching = log.contact_forces[..., 2] > CONTACT_FORCE_N
+    touching = log.closed
     for k in range(len(feet)):
         row = len(feet) - 1 - k
         for name, color in _STATE_COLORS.items():

@@ -52,6 +52,7 @@ def record_standing(
                 "contact_forces": forces,
                 "contact_forces_desired": forces,
                 "contact_points": FEET,
+                "contact_normals": np.tile([0.0, 0.0, 1.0], (4, 1)),
                 "com": com,
                 "com_reference": com,
                 "momentum": np.zeros(6),

@@ -7,7 +7,7 @@ import pytest
 
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import RunLog, push_intervals
-from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
+from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS
 
 from .conftest import new_recorder, record_standing
 
@@ -92,7 +92,7 @@ def test_a_log_is_as_large_as_expected() -> None:
     recorder = new_recorder(ticks=50, mpc_updates=5)
     expected = recorder.log_bytes()
     record_standing(recorder, 50)
-    names = {*CHANNELS, *MPC_CHANNELS}
+    names = {*CHANNELS, *GROUND_CHANNELS, *MPC_CHANNELS}
     assert expected == sum(np.asarray(a).nbytes for name, a in recorder.log().arrays().items() if name in names)
 
 

@@ -22,7 +22,8 @@ def test_they_are_those_of_the_simulated_masses(solo12: Robot) -> None:
     rng = np.random.default_rng(4)
     v = rng.normal(size=(3, solo12.nv))
     q = np.array([pin.integrate(model, solo12.q_reference, 0.5 * rng.normal(size=solo12.nv)) for _ in range(3)])
-    momentum, energy = momentum_and_energy(solo12, settings, q, v)
+    momentum, energy, weight = momentum_and_energy(solo12, settings, q, v)
+    assert weight == pytest.approx([0.0, 0.0, -9.81 * (1.2 * solo12.mass + 0.5)])
     for i in range(3):
         pin.centerOfMass(model, data, q[i], v[i])
         mass = pin.computeTotalMass(model)
@@ -45,7 +46,7 @@ def test_a_robot_in_flight_keeps_its_energy_and_gains_momentum_by_its_weight(sol
         q.append(sample.q)
         v.append(sample.v)
         plant.step(np.zeros(12))
-    momentum, energy = momentum_and_energy(solo12, PlantSettings(), np.array(q), np.array(v))
+    momentum, energy, _ = momentum_and_energy(solo12, PlantSettings(), np.array(q), np.array(v))
     weight = solo12.mass * 9.81
     assert momentum[-1] == pytest.approx([0.0, 0.0, -weight * 199 * plant.dt], abs=1e-6 * weight)
     assert np.ptp(energy) < 2e-3 * weight  # the explicit step of 1 ms: g dt / 2 times the weight and the way
@@ -66,5 +67,5 @@ def test_the_energy_is_that_of_mujocos_own_mass_matrix() -> None:
         velocity = plant.data.qvel
         mujoco.mj_mulM(plant.model, plant.data, momentum, velocity)
         potential = robot.mass * 9.81 * pin.centerOfMass(robot.model, robot.create_data(), q)[2]
-        _, energy = momentum_and_energy(robot, config.plant, q[None], v[None])
+        _, energy, _ = momentum_and_energy(robot, config.plant, q[None], v[None])
         assert energy[0] == pytest.approx(potential + 0.5 * velocity @ momentum, rel=1e-12)

@@ -106,6 +106,7 @@ def record_pushed_run(robot: Robot, duration: float) -> RunLog:
                 "contact_forces": sample.contact_forces,
                 "contact_forces_desired": share,
                 "contact_points": points,
+                "contact_normals": np.tile([0.0, 0.0, 1.0], (robot.nc, 1)),
                 "com": data.com[0],
                 "com_reference": start,
                 "momentum": data.hg.vector,

@@ -15,7 +15,6 @@ from snapshot import headless_chromium
 
 from lgmpc.chromium import find_chromium
 from lgmpc.runs import Run
-from lgmpc.runs.metrics import tilt_deg
 from lgmpc.viz.figure_files import svg_figures
 from lgmpc.viz.report import figures, report_page, section
 from lgmpc.viz.style import X, Y
@@ -97,7 +96,7 @@ class TestInBrowser:
 
     def test_values_at_the_cursor_are_the_logs_and_all_figures_show_its_time(self, tab: Any, pushed_run: Run) -> None:
         log = pushed_run.log
-        tilt = tilt_deg(log.base_pose[:, 3:], log.base_reference[0, 3:])
+        tilt = log.tilt_deg
         for share in (0.2, 0.37, 0.6):
             tab.mouse.move(*place(tab, "base", 2, share))
             time, value, unit = re.fullmatch(

@@ -105,9 +105,9 @@ def test_figures_without_data_are_left_out(pushed_run, monkeypatch) -> None:
         mpc_status=np.zeros(0, dtype=np.int8),
         mpc_ms=empty,
     )
-    contacts = {
-        name: np.zeros((log.ticks, 0, 3)) for name in ("contact_forces", "contact_forces_desired", "contact_points")
-    }
+    names = ("contact_forces", "contact_forces_desired", "contact_points", "contact_normals")
+    contacts = {name: np.zeros((log.ticks, 0, 3)) for name in names}
+    contacts["contact_clearance"] = np.zeros((log.ticks, 0))
     bare = replace(log, contact_frames=np.zeros(0, dtype=np.str_), mpc_forces=np.zeros((0, 0, 3)), **contacts)
     # The whole-body ticks were timed; there was no MPC and there are no contacts.
     assert list(plot_run(replace(pushed_run, log=bare))) == ["timing"]

@@ -19,7 +19,6 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.runs import Outcome, Verdict
-from lgmpc.runs.log import CHANNELS
 from lgmpc.viz.page import CONNECTIONS, PageServer, serve_page, write_page
 from lgmpc.viz.replay import replay_page
 
@@ -97,8 +96,7 @@ def test_a_run_without_figures_is_shown(solo12, pushed_run) -> None:
 
 
 def test_a_run_of_one_tick_is_a_picture(solo12, pushed_run) -> None:
-    one = {name: getattr(pushed_run.log, name)[:1] for name in CHANNELS}
-    page = replay_page(solo12, replace(pushed_run, log=replace(pushed_run.log, **one)))
+    page = replay_page(solo12, replace(pushed_run, log=pushed_run.log.until(1)))
     assert content_of(page)["animations"] == []
 
 

@@ -26,7 +26,7 @@ from lgmpc.estimation.invariant_ekf.programme import (
     prediction,
 )
 from lgmpc.lie import checks
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import Array
 
 __all__ = ["InvariantEkf", "chi_square_bound"]
 
@@ -95,7 +95,7 @@ class InvariantEkf:
         *,
         landmarks: int = 0,
         slip: float = 1e-2,
-        gravity: Array | tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
+        gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81),
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         form: ErrorForm = RIGHT,
         outlier_probability: float = 0.0,

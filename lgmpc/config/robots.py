@@ -14,6 +14,7 @@ from lgmpc.locomotion.feasibility import infeasible_commands
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.robot import Robot, load_robot
+from lgmpc.robot.checks import point_masses
 from lgmpc.simulation.initial import initial_state
 
 __all__ = ["build_any_robot", "build_robot"]
@@ -65,6 +66,12 @@ def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
         got = f"{robot.nc} contact point{'s on one line' if robot.nc > 1 else ''} ({frames})"
         expected = "three or more that are not on one line: contacts are points, soles included, and transmit no moment"
         yield config.error("robot.contact_frames", got, expected)
+    points = point_masses(robot.model)
+    if points and config.plant.kind == "mujoco":
+        inertias = ", ".join(f"{inertia:.2g} kg.m2 ({body})" for body, inertia in points.items())
+        source = "robot.model" if config.robot.urdf is None else "robot.urdf"
+        words = f"an <inertia> of each in a URDF, of a sphere of its mass and the density of water {inertias}"
+        yield config.error(source, f"{len(points)} bodies with mass but without rotational inertia", words)
     for i, push in enumerate(config.pushes):
         if push.body not in robot.body_names:
             yield config.error(f"pushes.{i}.body", push.body, f"a moving body of {robot.name}", robot.body_names)

@@ -19,13 +19,24 @@ __all__ = [
     "check_inertias",
     "check_joints",
     "check_limits",
+    "check_magnitudes",
     "check_mass_matrix",
     "check_mimic",
     "check_posture",
+    "point_masses",
 ]
 
 _FASTEST = 200.0
 """rad/s or m/s; larger limits are placeholders: no geared joint reaches them."""
+
+_LARGEST = 1e9
+"""m, kg, kg.m2; no robot is larger."""
+
+_POINT = 1e-4
+"""Radius of gyration, m, below which a body is a point mass."""
+
+_DENSITY = 1000.0
+"""kg/m3 of the spheres whose inertias are proposed."""
 
 _LIFTS = 10.0
 """Larger effort limits, in the robot's weight times its reach (for prismatic joints its weight), are placeholders."""
@@ -73,6 +84,22 @@ def check_joints(model: pin.Model, root_added: bool) -> list[str]:
     return problems
 
 
+def check_magnitudes(model: pin.Model) -> list[str]:
+    """Return a problem for each joint, frame or body whose place or inertia overflows in the first product."""
+    problems = []
+    places = [(f"joint '{name}'", place) for name, place in zip(model.names, model.jointPlacements, strict=True)]
+    places += [(f"frame '{frame.name}'", frame.placement) for frame in model.frames]
+    for name, place in places:
+        if not np.abs(place.homogeneous).max() <= _LARGEST:
+            problems.append(f"{name} is {np.abs(place.translation).max():g} m from its parent")
+    for index, inertia in enumerate(model.inertias[1:], start=1):
+        numbers = np.abs([inertia.mass, *inertia.lever, *inertia.inertia.ravel()])
+        if (numbers > _LARGEST).any():
+            largest = np.nanmax(numbers)
+            problems.append(f"{_body_name(model, index)}: its mass, centre or inertia has a number of {largest:g}")
+    return problems
+
+
 def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
     """Return problems and notes about the inertia of each rigid body.
 
@@ -99,7 +126,23 @@ def check_inertias(model: pin.Model) -> tuple[list[str], list[str]]:
         problems.append(f"{_body_name(model, 1)}: the floating base has no mass (missing <inertial>?)")
         massless.remove(_body_name(model, 1))
     notes = [f"no mass: {some(massless)}"] if massless else []
+    if points := point_masses(model):
+        words = ", ".join(
+            f'{name} (<inertia ixx="{i:.2g}" iyy="{i:.2g}" izz="{i:.2g}"/>)' for name, i in points.items()
+        )
+        notes.append(f"no rotational inertia, and that of a sphere of its mass and the density of water: {words}")
     return problems, notes
+
+
+def point_masses(model: pin.Model) -> dict[str, float]:
+    """Return the bodies with mass but without rotational inertia, with that of as heavy a sphere of water, kg.m2."""
+    found = {}
+    for index, inertia in enumerate(model.inertias[1:], start=1):
+        mass = inertia.mass
+        if mass > 0 and np.abs(np.linalg.eigvalsh(inertia.inertia)).max() < mass * _POINT**2:
+            radius = (0.75 * mass / (math.pi * _DENSITY)) ** (1.0 / 3.0)
+            found[_body_name(model, index)] = 0.4 * mass * radius**2
+    return found
 
 
 def check_mass_matrix(model: pin.Model, q: Array, joints: Iterable[ActuatedJoint]) -> list[str]:

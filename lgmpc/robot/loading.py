@@ -14,8 +14,8 @@ from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, 
 from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
-from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, put_on_ground, reference_posture
-from lgmpc.robot.sources import ResolvedSource, build_model, resolve
+from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, propose_posture, put_on_ground, reference_posture
+from lgmpc.robot.sources import ResolvedSource, build_model, find_packages, resolve
 from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
 from lgmpc.typing import Array
@@ -57,7 +57,10 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     model, notes = build_model(source)
     if model.nv > MOST_VELOCITIES:
         raise ModelError(model.name, [f"{model.nv} degrees of freedom; at most {MOST_VELOCITIES} are supported"])
+    if problems := checks.check_magnitudes(model):
+        raise ModelError(model.name, problems)
     text = read_urdf_text(source.files.urdf)
+    files, package_notes = find_packages(source.files, text.packages)
     name = spec.model or model.name
     _read_srdf(model, source)
     joints = actuated_joints(model)
@@ -80,7 +83,9 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
         else []
     )
     mimics = checks.check_mimic(model, text.mimics)
-    notes = (*notes, *text.notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
+    if spec.posture is None and ids and not problems:
+        posture_notes += propose_posture(model, joints, q, ids)
+    notes = (*notes, *text.notes, *package_notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
     lower, upper = _degree_limits(model, joints)
     start = 6 if is_floating(model) else 0
     robot = Robot(
@@ -96,7 +101,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
         joint_upper=upper[start:],
         armature=actuators.armature[start:],
         joint_friction=actuators.friction[start:],
-        source=source.files,
+        source=files,
         given_shapes=spec.collision_shapes,
         notes=notes,
     )

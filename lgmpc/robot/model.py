@@ -37,7 +37,7 @@ class ModelSource:
     package_dirs: tuple[Path, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A complete and checked robot model, returned by :func:`lgmpc.robot.load_robot`.
 
@@ -91,6 +91,11 @@ class Robot:
         """Return the attributes that expressions depend on (see :mod:`lgmpc.compile`): no files, no shapes."""
         others = ("source", "notes", "given_shapes")
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in others}
+
+    def __repr__(self) -> str:
+        base = "free" if self.floating_base else "fixed"
+        feet = ", ".join(self.contact_frames) or "no contact frames"
+        return f"<Robot {self.name}: {self.mass:.3f} kg, {base} base, {self.nu} joints, {feet}>"
 
     def _repr_html_(self) -> str:
         """Return a table of mass, freedom, feet and limits."""

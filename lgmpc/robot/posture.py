@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import least_squares
 
 from lgmpc.errors import nearest
 from lgmpc.robot.actuators import ActuatedJoint, match_joints
-from lgmpc.robot.names import is_floating
+from lgmpc.robot.names import is_floating, some
 from lgmpc.typing import Array
 
-__all__ = ["LEVEL_TOLERANCE", "contact_heights", "put_on_ground", "reference_posture"]
+__all__ = ["LEVEL_TOLERANCE", "contact_heights", "propose_posture", "put_on_ground", "reference_posture"]
 
 LEVEL_TOLERANCE = 1e-3
 """Largest deviation of contact points from a plane that is levelled, m."""
@@ -59,6 +60,39 @@ def reference_posture(
             angle = given[joint.name]
             q[joint.q] = angle if joint.scalar else (math.cos(angle), math.sin(angle))
     return q, problems, []
+
+
+def propose_posture(model: pin.Model, joints: Sequence[ActuatedJoint], q: Array, frames: Sequence[int]) -> list[str]:
+    """Return a note with a posture to give if joints are at a limit in ``q``, where nothing is left to control.
+
+    In the proposed posture each foot is below the second joint of its leg, that of the thigh, and joints are far from
+    their limits.
+    """
+    movable = [joint for joint in joints if joint.scalar]
+    index = [joint.q.start for joint in movable]
+    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
+    at_limit = (q[index] <= low) | (q[index] >= high)
+    if not at_limit.any() or not np.isfinite(high - low).all() or not (high > low).all():
+        return []
+    data, width = model.createData(), high - low
+    hips = [[joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1][:2] for frame in frames]
+    rest = np.where(at_limit, 0.5 * (low + high), q[index])
+
+    def deviations(values: Array) -> Array:
+        full = q.copy()
+        full[index] = values
+        pin.forwardKinematics(model, data, full)
+        feet = [pin.updateFramePlacement(model, data, frame).translation for frame in frames]
+        beside = [foot[:2] - data.oMi[hip[-1]].translation[:2] for foot, hip in zip(feet, hips, strict=True) if hip]
+        return np.concatenate([*beside, 0.05 * (values - rest) / width])
+
+    edge = 0.1 * width
+    start = np.clip(rest, low + edge, high - edge)
+    found = least_squares(deviations, start, bounds=(low + 0.99 * edge, high - 0.99 * edge)).x
+    pairs = zip(movable, found.round(2) + 0.0, strict=True)
+    words = ", ".join(f"{joint.name}: {value:.2f}" for joint, value in pairs)
+    there = some([joint.name for joint, here in zip(movable, at_limit, strict=True) if here])
+    return [f"without a posture {there} start at a limit; one that is far from the limits: posture: {{{words}}}"]
 
 
 def contact_heights(model: pin.Model, q: Array, frames: Sequence[int], radius: float) -> Array:

@@ -32,9 +32,13 @@ class UrdfText:
     def notes(self) -> tuple[str, ...]:
         """Unusual properties that do not prevent its use."""
         outside = [mesh for mesh in self.meshes if _leaves_package(mesh)]
-        if not outside:
-            return ()
-        return (f"meshes outside the package that their path names: {some(outside)}",)
+        return (f"meshes outside the package that their path names: {some(outside)}",) if outside else ()
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Names of the packages in ``package://`` paths of its meshes, each once."""
+        paths = [mesh.removeprefix(_SCHEME) for mesh in self.meshes if mesh.startswith(_SCHEME)]
+        return tuple(dict.fromkeys(path.split("/")[0] for path in paths))
 
 
 def read_urdf_text(urdf: Path) -> UrdfText:

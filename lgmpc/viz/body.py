@@ -116,7 +116,8 @@ def _visual_parts(robot: Robot) -> list[Part]:
             package_dirs=[str(folder) for folder in source.package_dirs],
         )
     except (ValueError, RuntimeError) as error:  # a missing mesh must not prevent the replay
-        _LOG.warning("%s is drawn as a stick figure: %s", robot.name, " ".join(str(error).split()))
+        remedy = "give the folder that contains the package as robot.package_dirs"
+        _LOG.warning("%s is drawn as a stick figure: %s: %s", robot.name, " ".join(str(error).split()), remedy)
         return []
     depth = _depths(robot.model)
     plain = len({tuple(np.round(g.meshColor, 3)) for g in visuals.geometryObjects}) == 1

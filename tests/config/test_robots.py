@@ -106,3 +106,12 @@ def test_three_contact_points_on_one_line_are_refused_and_others_are_not(tmp_pat
         build_robot(parse_config(text % bent + "commands: [{at_s: 0, velocity_m_s: [0.1, 0, 0]}]\n"))
     with pytest.raises(ConfigError, match=r"got 3 contact points on one line \(foot_a, foot_b, foot_c\)"):
         build_robot(parse_config(text % straight))
+
+
+def test_bodies_without_rotational_inertia_are_an_error_for_mujoco() -> None:
+    text = "name: x\nrobot: {model: icub_reduced, contact_frames: [l_sole, r_sole, l_hand]}\n"
+    config = parse_config(text)
+    words = r"robot.model: got 7 bodies with mass but without rotational inertia; .*0.00096 kg.m2 \(link 'r_hip_1'\)"
+    with pytest.raises(ConfigError, match=words):
+        build_robot(config)
+    build_robot(config.replace({"plant.kind": "pinocchio"}))

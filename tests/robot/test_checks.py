@@ -47,6 +47,20 @@ def test_a_fixed_base_without_joints_is_refused(tmp_path) -> None:
     assert problem == "nothing moves: its base is fixed and it has no joints (floating_base: true)"
 
 
+def test_bodies_without_rotational_inertia_are_noted_with_that_of_a_sphere(tmp_path, data_dir) -> None:
+    text = (data_dir / "tripod.urdf").read_text()
+    start = text.index("<inertia ", text.index('<link name="leg_b">'))
+    text = (
+        text[:start]
+        + '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+        + text[text.index("/>", start) + 2 :]
+    )
+    (tmp_path / "points.urdf").write_text(text)
+    (note,) = [each for each in load_robot(RobotSpec(urdf=tmp_path / "points.urdf")).notes if "inertia" in each]
+    # 0.5 kg of water: a radius of 49.2 mm, 2/5 m r^2 = 4.85e-4
+    assert note.endswith('link \'leg_b\' (<inertia ixx="0.00048" iyy="0.00048" izz="0.00048"/>)')
+
+
 def test_infinite_limits(tmp_path, data_dir) -> None:
     path = tmp_path / "endless.urdf"
     text = (data_dir / "tripod.urdf").read_text()

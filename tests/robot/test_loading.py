@@ -152,11 +152,80 @@ def test_joints_without_scalar_position(data_dir) -> None:
     assert robot.q_reference[-2:].tolist() == [np.cos(0.5), np.sin(0.5)]
 
 
-@pytest.mark.parametrize("name", ["cassie", "talos_legs"])
-def test_models_that_are_more_than_a_urdf_are_not_offered(name: str) -> None:
-    assert name not in available_models()
-    with pytest.raises(InputError, match=f"model: got {name}; expected a robot of example-robot-data"):
-        load_robot(RobotSpec(model=name))
+@pytest.mark.parametrize("name", ["talos_legs", "human", "panda_collision"])
+def test_models_that_a_loader_changes_are_those_of_the_loader(name: str) -> None:
+    limits = {"effort_limit_nm": 100.0, "velocity_limit_rad_s": 20.0, "position_limit_rad": (-3.0, 3.0)}
+    robot, official = load_robot(RobotSpec(model=name, **limits)), example_robot_data.load(name)
+    assert (robot.nq, robot.nv) == (official.nq, official.nv) and name in available_models()
+    assert [each.translation.tolist() for each in robot.model.jointPlacements] == [
+        each.translation.tolist() for each in official.model.jointPlacements
+    ]
+    assert robot.mass == pytest.approx(pin.computeTotalMass(official.model))
+    with pytest.raises(InputError, match="floating_base: got .*as example-robot-data builds"):
+        load_robot(RobotSpec(model=name, floating_base=not robot.floating_base))
+
+
+def test_a_model_that_example_robot_data_cannot_load_quotes_it() -> None:
+    with pytest.raises(ModelError, match="example-robot-data cannot load it: Building SDF models"):
+        load_robot(RobotSpec(model="cassie"))
+
+
+def test_bytes_that_are_no_text_are_named(tmp_path, data_dir) -> None:
+    path = tmp_path / "name.urdf"
+    path.write_bytes((data_dir / "tripod.urdf").read_bytes().replace(b'name="tripod"', b'name="tr\xffpod"'))
+    with pytest.raises(ModelError, match="name.urdf: byte 0xff at [0-9]+ is no UTF-8"):
+        load_robot(RobotSpec(urdf=path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '<child link="foot_a"/><origin xyz="0 0 -0.2"/>',
+            '<child link="foot_a"/><origin xyz="0 0 1e200"/>',
+            "foot_a'",
+        ),
+        ('<origin xyz="0.3 0 0"/>', '<origin xyz="1e200 0 0"/>', "joint 'slide_a' is 1e.200 m from its parent"),
+        (
+            '<origin xyz="0 0 -0.1"/><mass',
+            '<origin xyz="0 0 1e200"/><mass',
+            "link 'leg_a': its mass, centre or inertia has a number of 1e.200",
+        ),
+        ('<mass value="0.5"/>', '<mass value="1e200"/>', "link 'leg_a': its mass, .* 1e.200"),
+    ],
+)
+def test_lengths_and_masses_that_overflow_are_named(tmp_path, data_dir, old: str, new: str, message: str) -> None:
+    text = (data_dir / "tripod.urdf").read_text()
+    assert old in text
+    (tmp_path / "huge.urdf").write_text(text.replace(old, new))
+    with pytest.raises(ModelError, match=message):
+        load_robot(RobotSpec(urdf=tmp_path / "huge.urdf"))
+
+
+def test_packages_are_found_around_the_urdf_and_where_ros_has_them(tmp_path, data_dir, monkeypatch) -> None:
+    urdf = tmp_path / "src" / "tripod_description" / "urdf" / "tripod.urdf"
+    urdf.parent.mkdir(parents=True)
+    text = (data_dir / "tripod.urdf").read_text()
+    urdf.write_text(text.replace("package://nowhere/", "package://tripod_description/"))
+    robot = load_robot(RobotSpec(urdf=urdf))
+    assert robot.source.package_dirs == (tmp_path / "src",) and robot.notes == ()
+
+    urdf.write_text(text)
+    assert "package nowhere was not found: give the folder that contains it as robot.package_dirs" in str(
+        load_robot(RobotSpec(urdf=urdf)).notes
+    )
+    (tmp_path / "ros" / "nowhere").mkdir(parents=True)
+    for listed in (tmp_path / "ros", tmp_path / "ros" / "nowhere"):
+        monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "none"), str(listed)]))
+        robot = load_robot(RobotSpec(urdf=urdf))
+        assert robot.source.package_dirs == (tmp_path / "ros",) and robot.notes == ()
+    given = load_robot(RobotSpec(urdf=urdf, package_dirs=(tmp_path / "ros",)))
+    assert given.source.package_dirs == (tmp_path / "ros",)
+
+
+def test_a_robot_is_described_in_a_line(solo_spec) -> None:
+    words = "<Robot solo12: 2.500 kg, free base, 12 joints, FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT>"
+    assert repr(load_robot(solo_spec)) == words
 
 
 def test_unknown_robot_names_the_nearest() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from lgmpc.errors import ModelError
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -44,12 +45,12 @@ def test_uneven_legs_tilt_the_base_until_all_feet_touch(data_dir) -> None:
     assert abs(rotation.toRotationMatrix()[2, 2]) < 0.999
     assert rotation.z == pytest.approx(0, abs=1e-12)  # the smallest rotation: no yaw
     assert np.linalg.norm(robot.q_reference[3:7]) == pytest.approx(1, abs=1e-15)
-    assert robot.notes == ()
+    assert not any("height" in note for note in robot.notes)
 
 
 def test_feet_that_cannot_all_touch_are_noted(data_dir) -> None:
-    robot = load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=(*FEET, "foot_d")))
-    assert robot.notes == ("in the reference posture the contact points differ by 200.0 mm in height",)
+    robot = load_robot(RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=(*FEET, "foot_d"), posture={}))
+    assert robot.notes[1:] == ("in the reference posture the contact points differ by 200.0 mm in height",)
     assert contact_points(robot)[:, 2].min() == pytest.approx(0, abs=1e-15)
     assert robot.q_reference[6] == 1
 
@@ -57,7 +58,7 @@ def test_feet_that_cannot_all_touch_are_noted(data_dir) -> None:
 def test_two_feet_leave_the_base_upright(data_dir) -> None:
     spec = RobotSpec(urdf=data_dir / "tripod.urdf", contact_frames=FEET[:2], posture={"slide_a": 0.3})
     robot = load_robot(spec)
-    assert robot.q_reference[6] == 1 and "differ by 200.0 mm" in robot.notes[0]
+    assert robot.q_reference[6] == 1 and "differ by 200.0 mm" in robot.notes[1]
 
 
 def test_a_steep_plane_of_hands_and_feet_is_not_levelled(data_dir, tmp_path) -> None:
@@ -104,3 +105,25 @@ def test_a_models_own_posture_is_moved_into_the_limits() -> None:
     lower, upper = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
     joint = robot.model.joints[robot.model.getJointId("j2s6s200_joint_3")].idx_q
     assert lower[joint] <= robot.q_reference[joint] <= upper[joint]
+
+
+def test_a_posture_is_proposed_to_a_robot_that_would_start_at_its_limits() -> None:
+    """Go2's knees cannot be straight. With the proposed posture each foot is below its thigh, off every limit."""
+    usual = load_robot(RobotSpec(model="go2"))
+    feet = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+    spec = RobotSpec(urdf=usual.source.urdf, contact_frames=feet, package_dirs=usual.source.package_dirs)
+    robot = load_robot(spec)
+    knees = [name for name in robot.joint_names if "calf" in name]
+    (note,) = robot.notes
+    assert note.startswith(f"without a posture {', '.join(knees)} start at a limit; ")
+    posture = yaml.safe_load(note[note.index("posture: {") :])["posture"]
+    proposed = load_robot(spec.replace({"posture": posture}))
+    assert proposed.notes == ()
+    q, margin = proposed.q_reference[7:], 0.08 * (robot.joint_upper - robot.joint_lower)
+    assert (robot.joint_lower + margin < q).all() and (q < robot.joint_upper - margin).all()
+    data = proposed.create_data()
+    pin.framesForwardKinematics(proposed.model, data, proposed.q_reference)
+    for foot in feet:
+        thigh = proposed.model.getJointId(foot.replace("foot", "thigh_joint"))
+        away = data.oMf[proposed.frame(foot)].translation - data.oMi[thigh].translation
+        assert abs(away[0]) < 5e-3 and away[2] < -0.25

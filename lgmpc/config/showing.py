@@ -13,7 +13,7 @@ from lgmpc.config.solutions import solution_as_run
 from lgmpc.errors import InputError
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
-from lgmpc.runs import Run, RunFolder, SolvedRun
+from lgmpc.runs import Run, SolvedRun, load_run
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.viz import (
@@ -196,7 +196,7 @@ def _config_of(run: Run) -> Config:
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
-    return RunFolder.load_any(run if isinstance(run, str | Path) else run.folder.path)
+    return load_run(run if isinstance(run, str | Path) else run.folder.path)
 
 
 def _robot_of(run: Run | SolvedRun) -> Robot:

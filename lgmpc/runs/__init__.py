@@ -3,7 +3,7 @@
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
-from lgmpc.runs.folder import Run, RunFolder, SolvedRun
+from lgmpc.runs.folder import Run, RunFolder, SolvedRun, load_run
 from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.intervals import PushInterval, push_intervals
@@ -43,6 +43,7 @@ __all__ = [
     "host_info",
     "judge",
     "judge_figures",
+    "load_run",
     "measured",
     "metric_names",
     "push_intervals",

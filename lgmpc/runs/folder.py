@@ -33,6 +33,7 @@ __all__ = [
     "Run",
     "RunFolder",
     "SolvedRun",
+    "load_run",
 ]
 
 T = TypeVar("T")
@@ -205,12 +206,22 @@ class RunFolder:
         parsed = SolveResult.from_json(result, str(path / RESULT_FILE))
         return SolvedRun(path, config, _read_arrays(path / TRAJECTORY_FILE, TrajectoryLog.from_arrays), parsed)
 
-    @staticmethod
-    def load_any(path: Path | str) -> Run | SolvedRun:
-        """Return the checked contents of a run folder of either kind; errors as :meth:`load`."""
-        path = Path(path)
-        solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
-        return RunFolder.load_solved(path) if solved else RunFolder.load(path)
+
+def load_run(path: Path | str) -> Run | SolvedRun:
+    """Return the checked contents of a run folder: of a closed loop with its log, or of a solved problem.
+
+    The channels of a log are the attributes of :class:`~lgmpc.runs.log.RunLog`, described there; ``run.log.channels``
+    has the shapes and units of those that a run has.
+
+    Args:
+        path: the folder.
+
+    Raises:
+        RunFolderError: if it is not a run folder, or a file is missing, damaged, or of a newer schema.
+    """
+    path = Path(path)
+    solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
+    return RunFolder.load_solved(path) if solved else RunFolder.load(path)
 
 
 def _texts(path: Path) -> tuple[str, str]:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from lgmpc.errors import ModelError
 from lgmpc.settings import Finite, Friction, NonNegative, Positive, Settings, Vector3, problem
 from lgmpc.simulation.drives import ActuatorSettings, LinkSettings
 from lgmpc.typing import Array
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
 __all__ = ["PlantSettings", "default_world", "real_effort_limit", "simulated_model"]
+
+
+_NO_INERTIA = 1e-15
+"""Moments below this are zero, kg.m2: those of the smallest grain of sand."""
 
 
 def _posture_kind(value: Any) -> str:
@@ -98,13 +103,24 @@ def real_effort_limit(robot: Robot, params: PlantSettings) -> Array:
 
 
 def simulated_model(robot: Robot, params: PlantSettings) -> pin.Model:
-    """Return a copy of the robot's model with the masses of the simulated robot; both plants are built from it."""
+    """Return a copy of the robot's model with the masses of the simulated robot; both plants are built from it.
+
+    Raises:
+        ModelError: bodies without inertia, such as links that their URDF gives none; names them.
+    """
     model = robot.model.copy()
+    lacking = [model.names[i] for i in range(1, model.njoints) if np.abs(model.inertias[i].inertia).max() < _NO_INERTIA]
     for joint in range(1, model.njoints):
         body = model.inertias[joint]
         mass, lever, inertia = body.mass * params.mass_scale, body.lever, body.inertia * params.mass_scale
         if joint == 1:
             mass += params.base_added_mass_kg
             lever = lever + np.asarray(params.base_com_offset_m)
-        model.inertias[joint] = pin.Inertia(mass, lever, inertia)
+        try:
+            model.inertias[joint] = pin.Inertia(mass, lever, inertia)
+        except RuntimeError as error:  # a moment below zero by rounding, which the checks of a robot let pass
+            links = f"links behind joints {', '.join(lacking or [model.names[joint]])}"
+            raise ModelError(
+                robot.name, [f"no inertia about their centre of mass: {links}; give <inertial>"]
+            ) from error
     return model

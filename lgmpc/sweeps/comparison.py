@@ -11,7 +11,7 @@ from typing import Any
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.errors import InputError, RunFolderError
-from lgmpc.runs import Run, RunFolder, SolvedRun, flat_metrics, measured
+from lgmpc.runs import Run, SolvedRun, flat_metrics, load_run, measured
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
@@ -114,7 +114,7 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
     """
     if not 0.0 <= margin < math.inf:
         raise InputError("margin", margin, "a number, 0 or above")
-    a, b = (None if is_sweep(each) else RunFolder.load_any(each) for each in (first, second))
+    a, b = (None if is_sweep(each) else load_run(each) for each in (first, second))
     if type(a) is not type(b):
         raise InputError("B", f"{_kind(b)} ({second})", f"{_kind(a)}, as A is")
     if a is None or b is None:

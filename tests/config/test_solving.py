@@ -21,7 +21,7 @@ from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
 from lgmpc.config.solving import check_scenario, prepare_solve
 from lgmpc.errors import ConfigError, ConfigErrors
-from lgmpc.runs import Outcome, RunFolder
+from lgmpc.runs import Outcome, RunFolder, load_run
 
 ARM = """\
 name: arm
@@ -141,7 +141,7 @@ def test_a_solution_is_saved_with_its_figures(finished: FinishedSolve) -> None:
     assert log.waypoint_names.tolist() == ["link2"]
     np.testing.assert_array_equal(log.control_upper, 2.0)
     assert (np.diff(log.iteration_elapsed) > 0.0).all()
-    assert RunFolder.load_any(finished.folder.path).result == run.result
+    assert load_run(finished.folder.path).result == run.result
 
 
 def test_its_config_repeats_it(finished: FinishedSolve, tmp_path: Path) -> None:

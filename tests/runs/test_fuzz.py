@@ -27,6 +27,7 @@ from lgmpc.runs import (
     compute_metrics,
     flat_metrics,
     judge,
+    load_run,
 )
 
 from .test_solved import trajectory
@@ -137,7 +138,7 @@ def fuzz(path: Path, read: Callable[[Path], object], count: int) -> None:
 
 def use(path: Path) -> None:
     """Read a folder, and rewrite what is in it."""
-    run = RunFolder.load_any(path)
+    run = load_run(path)
     run.result.to_json()
     if isinstance(run, Run) and run.result.metrics is not None:
         flat_metrics(run.result.metrics)

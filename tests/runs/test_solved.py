@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult, TrajectoryLog, Verdict, judge_figures
+from lgmpc.runs import (
+    Outcome,
+    RunFolder,
+    RunResult,
+    SolveResult,
+    TrajectoryLog,
+    Verdict,
+    judge_figures,
+    load_run,
+)
 from lgmpc.runs.figures import figure_number, figure_words, unknown_bounds
 
 
@@ -74,7 +83,7 @@ def test_the_file_contains_its_kind_and_null_for_missing_figures(folder: RunFold
 
 
 def test_each_kind_is_distinguished_from_the_other(folder: RunFolder, result: SolveResult) -> None:
-    assert RunFolder.load_any(folder.path).result.kind == "solve"
+    assert load_run(folder.path).result.kind == "solve"
     with pytest.raises(RunFolderError, match="of a solved problem, not of a closed loop"):
         RunFolder.load(folder.path)
     with pytest.raises(RunFolderError, match="of a closed loop, not of a solved problem"):

@@ -4,8 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, ModelError
+from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.simulation.parameters import PlantSettings, simulated_model
+from lgmpc.simulation.plant import make_plant
 
 
 @pytest.mark.parametrize(
@@ -50,3 +52,13 @@ def test_simulated_masses(solo12):
     np.testing.assert_allclose(model.inertias[3].matrix(), 1.5 * before[3].matrix(), rtol=1e-12, atol=1e-18)
     # The controller's model is another one, and stays as it was.
     assert all(np.array_equal(a.matrix(), b.matrix()) for a, b in zip(solo12.model.inertias, before, strict=True))
+
+
+@pytest.mark.parametrize("kind", ["mujoco", "pinocchio"])
+def test_bodies_without_inertia_are_one_error_that_names_them(kind) -> None:
+    limits = {"effort_limit_nm": 50.0, "velocity_limit_rad_s": 10.0, "armature_kg_m2": 0.1}
+    robot = load_robot(RobotSpec(model="icub_reduced", contact_frames=("l_sole", "r_sole"), **limits))
+    with pytest.raises(
+        ModelError, match="no inertia .*: links behind joints r_hip_pitch, r_hip_roll, .*r_wrist_pitch;"
+    ):
+        make_plant(robot, PlantSettings(kind=kind))

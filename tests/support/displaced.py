@@ -9,6 +9,7 @@ import numpy as np
 
 from lgmpc.lie import quaternion, so3
 from lgmpc.robot import Robot
+from lgmpc.runs import RunLog
 from lgmpc.typing import Array
 from lgmpc.world import Plane, World
 
@@ -72,6 +73,21 @@ class Displacement:
         model.gravity.linear = self.rotation @ robot.model.gravity.linear
         return replace(robot, model=model)
 
+    def log(self, log: RunLog, world: World) -> RunLog:
+        """Return the displaced log of a run in a world, which is displaced too."""
+        moved = {name: self.points(getattr(log, name)) for name in _POINTS if getattr(log, name) is not None}
+        moved |= {name: self.vectors(getattr(log, name)) for name in _VECTORS}
+        moved |= {name: self.poses(getattr(log, name)) for name in _POSES if getattr(log, name) is not None}
+        moved["push_point"] = np.where(log.push_point.any(axis=1, keepdims=True), moved["push_point"], 0.0)
+        moved["ground_height"] = self.world(world).height(moved["q"][:, :2])
+        return replace(log, **moved)
+
+
+_POINTS = ("contact_points", "com", "com_reference", "push_point", "mpc_horizon_com", "swing_targets", "footholds")
+_VECTORS = (
+    "contact_forces", "contact_forces_desired", "contact_normals", "ground_normal", "momentum", "push", "mpc_forces",
+)  # fmt: skip
+_POSES = ("q", "base_reference", "estimate_q")
 
 DISPLACEMENTS = {
     "shifted": Displacement.of((3.0, -2.0, -0.7)),

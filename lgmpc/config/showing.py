@@ -173,12 +173,12 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
     loaded = _load(run)
     robot = _robot_of(loaded)
     if isinstance(loaded, SolvedRun):
-        gate = parse_solve_config(loaded.config, name=str(loaded.path / CONFIG_FILE), folder=loaded.path).gate
-        content = solve_report(robot, loaded, gate.bounds)
+        solve = parse_solve_config(loaded.config, name=str(loaded.path / CONFIG_FILE), folder=loaded.path)
+        page = solve_report(robot, loaded, solve.gate.bounds)
     else:
-        gate = _config_of(loaded).gate
-        content = run_report(robot, loaded, gate, _explained(loaded, robot), _ground_of(loaded))
-    return write_page(content, html or loaded.path / "report.html")
+        gate, ground = _config_of(loaded).gate, _ground_of(loaded)
+        page = run_report(robot, loaded, gate, _explained(loaded, robot), ground)
+    return write_page(page, html or loaded.path / "report.html")
 
 
 def _explained(run: Run, robot: Robot) -> Explanation:

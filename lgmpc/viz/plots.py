@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,24 +13,21 @@ from lgmpc.runs import Run, RunLog
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.figures import length_unit
 from lgmpc.runs.metrics import rpy_deg
-from lgmpc.typing import Array
 from lgmpc.viz.figure_files import (
     Drawing,
     Plots,
     draw_figures,
-    draw_limits,
     figure_title,
     joint_kinds,
     joint_style,
     legend_above,
     legend_of_joints,
 )
-from lgmpc.viz.log_axes import finish, friction_words, label_modes, label_pushes
-from lgmpc.viz.style import EXTRA, INK, LIMIT, X, Y, Z
+from lgmpc.viz.series import draw_efforts, draw_forces, draw_xyz, finish, friction_words, label_modes, label_pushes
+from lgmpc.viz.style import INK, LIMIT, X, Y, Z
 from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["FIGURES", "plot_run", "run_drawings"]
@@ -59,11 +57,7 @@ def run_drawings(run: Run) -> dict[str, Drawing]:
     """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least two ticks")
-
-    def drawing(draw: Callable[[Figure, RunLog], bool]) -> Drawing:
-        return lambda figure: draw(figure, run.log)
-
-    return {name: drawing(draw) for name, draw in FIGURES.items()}
+    return {name: partial(draw, log=run.log) for name, draw in FIGURES.items()}
 
 
 def _base(figure: Figure, log: RunLog) -> bool:
@@ -84,7 +78,7 @@ def _base(figure: Figure, log: RunLog) -> bool:
     finish(log, position, span=2e-3 * scale)
     finish(log, height, span=2.0)
     finish(log, tilt)
-    label_pushes(log, position)
+    label_pushes(log, [position])
     label_modes(log, height)
     legend_above(position, height)
     return True
@@ -95,15 +89,13 @@ def _attitude(figure: Figure, log: RunLog) -> bool:
         return False
     figure.set_size_inches(8.0, 4.8)
     angles, rates = figure.subplots(2, 1, sharex=True)
-    rpy = rpy_deg(log.base_pose[:, 3:])
-    for axis, (color, name) in enumerate(((X, "roll, x"), (Y, "pitch, y"), (Z, "yaw, z"))):
-        angles.plot(log.time, rpy[:, axis], color=color, label=name)
-        rates.plot(log.time, log.v[:, 3 + axis], color=color, lw=1.1)
+    draw_xyz(angles, log.time, rpy_deg(log.base_pose[:, 3:]), ("roll, x", "pitch, y", "yaw, z"))
+    draw_xyz(rates, log.time, log.v[:, 3:6], lw=1.1)
     angles.set(title="Base attitude", ylabel="deg")
     rates.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
     finish(log, angles, span=0.2)
     finish(log, rates, span=0.02)
-    label_pushes(log, angles)
+    label_pushes(log, [angles])
     legend_above(angles)
     return True
 
@@ -111,54 +103,25 @@ def _attitude(figure: Figure, log: RunLog) -> bool:
 def _com(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 5.6)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.7, 1.0))
-    first: Axes | None = None
+    first = figure.add_subplot(grid[0, 0])
+    rows = [first, *(figure.add_subplot(grid[axis, 0], sharex=first) for axis in (1, 2))]
     unit, scale = length_unit(float(np.ptp(log.com[:, :2], axis=0).max()))
-    units = ((unit, scale), (unit, scale), ("mm", 1e3))
-    for axis, (color, name) in enumerate(((X, "x"), (Y, "y"), (Z, "z"))):
-        axes = figure.add_subplot(grid[axis, 0], sharex=first)
-        first = first or axes
-        each, factor = units[axis]
-        axes.plot(log.time, factor * log.com_reference[:, axis], color=INK, lw=1.0, ls="--", label="target")
+    target = {"color": INK, "lw": 1.0, "ls": "--"}
+    for axis, (axes, color, name) in enumerate(zip(rows, (X, Y, Z), "xyz", strict=True)):
+        each, factor = (unit, scale) if axis < 2 else ("mm", 1e3)
+        axes.plot(log.time, factor * log.com_reference[:, axis], **target, label="target")
         axes.plot(log.time, factor * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, {each}")
         finish(log, axes, span=2e-3 * factor)
-    assert first is not None
-    label_pushes(log, first)
+    label_pushes(log, [first])
     first.set_title("Centre of mass and its target")
     legend_above(first)
-    figure.axes[2].set_xlabel("time, s")
+    rows[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
-    above.plot(*scale * log.com_reference[:, :2].T, color=INK, lw=1.0, ls="--", marker=".")
+    above.plot(*scale * log.com_reference[:, :2].T, **target, marker=".")
     above.plot(*scale * log.com[:, :2].T, color=X)
     above.set(title="Seen from above", xlabel=f"x, {unit}", ylabel=f"y, {unit}")
     above.set_aspect("equal", adjustable="datalim")
-    return True
-
-
-def _forces(figure: Figure, log: RunLog) -> bool:
-    """Draw each contact's tangential force over its friction limit, and its normal force."""
-    contacts = len(log.contact_frames)
-    if contacts == 0:
-        return False
-    figure.set_size_inches(9.6, 1.0 + 1.7 * contacts)
-    rows = figure.subplots(contacts, 2, sharex=True, sharey="col", squeeze=False)
-    for k, name in enumerate(log.contact_frames.tolist()):
-        normal, tangential = log.normal_forces[:, k], log.tangential_forces[:, k]
-        left, right = rows[k]
-        left.plot(log.time, log.contact_forces_desired[:, k, 2], color=EXTRA, lw=1.0, label="planned")
-        left.plot(log.time, normal, color=X, label="measured")
-        left.set_ylabel(f"{name}, N")
-        limit = log.friction_over_time * np.maximum(normal, 0.0)
-        right.fill_between(log.time, 0.0, limit, color=Z, alpha=0.18, lw=0.0)
-        right.plot(log.time, limit, color=Z, lw=1.0, label=f"{friction_words(log)} × normal force")
-        right.plot(log.time, tangential, color=LIMIT, label="tangential force")
-        finish(log, left, right)
-    rows[0, 0].set_title("Normal force")
-    rows[0, 1].set_title("Friction")
-    for axes in rows[-1]:
-        axes.set_xlabel("time, s")
-    label_pushes(log, *rows[0])
-    legend_above(*rows[0])
     return True
 
 
@@ -175,7 +138,8 @@ def _joints(figure: Figure, log: RunLog) -> bool:
     scalar = log.q.shape[1] - first == len(names)  # a joint may have more coordinates than degrees of freedom
     for (position, velocity), (kind, joints) in zip(grid, rows.items(), strict=True):
         for count, joint in enumerate(joints):
-            style = {**joint_style(count), "lw": 1.1, "label": _joint_label(names[joint], kinds)}
+            label = names[joint].partition("_")[0] if kinds else names[joint]
+            style = {**joint_style(count), "lw": 1.1, "label": label}
             position.plot(log.time, log.q[:, first + joint] if scalar else np.full(log.ticks, np.nan), **style)
             velocity.plot(log.time, log.joint_velocity[:, joint], **style)
         position.set(title=f"Position{kind and ', '}{kind}", ylabel="rad")
@@ -184,49 +148,34 @@ def _joints(figure: Figure, log: RunLog) -> bool:
         finish(log, velocity, span=0.02)
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
-    label_pushes(log, *grid[0])
+    label_pushes(log, grid[0])
     legend_of_joints(grid[0, 1], len(next(iter(rows.values()))))
     return True
 
 
-def _torques(figure: Figure, log: RunLog) -> bool:
-    """Draw torques and their limits: a row for each kind of joint that all legs have, else ratios to the limits."""
-    names: list[str] = log.joint_names.tolist()
-    if not names:
+def _forces(figure: Figure, log: RunLog) -> bool:
+    """Draw each contact's normal force, planned and measured, and its tangential force over its friction limit."""
+    if not len(log.contact_frames):
         return False
-    kinds = joint_kinds(names)
-    alike = bool(kinds)
-    rows: dict[str, list[int]] = kinds or {"": list(range(len(names)))}
-    figure.set_size_inches(8.0, 1.2 + (1.7 if alike else 3.0) * len(rows))
-    all_axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
-        limits = log.effort_limit_over_time[:, joints]
-        scale = np.ones_like(limits) if alike else limits
-        for count, joint in enumerate(joints):
-            style = {**joint_style(count), "lw": 1.1, "label": _joint_label(names[joint], kinds)}
-            axes.plot(log.time, log.tau[:, joint] / scale[:, count], **style)
-        for limit in np.unique(limits / scale, axis=1).T:
-            _draw_effort_limit(axes, log.time, limit, " {:g} N.m" if alike else "")
-        axes.set_ylabel("N.m" if alike else "fraction of the limit")
-        axes.set_title(f"Torque, {kind}" if alike else "Joint torques")
-        finish(log, axes)
-    all_axes[-1].set_xlabel("time, s")
-    label_pushes(log, all_axes[0])
-    legend_of_joints(all_axes[0], len(next(iter(rows.values()))))
+    names, words = log.contact_frames.tolist(), friction_words(log)
+    planned = np.einsum("nki,nki->nk", log.contact_forces_desired, log.contact_normals)
+    forces = log.normal_forces, log.tangential_forces, log.friction_limits
+    rows = draw_forces(figure, names, log.time, *forces, words, planned=planned)
+    finish(log, *rows.flat)
+    label_pushes(log, rows[0])
     return True
 
 
-def _draw_effort_limit(axes: Axes, time: Array, limit: Array, figure: str) -> None:
-    """Draw a limit (n,) on both sides of zero; where it changes, each of its values with a label."""
-    last = float(limit[-1])
-    if (limit == last).all():
-        draw_limits(axes, -last, last, "limit" + figure.format(last))
-        return
-    for side in (-limit, limit):
-        axes.plot(time, side, color=LIMIT, ls="--", lw=1.1, drawstyle="steps-post")
-    place: dict[str, Any] = {"xytext": (3, -3), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
-    for each in np.flatnonzero(np.diff(limit, prepend=np.nan)):
-        axes.annotate("limit" + figure.format(limit[each]), (time[each], limit[each]), color=LIMIT, **place)
+def _torques(figure: Figure, log: RunLog) -> bool:
+    """Draw torques and their limits."""
+    names: list[str] = log.joint_names.tolist()
+    if not names:
+        return False
+    limit = log.effort_limit_over_time
+    all_axes = draw_efforts(figure, "Torque", "N.m", names, log.time, log.tau, -limit, limit)
+    finish(log, *all_axes)
+    label_pushes(log, all_axes[:1])
+    return True
 
 
 def _timing(figure: Figure, log: RunLog) -> bool:
@@ -271,17 +220,16 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
         return False
     figure.set_size_inches(8.0, 6.2)
     position, attitude, velocity = figure.subplots(3, 1, sharex=True)
+    draw_xyz(position, log.time, 1e3 * (log.estimate_q[:, :3] - log.q[:, :3]))
+    draw_xyz(velocity, log.time, 1e3 * (log.estimate_v[:, :3] - log.v[:, :3]), lw=0.9)
     tilt, yaw = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
-    for axis, (color, name) in enumerate(((X, "x"), (Y, "y"), (Z, "z"))):
-        position.plot(log.time, 1e3 * (log.estimate_q[:, axis] - log.q[:, axis]), color=color, label=name)
-        velocity.plot(log.time, 1e3 * (log.estimate_v[:, axis] - log.v[:, axis]), color=color, lw=0.9)
     attitude.plot(log.time, tilt, color=X, label="tilt")
     attitude.plot(log.time, yaw, color=Y, label="yaw")
     position.set(title="Error of the estimated base position", ylabel="mm")
     attitude.set(title="Error of the estimated orientation", ylabel="deg")
     velocity.set(title="Error of the estimated velocity, base axes", ylabel="mm/s", xlabel="time, s")
     finish(log, position, attitude, velocity)
-    label_pushes(log, position)
+    label_pushes(log, [position])
     legend_above(position, attitude)
     return True
 
@@ -300,8 +248,3 @@ FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "estimate": _estimate,
 }
 """Figures of :func:`plot_run`: file name without ``.png`` -> drawing, which returns whether there was data."""
-
-
-def _joint_label(name: str, kinds: Mapping[str, Sequence[int]]) -> str:
-    """Return the leg of a joint if rows are kinds of joints, else its name."""
-    return name.partition("_")[0] if kinds else name

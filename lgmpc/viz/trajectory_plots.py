@@ -12,18 +12,9 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.log import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import (
-    Drawing,
-    Plots,
-    draw_figures,
-    draw_limits,
-    figure_title,
-    joint_kinds,
-    joint_style,
-    legend_above,
-    legend_of_joints,
-)
-from lgmpc.viz.style import EXTRA, INK, LIMIT, PALETTE, SOFT, X, Y, Z
+from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_style, legend_above
+from lgmpc.viz.series import draw_efforts, draw_forces, draw_xyz
+from lgmpc.viz.style import EXTRA, INK, SOFT, X, Y
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,8 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_trajectory", "trajectory_drawings"]
 
-_AXES = ((X, "x"), (Y, "y"), (Z, "z"))
-_COLORS = tuple(color for color in PALETTE if color != LIMIT)
 _NEAR = 0.3
 """Velocities below this fraction of their limits are drawn without the limits."""
 
@@ -78,10 +67,8 @@ def _base(figure: Figure, log: TrajectoryLog) -> bool:
     figure.set_size_inches(8.0, 7.8)
     position, tilt, linear, angular = figure.subplots(4, 1, sharex=True)
     v = log.xs[:, log.nq :]
-    for axis, (color, name) in enumerate(_AXES):
-        position.plot(log.times, log.xs[:, axis], color=color, label=name)
-        linear.plot(log.times, v[:, axis], color=color, label=name)
-        angular.plot(log.times, v[:, 3 + axis], color=color, label=name)
+    for axes, values in ((position, log.xs[:, :3]), (linear, v[:, :3]), (angular, v[:, 3:6])):
+        draw_xyz(axes, log.times, values)
     tilt.plot(log.times, tilt_deg(log.xs[:, 3:7]), color=INK)
     position.set(title="Base position, world", ylabel="m")
     tilt.set(title="Base tilt from upright", ylabel="deg", ylim=(0.0, None))
@@ -104,11 +91,10 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
     q = log.xs[:, robot.joint_q] if scalar else np.zeros((len(log.times), 0))
     v = log.xs[:, robot.nq :][:, robot.joint_v]
     for i, name in enumerate(robot.joint_names):
-        color, dashes = _line(i)
         if scalar and bounded[i]:
             share = 2.0 * (q[:, i] - lower[i]) / (upper[i] - lower[i]) - 1.0
-            position.plot(log.times, share, color=color, ls=dashes, lw=1.1)
-        velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], color=color, ls=dashes, lw=1.1, label=name)
+            position.plot(log.times, share, **joint_style(i), lw=1.1)
+        velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], **joint_style(i), lw=1.1, label=name)
     draw_limits(position, -1.0, 1.0, "limit")
     if np.abs(v / robot.velocity_limit).max() > _NEAR:
         draw_limits(velocity, -1.0, 1.0, "limit")
@@ -121,64 +107,32 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
 
 
 def _controls(figure: Figure, log: TrajectoryLog) -> bool:
-    """Draw controls and their limits: a row for each kind of joint that all legs have, else ratios to the limits."""
+    """Draw controls, constant over each interval, and their limits."""
     names: list[str] = log.control_names.tolist()
     if not names:
         return False
-    kinds = joint_kinds(names)
-    known = bool(np.isfinite(log.control_lower).all() and np.isfinite(log.control_upper).all())
-    if kinds:
-        figure.set_size_inches(8.0, 1.2 + 1.7 * len(kinds))
-        all_axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, (kind, chosen) in zip(all_axes, kinds.items(), strict=True):
-            for count, i in enumerate(chosen):
-                style = {**joint_style(count), "label": names[i].partition("_")[0], "lw": 1.2}
-                axes.stairs(log.us[:, i], log.times, baseline=None, **style)
-            if known:
-                low, high = float(log.control_lower[chosen].min()), float(log.control_upper[chosen].max())
-                draw_limits(axes, low, high, f"limit {high:g} {log.control_unit}")
-            axes.set(title=f"Control, {kind}", ylabel=log.control_unit)
-        legend_of_joints(all_axes[0], len(next(iter(kinds.values()))))
-    else:
-        figure.set_size_inches(8.0, 4.2)
-        all_axes = np.array([figure.subplots()])
-        axes = all_axes[0]
-        scale = np.maximum(np.abs(log.control_lower), np.abs(log.control_upper)) if known else np.ones(len(names))
-        for i, name in enumerate(names):
-            color, dashes = _line(i)
-            axes.stairs(log.us[:, i] / scale[i], log.times, baseline=None, color=color, ls=dashes, label=name, lw=1.2)
-        if known:
-            draw_limits(axes, float((log.control_lower / scale).min()), 1.0, "limit")
-        axes.set(title="Controls", ylabel="fraction of the limit" if known else log.control_unit)
-        if len(names) <= 18:
-            figure.legend(loc="outside right center", fontsize=8)
-    all_axes[-1].set_xlabel("time, s")
-    _finish(log, *all_axes)
+    ends = (np.broadcast_to(each, (len(log.times), len(names))) for each in (log.control_lower, log.control_upper))
+    _finish(log, *draw_efforts(figure, "Control", log.control_unit, names, log.times, _held(log.us), *ends, steps=True))
     return True
 
 
 def _forces(figure: Figure, log: TrajectoryLog) -> bool:
-    """Draw each contact's normal force, and its tangential one over the friction limit."""
+    """Draw each contact's forces, constant over each interval, and its friction limit."""
     if not log.contact_flags.any():
         return False
-    contacts = len(log.contact_frames)
-    figure.set_size_inches(9.6, 1.0 + 1.7 * contacts)
-    rows = figure.subplots(contacts, 2, sharex=True, sharey="col", squeeze=False)
-    for k, name in enumerate(log.contact_frames.tolist()):
-        normal, tangential = log.contact_forces[:, k, 2], np.linalg.norm(log.contact_forces[:, k, :2], axis=1)
-        left, right = rows[k]
-        _steps(left, log, normal, X, "normal force")
-        left.set_ylabel(f"{name}, N")
-        if np.isfinite(log.friction):
-            _steps(right, log, log.friction * np.maximum(normal, 0.0), Z, "µ × normal force", fill=True)
-        _steps(right, log, tangential, LIMIT, "tangential force")
-        _finish(log, left, right)
-    rows[0, 0].set_title("Normal force")
-    rows[0, 1].set_title(f"Friction, µ = {log.friction:g}" if np.isfinite(log.friction) else "Friction")
-    for axes in rows[-1]:
-        axes.set_xlabel("time, s")
-    legend_above(rows[0, 1])
+    forces = _held(log.contact_forces)
+    normal, tangential = forces[:, :, 2], np.linalg.norm(forces[:, :, :2], axis=2)
+    limit = log.friction * np.maximum(normal, 0.0) if np.isfinite(log.friction) else None
+    names = log.contact_frames.tolist()
+    _finish(
+        log, *draw_forces(figure, names, log.times, normal, tangential, limit, f"{log.friction:g}", steps=True).flat
+    )
     return True
+
+
+def _held(values: Array) -> Array:
+    """Return values (n, ...) of intervals at the (n + 1) nodes: each holds until the next."""
+    return np.concatenate((values, values[-1:]))
 
 
 def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
@@ -210,18 +164,6 @@ def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
     if residual.lines:
         legend_above(residual)
     return True
-
-
-def _steps(axes: Axes, log: TrajectoryLog, values: Array, color: str, label: str, *, fill: bool = False) -> None:
-    """Draw a quantity that is constant over each interval."""
-    axes.stairs(values, log.times, baseline=None, color=color, label=label, lw=1.2)
-    if fill:
-        axes.stairs(values, log.times, fill=True, color=color, alpha=0.18, lw=0.0)
-
-
-def _line(i: int) -> tuple[str, str]:
-    """Return colour and dashes of the i-th of many lines."""
-    return _COLORS[i % len(_COLORS)], ("-", "--", ":")[i // len(_COLORS) % 3]
 
 
 def _finish(log: TrajectoryLog, *all_axes: Axes) -> None:

@@ -12,7 +12,7 @@ from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.walking import body_velocity, stride_mean
 from lgmpc.typing import BoolArray
 from lgmpc.viz.figure_files import legend_above
-from lgmpc.viz.log_axes import finish, label_pushes
+from lgmpc.viz.series import finish, label_pushes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, SOFT, X, Y, Z
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def draw_velocity(figure: Figure, log: RunLog) -> bool:
         axes.set(title=title, ylabel=unit)
         finish(log, axes, span=0.1)
     rows[-1].set_xlabel("time, s")
-    label_pushes(log, rows[0])
+    label_pushes(log, rows[:1])
     legend_above(rows[0])
     return True
 

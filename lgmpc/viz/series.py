@@ -1,0 +1,197 @@
+"""Drawings over time of runs and solved trajectories: forces and friction, efforts and limits; pushes, modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lgmpc.runs import RunLog, push_intervals
+from lgmpc.runs.log import MODES
+from lgmpc.typing import Array
+from lgmpc.viz.figure_files import draw_limits, joint_kinds, joint_style, legend_above, legend_of_joints
+from lgmpc.viz.style import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_efforts", "draw_forces", "draw_xyz", "finish", "friction_words", "label_modes", "label_pushes"]
+
+_MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
+"""Colours of the modes; standing has none."""
+
+_NARROWEST = 0.035
+"""Share of the time axis above which an interval of a mode is labelled."""
+
+_LABEL_BAND = 0.16
+"""Fraction of an axes' height reserved for the pushes' labels."""
+
+
+def draw_xyz(axes: Axes, time: Array, values: Array, names: Sequence[str] = ("x", "y", "z"), **style: Any) -> None:
+    """Draw the components of vectors (n, 3)."""
+    for component, color, name in zip(values.T, (X, Y, Z), names, strict=True):
+        axes.plot(time, component, color=color, label=name, **style)
+
+
+def draw_forces(
+    figure: Figure,
+    names: Sequence[str],
+    time: Array,
+    normal: Array,
+    tangential: Array,
+    limit: Array | None,
+    friction: str,
+    *,
+    planned: Array | None = None,
+    steps: bool = False,
+) -> NDArray[Any]:
+    """Draw each contact's normal force, and its tangential one over the friction limit.
+
+    Args:
+        figure: empty figure.
+        names: of the nc contacts.
+        time: (n,) s.
+        normal: (n, nc) normal forces, N.
+        tangential: (n, nc) norms of the tangential forces, N.
+        limit: (n, nc) friction limits, N; ``None`` if there are none.
+        friction: coefficients in words.
+        planned: (n, nc) planned normal forces, N.
+        steps: whether forces are constant until the next time.
+
+    Returns:
+        (nc, 2) the axes.
+    """
+    figure.set_size_inches(9.6, 1.0 + 1.7 * len(names))
+    rows: NDArray[Any] = figure.subplots(len(names), 2, sharex=True, sharey="col", squeeze=False)
+    style = _drawn(steps)
+    for k, (name, (left, right)) in enumerate(zip(names, rows, strict=True)):
+        if planned is not None:
+            left.plot(time, planned[:, k], color=EXTRA, lw=1.0, label="planned", **style)
+        left.plot(time, normal[:, k], color=X, label="measured" if planned is not None else "normal force", **style)
+        left.set_ylabel(f"{name}, N")
+        if limit is not None:
+            right.fill_between(time, 0.0, limit[:, k], color=Z, alpha=0.18, lw=0.0, step="post" if steps else None)
+            right.plot(time, limit[:, k], color=Z, lw=1.0, label=f"{friction} × normal force", **style)
+        right.plot(time, tangential[:, k], color=LIMIT, label="tangential force", **style)
+    rows[0, 0].set_title("Normal force")
+    rows[0, 1].set_title("Friction")
+    for axes in rows[-1]:
+        axes.set_xlabel("time, s")
+    legend_above(*rows[0])
+    return rows
+
+
+def draw_efforts(
+    figure: Figure,
+    title: str,
+    unit: str,
+    names: Sequence[str],
+    time: Array,
+    values: Array,
+    lower: Array,
+    upper: Array,
+    *,
+    steps: bool = False,
+) -> NDArray[Any]:
+    """Draw efforts and their limits: a row for each kind of joint that all legs have, else ratios to the limits.
+
+    Args:
+        figure: empty figure.
+        title: name of one effort.
+        unit: its unit.
+        names: of the nu joints.
+        time: (n,) s.
+        values: (n, nu) efforts.
+        lower: (n, nu) limits; not finite where there is none.
+        upper: (n, nu) limits.
+        steps: whether efforts are constant until the next time.
+
+    Returns:
+        (k,) the axes.
+    """
+    kinds = joint_kinds(names)
+    rows: dict[str, list[int]] = kinds or {"": list(range(len(names)))}
+    figure.set_size_inches(8.0, 1.2 + (1.7 if kinds else 3.0) * len(rows))
+    all_axes: NDArray[Any] = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    known = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
+    scale = np.ones_like(values) if kinds or not known else np.maximum(np.abs(lower), np.abs(upper))
+    for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
+        for count, joint in enumerate(joints):
+            label = names[joint].partition("_")[0] if kinds else names[joint]
+            style = {**joint_style(count), **_drawn(steps), "lw": 1.1, "label": label}
+            axes.plot(time, values[:, joint] / scale[:, joint], **style)
+        if known:
+            ends = np.stack((lower[:, joints] / scale[:, joints], upper[:, joints] / scale[:, joints]))
+            for low, high in np.unique(ends, axis=2).transpose(2, 0, 1):
+                _draw_changing_limits(axes, time, low, high, f" {{:g}} {unit}" if kinds else "")
+        axes.set_ylabel("fraction of the limit" if known and not kinds else unit)
+        axes.set_title(f"{title}, {kind}" if kinds else f"{title}s")
+    all_axes[-1].set_xlabel("time, s")
+    legend_of_joints(all_axes[0], len(next(iter(rows.values()))))
+    return all_axes
+
+
+def _drawn(steps: bool) -> dict[str, str]:
+    return {"drawstyle": "steps-post"} if steps else {}
+
+
+def _draw_changing_limits(axes: Axes, time: Array, low: Array, high: Array, figure: str) -> None:
+    """Draw limits (n,); where they change, each value of the upper one with a label."""
+    if (low == low[0]).all() and (high == high[0]).all():
+        draw_limits(axes, float(low[0]), float(high[0]), "limit" + figure.format(high[0]))
+        return
+    for side in (low, high):
+        axes.plot(time, side, color=LIMIT, ls="--", lw=1.1, drawstyle="steps-post")
+    place: dict[str, Any] = {"xytext": (3, -3), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
+    for each in np.flatnonzero(np.diff(high, prepend=np.nan)):
+        axes.annotate("limit" + figure.format(high[each]), (time[each], high[each]), color=LIMIT, **place)
+
+
+def finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:
+    """Shade the pushes, fit the time axis, and extend the vertical one to ``span`` at least."""
+    for axes in all_axes:
+        for push in push_intervals(log):
+            axes.axvspan(push.start, push.end, color=PUSH, alpha=0.15, lw=0.0, zorder=0)
+        axes.set_xlim(float(log.time[0]), float(log.time[-1]))
+        low, high = axes.get_ylim()
+        if high - low < span:
+            axes.set_ylim(0.5 * (low + high - span), 0.5 * (low + high + span))
+
+
+def label_pushes(log: RunLog, all_axes: Iterable[Axes]) -> None:
+    """Label each push with its impulse in a band above the curves and limits, unless there are too many."""
+    pushes = push_intervals(log)
+    for axes in all_axes if 0 < len(pushes) <= 8 else ():
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + _LABEL_BAND / (1.0 - _LABEL_BAND) * (high - low))
+        for push in pushes:
+            text = f"{np.linalg.norm(push.impulse):.2g} N.s"
+            where = (0.5 * (push.start + push.end), 0.98)
+            axes.annotate(
+                text, where, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8, color=PUSH
+            )
+
+
+def friction_words(log: RunLog) -> str:
+    """Return the friction coefficients of the floor in the order of their times: ``0.6``, ``0.6, then 0.3``."""
+    floor = log.friction_over_time
+    changed = np.flatnonzero(np.diff(floor, prepend=np.nan))
+    return ", then ".join(f"{each:g}" for each in (floor[changed] if len(floor) else [log.friction]))
+
+
+def label_modes(log: RunLog, axes: Axes) -> None:
+    """Draw a band of the modes along the lower edge, unless the robot only stood."""
+    if log.mode is None or log.ticks < 2 or bool((log.mode == MODES.index("stand")).all()):
+        return
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(log.mode)) + 1, [log.ticks])).tolist()
+    times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
+    for a, b in zip(edges, edges[1:], strict=False):
+        name = dict(enumerate(MODES)).get(int(log.mode[a]), "")
+        if name in _MODE_COLORS:
+            axes.axvspan(times[a], times[b], 0.0, 0.09, color=_MODE_COLORS[name], alpha=0.35, lw=0.0, zorder=0)
+        if times[b] - times[a] > _NARROWEST * (times[-1] - times[0]):
+            where = (0.5 * (times[a] + times[b]), 0.045)
+            axes.annotate(name, where, xycoords=("data", "axes fraction"), ha="center", va="center", fontsize=7)

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lgmpc.runs import RunLog
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
 from lgmpc.viz.figure_files import draw_figures, legend_above
+from lgmpc.viz.series import extremes
 from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z
+from lgmpc.viz.walking_plots import draw_contact_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,15 +58,15 @@ def draw_explanation(figure: Figure, explanation: Explanation) -> bool:
     begin, end = _window(explanation)
     shown = (log.time >= begin) & (log.time <= end)
     rows = max(len(lines), 2)
-    heights = [0.26 * rows, 1.5, 1.1, 1.3, 0.22 * max(len(log.contact_frames), 2)]
+    heights = [0.26 * rows, 1.5, 1.1, 1.3, 0.3 * max(len(log.contact_frames), 2)]
     figure.set_size_inches(9.6, sum(heights) + 1.6)
     timeline, used, capture, attitude, contacts = figure.subplots(5, 1, sharex=True, height_ratios=heights)
     _draw_events(timeline, lines, explanation)
     _draw_used(used, explanation, shown)
     _draw_capture(capture, explanation, shown)
     _draw_attitude(attitude, explanation, shown)
-    _draw_contacts(contacts, log, shown)
-    contacts.set_xlabel("time, s")
+    draw_contact_rows(contacts, log)
+    contacts.set(title="Contact measured (grey), and its state for the controller", xlabel="time, s")
     contacts.set_xlim(begin, end)
     for axes in (timeline, used, capture, attitude, contacts):
         for event in explanation.events:
@@ -129,9 +130,10 @@ def _draw_capture(axes: Axes, explanation: Explanation, shown: np.ndarray) -> No
     axes.set(title="Capture point inside the support", ylabel="mm")
     for quantity in explanation.quantities:
         if quantity.name == "capture point":
-            margin = quantity.margins[shown, 0]
-            axes.plot(explanation.log.time[shown], margin, color=X)
-            axes.fill_between(explanation.log.time[shown], np.minimum(margin, 0.0), 0.0, color=LIMIT, alpha=0.3, lw=0.0)
+            time, margin = explanation.log.time[shown], quantity.margins[shown, 0]
+            axes.plot(time, margin, color=X)
+            at = extremes(margin)
+            axes.fill_between(time[at], np.minimum(margin[at], 0.0), 0.0, color=LIMIT, alpha=0.3, lw=0.0)
     axes.axhline(0.0, color=LIMIT, ls="--", lw=1.0)
 
 
@@ -148,19 +150,3 @@ def _draw_attitude(axes: Axes, explanation: Explanation, shown: np.ndarray) -> N
     axes.set(title="Base", ylim=(0.0, None))
     axes.set_ylabel("tilt, deg", color=X)
     second.set_ylabel("height, mm", color=Z)
-
-
-def _draw_contacts(axes: Axes, log: RunLog, shown: np.ndarray) -> None:
-    """Draw a row for each foot: filled in measured contact, outlined where the controller assumes contact."""
-    time = log.time[shown]
-    for row, name in enumerate(log.contact_frames.tolist()):
-        touching = log.closed[shown, row]
-        axes.fill_between(time, row - 0.36, row + 0.36, where=touching, color=X, alpha=0.5, lw=0.0, step="post")
-        if log.stance is not None:
-            relied = np.where(log.stance[shown, row] != 0, row + 0.36, np.nan)
-            axes.plot(time, relied, color=INK, lw=1.2)
-        axes.annotate(name, (1.004, row), xycoords=("axes fraction", "data"), va="center", fontsize=8, color=SOFT)
-    axes.set_ylim(len(log.contact_frames) - 0.4, -0.6)
-    axes.set_yticks([])
-    axes.grid(visible=False)
-    axes.set_title("Contact measured (filled), assumed by the controller (line)")

@@ -27,6 +27,7 @@ __all__ = [
     "Plots",
     "draw_figures",
     "draw_limits",
+    "figure_heading",
     "figure_title",
     "joint_kinds",
     "joint_style",
@@ -84,7 +85,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
 
     Args:
         drawings: name -> drawing.
-        title: of every figure.
+        title: of the run, in the title of every figure.
 
     Returns:
         Those with data.
@@ -97,7 +98,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
         for name, draw in drawings.items():
             figure = make()
             if draw(figure):
-                figure.suptitle(title, x=0.01, ha="left", fontsize=9, color=SOFT)
+                figure.suptitle(f"{figure_heading(name)} · {title}", x=0.01, ha="left", fontsize=9, color=SOFT)
                 figure.draw_without_rendering()  # ticks are created when drawn, in the style active then
                 drawn[name] = figure
     return Plots(drawn, title)
@@ -141,6 +142,11 @@ def _for_page(svg: str, axes: str) -> str:
     for color, variable in THEMED.items():
         element = element.replace(color, f"var(--{variable})")
     return element.replace("<svg", f'<svg data-axes="{escape(axes)}"', 1)
+
+
+def figure_heading(name: str) -> str:
+    """Return the heading of a figure: of ``torques`` "Torques"."""
+    return {"com": "Centre of mass"}.get(name, name.capitalize().replace("_", " "))
 
 
 def figure_title(result: RunResult | SolveResult) -> str:

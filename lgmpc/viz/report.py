@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
 
-from lgmpc.viz.figure_files import Drawing, svg_figures
+from lgmpc.viz.figure_files import Drawing, figure_heading, svg_figures
 from lgmpc.viz.page import filled
 
 __all__ = ["code", "figures", "folded", "replay", "report_page", "section", "table", "words"]
@@ -44,8 +44,11 @@ def figures(drawings: Mapping[str, Drawing]) -> str:
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
-    drawn = svg_figures(drawings).items()
-    return "\n".join(f'<figure role="img" aria-label="{escape(name)}">{svg}</figure>' for name, svg in drawn)
+    found = []
+    for name, svg in svg_figures(drawings).items():
+        caption = f"<figcaption>{escape(figure_heading(name))}</figcaption>"
+        found.append(f'<figure role="img" aria-label="{escape(name)}">{caption}{svg}</figure>')
+    return "\n".join(found)
 
 
 def code(text: str) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lgmpc.runs import RunLog, push_intervals
 from lgmpc.runs.log import MODES
-from lgmpc.typing import Array
+from lgmpc.typing import Array, IntArray
 from lgmpc.viz.figure_files import draw_limits, joint_kinds, joint_style, legend_above, legend_of_joints
 from lgmpc.viz.style import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z
 
@@ -18,7 +18,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_efforts", "draw_forces", "draw_xyz", "finish", "friction_words", "label_modes", "label_pushes"]
+__all__ = [
+    "draw_efforts",
+    "draw_forces",
+    "draw_xyz",
+    "extremes",
+    "finish",
+    "friction_words",
+    "label_modes",
+    "label_pushes",
+]
 
 _MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
 """Colours of the modes; standing has none."""
@@ -73,7 +82,9 @@ def draw_forces(
         left.plot(time, normal[:, k], color=X, label="measured" if planned is not None else "normal force", **style)
         left.set_ylabel(f"{name}, N")
         if limit is not None:
-            right.fill_between(time, 0.0, limit[:, k], color=Z, alpha=0.18, lw=0.0, step="post" if steps else None)
+            at = extremes(limit[:, k])
+            post = "post" if steps else None
+            right.fill_between(time[at], 0.0, limit[at, k], color=Z, alpha=0.18, lw=0.0, step=post)
             right.plot(time, limit[:, k], color=Z, lw=1.0, label=f"{friction} × normal force", **style)
         right.plot(time, tangential[:, k], color=LIMIT, label="tangential force", **style)
     rows[0, 0].set_title("Normal force")
@@ -132,6 +143,19 @@ def draw_efforts(
     all_axes[-1].set_xlabel("time, s")
     legend_of_joints(all_axes[0], len(next(iter(rows.values()))))
     return all_axes
+
+
+def extremes(values: Array, bins: int = 1500) -> IntArray:
+    """Return the (m,) ticks of the least and the greatest of (n,) values in each of ``bins`` parts, all if n is small.
+
+    Areas, unlike lines, are not simplified by matplotlib.
+    """
+    if len(values) <= 4 * bins:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), bins + 1).astype(np.int64)
+    filled = np.nan_to_num(values, nan=0.0)
+    found = [(a + np.argmin(filled[a:b]), a + np.argmax(filled[a:b])) for a, b in zip(edges, edges[1:], strict=False)]
+    return np.unique(np.concatenate(([0], np.array(found).ravel(), [len(values) - 1])))
 
 
 def _drawn(steps: bool) -> dict[str, str]:

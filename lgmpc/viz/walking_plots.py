@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_feet", "draw_gait", "draw_velocity"]
+__all__ = ["draw_contact_rows", "draw_feet", "draw_gait", "draw_velocity"]
 
 _DETAIL_STRIDES = 6.0
 """Number of gait cycles in the detailed views."""
@@ -58,7 +58,7 @@ def draw_gait(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
     whole, detail = figure.subplots(2, 1)
     for axes in (whole, detail):
-        _add_bars(axes, log)
+        draw_contact_rows(axes, log)
         finish(log, axes)
     whole.set_title("Stances, and below each the measured contact")
     detail.set(title="Detail", xlabel="time, s", xlim=_detail(log))
@@ -101,24 +101,20 @@ def _detail(log: RunLog) -> tuple[float, float]:
     return begin, min(begin + _DETAIL_STRIDES * stride, float(log.time[-1]))
 
 
-def _add_bars(axes: Axes, log: RunLog) -> None:
-    assert log.contact_states is not None
+def draw_contact_rows(axes: Axes, log: RunLog) -> None:
+    """Draw a row for each foot: bars coloured by its contact state, if recorded, above the measured contact."""
     feet = log.contact_frames.tolist()
     touching = log.closed
     for k in range(len(feet)):
         row = len(feet) - 1 - k
-        for name, color in _STATE_COLORS.items():
-            bars = _stretches(log, log.contact_states[:, k] == CONTACT_STATES.index(name))
-            label = name if k == 0 and log.contact_states.size and _occurs(log, name) else None
-            axes.broken_barh(bars, (row - 0.22, 0.56), facecolors=color, label=label)
+        for name, color in _STATE_COLORS.items() if log.contact_states is not None else ():
+            flags = log.contact_states == CONTACT_STATES.index(name)
+            label = name if k == 0 and flags.any() else None
+            axes.broken_barh(_stretches(log, flags[:, k]), (row - 0.22, 0.56), facecolors=color, label=label)
         axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)
     axes.set_yticks(range(len(feet)), feet[::-1])
     axes.set_ylim(-0.6, len(feet) - 0.4)
     axes.grid(visible=False, axis="y")
-
-
-def _occurs(log: RunLog, state: str) -> bool:
-    return log.contact_states is not None and bool((log.contact_states == CONTACT_STATES.index(state)).any())
 
 
 def _stretches(log: RunLog, flags: BoolArray) -> list[tuple[float, float]]:

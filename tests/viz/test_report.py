@@ -52,7 +52,7 @@ def test_every_block_is_in_the_page_and_nothing_of_it_is_markup() -> None:
     )
     page = report_page(evil, "fail", evil, [evil], [section(evil, *blocks)])
     outline = Outline(page)
-    assert "".join(outline.text).count(evil) == 11
+    assert "".join(outline.text).count(evil) == 12
     assert page.count("<b>") == 0
     assert '<tr class="bad"><td>1</td>' in page and "<tr><td>2</td>" in page
 

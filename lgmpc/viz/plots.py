@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -106,7 +106,7 @@ def _com(figure: Figure, log: RunLog) -> bool:
     first = figure.add_subplot(grid[0, 0])
     rows = [first, *(figure.add_subplot(grid[axis, 0], sharex=first) for axis in (1, 2))]
     unit, scale = length_unit(float(np.ptp(log.com[:, :2], axis=0).max()))
-    target = {"color": INK, "lw": 1.0, "ls": "--"}
+    target: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": "--"}
     for axis, (axes, color, name) in enumerate(zip(rows, (X, Y, Z), "xyz", strict=True)):
         each, factor = (unit, scale) if axis < 2 else ("mm", 1e3)
         axes.plot(log.time, factor * log.com_reference[:, axis], **target, label="target")

@@ -108,7 +108,7 @@ def draw_contact_rows(axes: Axes, log: RunLog) -> None:
     for k in range(len(feet)):
         row = len(feet) - 1 - k
         for name, color in _STATE_COLORS.items() if log.contact_states is not None else ():
-            flags = log.contact_states == CONTACT_STATES.index(name)
+            flags: BoolArray = np.equal(log.contact_states, CONTACT_STATES.index(name))
             label = name if k == 0 and flags.any() else None
             axes.broken_barh(_stretches(log, flags[:, k]), (row - 0.22, 0.56), facecolors=color, label=label)
         axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)

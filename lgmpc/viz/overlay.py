@@ -73,7 +73,7 @@ def add_overlay(
         height: of the robot, m; the command's arrow is above it.
         trunk_half_sides: (3,) half extents of the trunk, at whose surface pushes are shown, m.
     """
-    _add_contacts(scene, log, frames, scale, ground)
+    _add_contacts(scene, log, frames, scale)
     _add_com(scene, log, frames, scale, ground)
     if len(log.mpc_time):
         _add_horizon(scene, log, frames, scale)
@@ -86,17 +86,14 @@ def add_overlay(
         _add_command(scene, log, frames, scale, ground, height)
 
 
-def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain) -> None:
+def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> None:
     points, names = log.contact_points[frames.ticks], log.contact_frames.tolist()
-    normals = ground.normal(log.contact_points[:, :, :2].reshape(-1, 2)).reshape(log.contact_points.shape)
-    normal = np.einsum("tci,tci->tc", log.contact_forces, normals)
-    tangential = np.linalg.norm(log.contact_forces - normal[:, :, None] * normals, axis=2)
-    limit = log.friction_over_time[:, None] * normal
-    closed = normal > 0.02 * scale.newtons
-    slipping = closed & (limit - tangential < _NEAR_SLIP * limit)
+    closed = log.normal_forces > 0.02 * scale.newtons
+    slipping = closed & (log.tangential_forces > (1.0 - _NEAR_SLIP) * log.friction_limits)
     flags = (frames.mean(each.astype(np.float64)) > 0.0 for each in (closed, slipping))
     forces, friction = frames.mean(log.contact_forces), log.friction_over_time[frames.ticks]
-    Contacts(names, frames.times, points, normals[frames.ticks], forces, friction, *flags).add_to(scene, scale)
+    normals = log.contact_normals[frames.ticks]
+    Contacts(names, frames.times, points, normals, forces, friction, *flags).add_to(scene, scale)
     planned = frames.mean(log.contact_forces_desired)
     for k, name in enumerate(names):
         path = f"/overlay/planned/{name}"

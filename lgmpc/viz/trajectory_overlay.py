@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.runs import TrajectoryLog
+from lgmpc.runs.ground import along_ground
 from lgmpc.typing import Array, IntArray
 from lgmpc.viz.marks import COLORS, Contacts, Scale, add_arrow, add_ball, add_path, add_place, add_plumb_line
 from lgmpc.viz.scene import Scene
@@ -110,8 +111,7 @@ def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> Contac
     normals = ground.normal(points[:, :, :2].reshape(-1, 2)).reshape(points.shape)
     touching = log.contact_flags[at]
     forces = np.where(touching[:, :, None], log.contact_forces[at], 0.0)
-    normal = np.einsum("kci,kci->kc", forces, normals)
-    tangential = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
+    normal, tangential = np.einsum("kci,kci->kc", forces, normals), along_ground(forces, normals)
     friction = np.full(len(at), log.friction)
     outside = np.isfinite(log.friction) & (tangential > 1.001 * np.nan_to_num(log.friction, posinf=0.0) * normal + 1e-9)
     return Contacts(log.contact_frames.tolist(), pictures.times, points, normals, forces, friction, touching, outside)

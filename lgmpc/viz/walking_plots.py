@@ -67,7 +67,7 @@ def draw_gait(figure: Figure, log: RunLog) -> bool:
 
 
 def draw_feet(figure: Figure, log: RunLog) -> bool:
-    """Draw the height of each foot's contact point and of its target, for some gait cycles."""
+    """Draw the height above ground of each foot's contact point and of its target, for some gait cycles."""
     if log.swing_targets is None or log.ticks < 2 or not log.stepped:
         return False
     feet = log.contact_frames.tolist()
@@ -75,10 +75,11 @@ def draw_feet(figure: Figure, log: RunLog) -> bool:
     rows = figure.subplots(len(feet), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     begin, end = _detail(log)
     shown = (log.time >= begin) & (log.time <= end)
-    time = log.time[shown]
+    time, height = log.time[shown], log.contact_clearance[shown]
+    rise = np.einsum("nki,nki->nk", log.swing_targets[shown] - log.contact_points[shown], log.contact_normals[shown])
     for k, (axes, name) in enumerate(zip(rows, feet, strict=True)):
-        axes.plot(time, 1e3 * log.swing_targets[shown, k, 2], color=INK, lw=1.0, ls="--", label="target")
-        axes.plot(time, 1e3 * log.contact_points[shown, k, 2], color=X, label="contact point")
+        axes.plot(time, 1e3 * (height + rise)[:, k], color=INK, lw=1.0, ls="--", label="target")
+        axes.plot(time, 1e3 * height[:, k], color=X, label="contact point")
         touching = log.closed[shown, k]
         axes.fill_between(time, 0.0, 1.0, touching, transform=axes.get_xaxis_transform(), color=SOFT, alpha=0.15, lw=0)
         axes.set_ylabel(f"{name}, mm")
@@ -105,10 +106,11 @@ def draw_contact_rows(axes: Axes, log: RunLog) -> None:
     """Draw a row for each foot: bars coloured by its contact state, if recorded, above the measured contact."""
     feet = log.contact_frames.tolist()
     touching = log.closed
+    states = np.full(touching.shape, -1) if log.contact_states is None else log.contact_states
     for k in range(len(feet)):
         row = len(feet) - 1 - k
-        for name, color in _STATE_COLORS.items() if log.contact_states is not None else ():
-            flags: BoolArray = np.equal(log.contact_states, CONTACT_STATES.index(name))
+        for name, color in _STATE_COLORS.items():
+            flags: BoolArray = states == CONTACT_STATES.index(name)
             label = name if k == 0 and flags.any() else None
             axes.broken_barh(_stretches(log, flags[:, k]), (row - 0.22, 0.56), facecolors=color, label=label)
         axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)

@@ -34,7 +34,8 @@ def on_slope(run: Run) -> Run:
         name: quaternion.act(turn, getattr(log, name)) + 1.3 * UP
         for name in ("contact_points", "com", "com_reference", "push_point", "mpc_horizon_com")
     }
-    moved |= {name: quaternion.act(turn, getattr(log, name)) for name in ("contact_forces", "contact_forces_desired")}
+    turned = ("contact_forces", "contact_forces_desired", "contact_normals", "ground_normal")
+    moved |= {name: quaternion.act(turn, getattr(log, name)) for name in turned}
     q = log.q.copy()
     q[:, :3] = quaternion.act(turn, q[:, :3]) + 1.3 * UP
     q[:, 3:7] = [(pin.Quaternion(turn) * pin.Quaternion(each)).coeffs() for each in log.q[:, 3:7]]

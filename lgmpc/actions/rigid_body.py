@@ -15,11 +15,11 @@ from lgmpc.actions.multibody import MultibodyAction
 from lgmpc.actions.variational import Variational
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.errors import InputError
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["RigidBody", "RigidBodyAction"]
 
-_EARTH = (0.0, 0.0, -9.81)
+_EARTH = (0.0, 0.0, -GRAVITY)
 
 
 class RigidBody(FreeForwardDynamics):

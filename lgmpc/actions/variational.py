@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import ModuleType
 from typing import Any
 
 import casadi as ca
@@ -19,7 +18,7 @@ from lgmpc.state.configuration import BlockKind, configuration_blocks
 
 __all__ = ["Variational"]
 
-_GROUPS: dict[BlockKind, ModuleType] = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
+_GROUPS: dict[BlockKind, Any] = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
 
 
 class Variational(Integrator):

@@ -103,6 +103,7 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         modes=config.modes,
         delays=config.delays,
         joint_friction=_build_joint_friction(config, robot),
+        drives=config.drives,
         period=period,
     )
 

@@ -205,7 +205,8 @@ class _DeploymentSession:
 
 def _figures(deployment: Deployment) -> dict[str, object]:
     """Return the content of ``deployment.json``."""
-    content = {**vars(deployment), "ending": deployment.ending.name.lower()}
+    flags = None if deployment.error_flags is None else deployment.error_flags.tolist()
+    content = {**vars(deployment), "ending": deployment.ending.name.lower(), "error_flags": flags}
     spent = 1e3 * content.pop("spent")
     if spent.size:
         p50, p99 = np.percentile(spent, [50.0, 99.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.config.schema import Config, Document
+from lgmpc.control.drives import JointReferences
 from lgmpc.errors import ConfigError, InputError, as_one_error
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.feasibility import infeasible_commands
@@ -92,6 +93,10 @@ def _unusable_motions(config: Config, robot: Robot) -> Iterator[InputError]:
     else:
         limits, share = config.locomotion.limits, config.modes.fall.height_share
         yield from infeasible_commands(config.commands, gaits, limits, legs, share)
+    try:
+        JointReferences(robot, config.drives, 1.0)
+    except InputError as error:
+        yield error
     try:
         initial_state(robot, config.plant)
     except InputError as error:

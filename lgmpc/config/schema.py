@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 from pydantic import Field, PrivateAttr, model_validator
 from pydantic.json_schema import models_json_schema
 
+from lgmpc.control.drives import DriveSettings
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError, InputError, nearest
@@ -166,6 +167,9 @@ class Config(Document):
     joint_friction: JointFrictionSettings | None = Field(
         default=None,
         description="Estimation of the joints' friction while legs swing; null: that of the model is used.",
+    )
+    drives: DriveSettings = Field(
+        default=DriveSettings(), description="Gains of the drives' own loop, which holds the motion between ticks."
     )
     modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, damping after a fall, recovery.")
     deployment: DeploymentSettings = Field(

@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array, BoolArray, IntArray
 
 __all__ = ["Command", "CommandGuard", "Controller", "Estimator", "Measurement", "RobotState"]
 
@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Measurement(NamedTuple):
-    """One reading of the sensors on board.
+    """One reading of the sensors on board; quantities that a robot does not measure are None.
 
     Attributes:
         time: when it was taken, s.
@@ -31,6 +31,14 @@ class Measurement(NamedTuple):
         joints: (nu,) joint angles, rad.
         speeds: (nu,) joint rates, rad/s.
         torques: (nu,) joint torques during the last step, N.m.
+        attitude: (4,) orientation of the base by the IMU's own filter, quaternion x y z w.
+        foot_forces: (nc,) normal forces of the feet, N.
+        external_pose: (7,) base pose [position, quaternion x y z w] by motion capture or another external source.
+        external_velocity: (6,) base velocity [linear; angular] by the same source, base axes, m/s and rad/s.
+        external_age: time since these two were measured, s.
+        supply_voltage: V.
+        motor_temperature: (nu,) degrees Celsius.
+        error_flags: (nu,) of the drives, whose bits have the robot's own meaning; 0: no error.
     """
 
     time: float
@@ -39,6 +47,14 @@ class Measurement(NamedTuple):
     joints: Array
     speeds: Array
     torques: Array
+    attitude: Array | None = None
+    foot_forces: Array | None = None
+    external_pose: Array | None = None
+    external_velocity: Array | None = None
+    external_age: float | None = None
+    supply_voltage: float | None = None
+    motor_temperature: Array | None = None
+    error_flags: IntArray | None = None
 
 
 class RobotState(NamedTuple):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lgmpc.control.drives import DriveSettings, JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.lying import Folding, Lift
@@ -57,6 +58,7 @@ class LeggedController:
         modes: settings of lying, rising and giving up.
         delays: that are compensated: all that the controller decides is for the state in which its command will act.
         joint_friction: estimates what the torques overcome; None for what is known of the robot.
+        drives: gains of the drives' own loop; none unless given.
         period: time between two updates, s.
 
     Attributes:
@@ -88,6 +90,7 @@ class LeggedController:
         modes: ModeSettings | None = None,
         delays: DelaySettings | None = None,
         joint_friction: JointFrictionEstimator | None = None,
+        drives: DriveSettings | None = None,
         period: float = 1e-3,
     ) -> None:
         settings = LocomotionSettings() if locomotion is None else locomotion
@@ -105,6 +108,7 @@ class LeggedController:
         self._predictor = StatePredictor(robot, period, delays) if delays is not None and delayed else None
         self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
         self.joint_friction = joint_friction
+        self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
         self._period = period
         self._time, self._elapsed = math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -121,7 +125,7 @@ class LeggedController:
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
         self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
-        self.report = self._report(math.nan, perf_counter())
+        self.report = self._report(math.nan, 0.0)._replace(tick_ms=0.0)
 
     @property
     def fallen(self) -> bool:
@@ -409,7 +413,7 @@ class LeggedController:
         """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
         torques, joints = self.wbc.tau.copy(), state.q[self._joints]
         if self.wbc.status is Status.CONVERGED:
-            return Command.feed_forward(torques, joints)
+            return self._references.command(torques, joints, state.v[self._rates], self.wbc.acceleration[self._rates])
         return Command.damping(torques, joints, self.wbc.damping)
 
     def _lie(self, state: RobotState) -> Command:

@@ -8,8 +8,7 @@ import numpy as np
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
-from lgmpc.mechanics.rigid_body import GRAVITY
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["run"]
 

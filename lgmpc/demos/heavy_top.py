@@ -12,12 +12,12 @@ from scipy.interpolate import CubicHermiteSpline
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.mechanics import SIMO_WONG_TOP, UP, LagrangeTop, Motion
-from lgmpc.typing import Array, IntArray
+from lgmpc.typing import GRAVITY, Array, IntArray
 
 __all__ = ["run"]
 
 # A disc of 0.1 kg and 4 cm radius, 5 cm up a light axle.
-_TOP = LagrangeTop(transverse=0.1 * (0.04**2 / 4.0 + 0.05**2), axial=0.1 * 0.04**2 / 2.0, weight=0.1 * 9.81 * 0.05)
+_TOP = LagrangeTop(transverse=0.1 * (0.04**2 / 4.0 + 0.05**2), axial=0.1 * 0.04**2 / 2.0, weight=0.1 * GRAVITY * 0.05)
 _TILT = 0.4  # rad
 _SPIN = 1.5 * _TOP.critical_spin
 _STEP = 1e-4  # s

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
 from lgmpc.estimation.invariant_ekf import LEFT, MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
-from lgmpc.estimation.simulated_trot import GRAVITY, SimulatedTrot, simulate_trot
+from lgmpc.estimation.simulated_trot import DOWN, SimulatedTrot, simulate_trot
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
@@ -138,7 +138,7 @@ def _log_linear() -> float:
         ekf.reset(pose, np.zeros(15))
         ekf.begin_contact(0, np.array([0.2, 0.15, -0.25]), 1e-6 * np.eye(3))
     true, estimate = filters
-    first, dynamics, dt = estimate.error(true.pose, np.zeros(6))[:-6], error_dynamics(GRAVITY, 6), 0.005
+    first, dynamics, dt = estimate.error(true.pose, np.zeros(6))[:-6], error_dynamics(DOWN, 6), 0.005
     worst = 0.0
     for k in range(1, 201):
         sample = 3.0 * rng.normal(size=3), 20.0 * rng.normal(size=3)

@@ -22,11 +22,11 @@ from lgmpc.estimation.inertial import (
     zero_order_hold_increment,
 )
 from lgmpc.lie import sek3, so3
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["run"]
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
+_DOWN = np.array([0.0, 0.0, -GRAVITY])
 NOISE = ImuNoise(gyro_noise_rad_s_rt_hz=2e-2, accelerometer_noise_m_s2_rt_hz=1e-1)
 DURATION, PERIOD, RUNS = 0.5, 0.01, 300
 PERIODS = np.array([0.02, 0.01, 0.005, 0.0025])
@@ -41,7 +41,7 @@ def run() -> Outcome:
     rows, motion = _samples(PERIOD), _integrated(_samples(PERIOD), PERIOD)
     stepped = start
     for row in rows:
-        stepped = propagate(stepped, exponential_increment(row[:3], row[3:], PERIOD).pose, GRAVITY, PERIOD)
+        stepped = propagate(stepped, exponential_increment(row[:3], row[3:], PERIOD).pose, _DOWN, PERIOD)
     errors = {
         name: np.array([_position_error(period, rule, exact) for period in PERIODS])
         for name, rule in (("exact exponential", exponential_increment), ("zero-order hold", zero_order_hold_increment))
@@ -55,7 +55,7 @@ def run() -> Outcome:
         Row(
             "whole less sample by sample",
             0.0,
-            float(np.abs(motion.predict(start, GRAVITY) - stepped).max()),
+            float(np.abs(motion.predict(start, _DOWN) - stepped).max()),
             1e-12,
         ),
         Row("exact form less DOP853", 0.0, _constant_rates_error(), 1e-9),
@@ -146,7 +146,7 @@ def _solved(times: Array, body_rates: Callable[[float], Array] = _body_rates) ->
     def rate(t: float, flat: Array) -> Array:
         pose, rates = flat.reshape(5, 5).copy(), body_rates(t)
         pose[:3, :3] = so3.project(pose[:3, :3])
-        return vector_field(pose, rates[:3], rates[3:], GRAVITY).ravel()
+        return vector_field(pose, rates[:3], rates[3:], _DOWN).ravel()
 
     span = (0.0, float(times[-1]))
     found = solve_ivp(rate, span, _start().ravel(), method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
@@ -167,13 +167,13 @@ def _path() -> tuple[Array, Array]:
 
 
 def _position_error(period: float, rule: IncrementRule, exact: Array) -> float:
-    end = _integrated(_samples(period), period, rule).predict(_start(), GRAVITY)
+    end = _integrated(_samples(period), period, rule).predict(_start(), _DOWN)
     return float(np.linalg.norm(end[:3, 4] - exact[:3, 4]))
 
 
 def _constant_rates_error() -> float:
     rates = np.array([1.0, -2.0, 0.5, 2.0, -3.0, 9.0])
-    end = propagate(_start(), exponential_increment(rates[:3], rates[3:], DURATION).pose, GRAVITY, DURATION)
+    end = propagate(_start(), exponential_increment(rates[:3], rates[3:], DURATION).pose, _DOWN, DURATION)
     return float(np.abs(end - _solved(np.array([0.0, DURATION]), lambda _: rates)[-1]).max())
 
 
@@ -183,7 +183,7 @@ def _affine_defect() -> float:
     gyro, force = rng.normal(size=3), rng.normal(size=3)
 
     def field(pose: Array) -> Array:
-        return vector_field(pose, gyro, force, GRAVITY)
+        return vector_field(pose, gyro, force, _DOWN)
 
     return float(np.abs(field(x @ y) - field(x) @ y - x @ field(y) + x @ field(np.eye(5)) @ y).max())
 

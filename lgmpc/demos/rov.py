@@ -11,9 +11,9 @@ from scipy.special import ellipk
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics import Motion, discrete_euler_poincare
-from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
+from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["run"]
 

@@ -23,8 +23,7 @@ from lgmpc.mechanics import (
     free_body,
     heavy_top,
 )
-from lgmpc.mechanics.rigid_body import GRAVITY
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["run"]
 

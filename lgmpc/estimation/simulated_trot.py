@@ -12,11 +12,11 @@ from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import ImuNoise, exponential_increment, propagate
 from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.lie import so3
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = ["GRAVITY", "SimulatedTrot", "simulate_trot"]
+__all__ = ["DOWN", "SimulatedTrot", "simulate_trot"]
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
+DOWN = np.array([0.0, 0.0, -GRAVITY])
 _FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
 _PERIOD, _DUTY = 0.5, 0.6  # s; duty factor
 _PHASES = np.array([0.0, 0.5, 0.5, 0.0])  # phases of the four feet: a trot
@@ -137,7 +137,7 @@ def _motion(period: float, n: int) -> tuple[Array, Array]:
     poses[0] = _pose(0.0)
     for k in range(n):
         step = exponential_increment(rates[k, :3], rates[k, 3:], period)
-        poses[k + 1] = propagate(poses[k], step.pose, GRAVITY, period)
+        poses[k + 1] = propagate(poses[k], step.pose, DOWN, period)
     rates.flags.writeable = poses.flags.writeable = False
     return rates, poses
 
@@ -165,7 +165,7 @@ def _body_rates(period: float, n: int) -> Array:
     """Return (n, 6) the constant body rates that lead from each planned pose to the next."""
     planned = np.array([_pose(period * k) for k in range(n + 1)])
     turns = so3.log(np.swapaxes(planned[:-1, :3, :3], -1, -2) @ planned[1:, :3, :3])
-    gained = np.diff(planned[:, :3, 3], axis=0) - period * GRAVITY
+    gained = np.diff(planned[:, :3, 3], axis=0) - period * DOWN
     in_body = np.einsum("nji,nj->ni", planned[:-1, :3, :3], gained)
     force = np.einsum("nij,nj->ni", so3.left_jacobian_inverse(turns), in_body)
     rates: Array = np.concatenate([turns, force], axis=1) / period

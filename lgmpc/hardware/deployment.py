@@ -21,6 +21,7 @@ from pydantic import Field
 from lgmpc.control.interface import Command, CommandGuard, Controller, Estimator, Measurement, RobotState
 from lgmpc.errors import cause_of
 from lgmpc.settings import Positive, Settings
+from lgmpc.typing import IntArray
 
 __all__ = ["DeployedTick", "Deployment", "DeploymentSettings", "Driver", "Ending", "deploy"]
 
@@ -101,6 +102,9 @@ class Deployment:
         not_finite: number of commands that were not finite, replaced by damping of the joints.
         spent: (ticks,) time from each measurement's arrival until its command was written, s.
         failure: the exception that ended the run, in words; empty if none did.
+        lowest_supply_v: lowest supply voltage; None where it was not measured.
+        highest_temperature_c: highest temperature of a motor; None where it was not measured.
+        error_flags: (nu,) all error flags that the drives reported; None where they report none.
     """
 
     ending: Ending
@@ -112,6 +116,9 @@ class Deployment:
     not_finite: int
     spent: np.ndarray
     failure: str = ""
+    lowest_supply_v: float | None = None
+    highest_temperature_c: float | None = None
+    error_flags: IntArray | None = None
 
 
 def deploy(
@@ -177,6 +184,8 @@ class _Loop:
         self._period, self._settings, self._on_tick = period, settings, on_tick
         self._guard = CommandGuard(settings.damping_nms)
         self._overtaken = self._missing = self._silences = 0
+        self._volts, self._degrees = np.inf, -np.inf
+        self._errors: IntArray | None = None
         self._spent: list[float] = []
         self._last: Measurement | None = None
 
@@ -217,13 +226,16 @@ class _Loop:
         spent = np.array(self._spent)
         late = int((spent > self._period).sum())
         counts = self._overtaken, self._missing, late, self._silences, self._guard.faults
-        return Deployment(ending, spent.size, *counts, spent, failure)
+        volts, degrees = self._volts, self._degrees
+        status = volts if volts < np.inf else None, degrees if degrees > -np.inf else None, self._errors
+        return Deployment(ending, spent.size, *counts, spent, failure, *status)
 
     def _tick(self, readings: Sequence[Measurement], arrived: float) -> None:
         for reading in readings:
             if self._last is not None:
                 self._missing += max(0, round((reading.time - self._last.time) / self._period) - 1)
             self._last = reading
+            self._watch(reading)
             state = self._estimator.update(reading)
         self._overtaken += len(readings) - 1
         output = self._controller.update(state)
@@ -232,6 +244,19 @@ class _Loop:
         spent = perf_counter() - arrived
         self._spent.append(spent)
         self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, command is not output, spent))
+
+    def _watch(self, reading: Measurement) -> None:
+        """Keep extremes of supply and temperature, and log each error flag of a drive when it first appears."""
+        if reading.supply_voltage is not None:
+            self._volts = min(self._volts, reading.supply_voltage)
+        if reading.motor_temperature is not None:
+            self._degrees = max(self._degrees, float(reading.motor_temperature.max()))
+        flags = reading.error_flags
+        if flags is not None:
+            before = np.zeros_like(flags) if self._errors is None else self._errors
+            for joint in np.flatnonzero(flags & ~before).tolist():
+                _LOG.error("the drive of joint %d reports error 0x%x at %.3f s", joint, int(flags[joint]), reading.time)
+            self._errors = before | flags
 
 
 @contextmanager

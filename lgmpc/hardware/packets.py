@@ -1,4 +1,4 @@
-"""Packets between a robot and its controller: fixed size, little-endian, 64-bit floats.
+"""Packets between a robot and its controller: little-endian, 64-bit floats.
 
 =========== ========================================================================================================
 bytes       content
@@ -6,29 +6,40 @@ bytes       content
 0-3         ``LGMm`` (measurement), ``LGMc`` (command) or ``LGMh`` (hello, sent by a controller to connect)
 4-5         version of this layout, 2
 6-7         nu, number of joints
-8-15        number of the measurement; in a command, of the measurement from which it was computed
-16-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu)
-16-         command: tau (nu), q_des (nu), v_des (nu), kp (nu), kd (nu)
+8-9         nc, number of feet with a measured force; 0 in other packets
+10-11       bits of the optional quantities in a measurement; 0 in other packets
+12-15       0
+16-23       number of the measurement; in a command, of the measurement from which it was computed
+24-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu), then those optional
+            quantities whose bit is set: attitude (4; bit 0), foot forces (nc; 1), external pose (7; 2), external
+            velocity (6; 3), external age (1; 4), supply voltage (1; 5), motor temperature (nu; 6), error flags (nu; 7)
+24-         command: tau (nu), q_des (nu), v_des (nu), kp (nu), kd (nu)
 =========== ========================================================================================================
 
-Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`.
+Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`. Version 1 had one gain for
+all joints, and no optional quantities.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from lgmpc.control.interface import Command, Measurement
+from lgmpc.typing import IntArray
 
-__all__ = ["HELLO", "Layout"]
+__all__ = ["HELLO", "VERSION", "Layout"]
 
-_HEAD = struct.Struct("<4sHHQ")
-_VERSION = 2
+_HEAD = struct.Struct("<4sHHHHIQ")
+VERSION = 2
+"""Version of the packets."""
 _MEASUREMENT, _COMMAND = b"LGMm", b"LGMc"
 HELLO = b"LGMh"
 """First bytes of the packet by which a controller connects."""
+_MOST_FEET = 64
 
 
 class Layout:
@@ -38,15 +49,18 @@ class Layout:
 
     Args:
         nu: number of joints.
+
+    Attributes:
+        longest: length of the longest packet, B.
     """
 
     def __init__(self, nu: int) -> None:
         self._nu = nu
-        self.longest = _HEAD.size + 8 * (7 + 5 * nu)
+        self.longest = _HEAD.size + 8 * (26 + 5 * nu + _MOST_FEET)
 
     def hello(self) -> bytes:
         """Return the packet by which a controller connects."""
-        return _HEAD.pack(HELLO, _VERSION, self._nu, 0)
+        return self._pack(HELLO, 0, np.empty(0))
 
     def is_hello(self, packet: bytes) -> bool:
         """Return whether a packet is the hello of a controller of this robot."""
@@ -54,17 +68,31 @@ class Layout:
 
     def measurement(self, number: int, m: Measurement) -> bytes:
         """Return the packet of measurement ``number``."""
-        values = np.concatenate(([m.time], m.gyro, m.accelerometer, m.joints, m.speeds, m.torques))
-        return self._pack(_MEASUREMENT, number, values)
+        given = [None if value is None else np.atleast_1d(value) for value in m[6:]]
+        present = sum(1 << bit for bit, value in enumerate(given) if value is not None)
+        values = np.concatenate([np.atleast_1d(m.time), *m[1:6], *(value for value in given if value is not None)])
+        return self._pack(_MEASUREMENT, number, values, 0 if m.foot_forces is None else m.foot_forces.size, present)
 
     def read_measurement(self, packet: bytes) -> tuple[int, Measurement] | None:
         """Return the number and the measurement of a packet; None if it is not a valid measurement."""
-        found = self._unpack(_MEASUREMENT, packet, 7 + 3 * self._nu)
+        found = self._unpack(_MEASUREMENT, packet)
         if found is None:
             return None
-        number, values = found
-        joints, speeds, torques = values[7:].reshape(3, -1)
-        return number, Measurement(float(values[0]), values[1:4], values[4:7], joints, speeds, torques)
+        number, nc, present, values = found
+        nu = self._nu
+        sizes = [1, 3, 3, nu, nu, nu]
+        optional = (4, nc, 7, 6, 1, 1, nu, nu)
+        sizes += [size for bit, size in enumerate(optional) if present & 1 << bit]
+        if present >> len(optional) or values.size != sum(sizes):
+            return None
+        parts: Iterator[Any] = iter(np.split(values, np.cumsum(sizes[:-1])))
+        time, *own = (next(parts) for _ in range(6))
+        given: list[Any] = [next(parts) if present & 1 << bit else None for bit in range(len(optional))]
+        given[4:6] = [None if value is None else float(value[0]) for value in given[4:6]]
+        if given[7] is not None:
+            flags: IntArray = given[7].astype(np.int64)
+            given[7] = flags
+        return number, Measurement(float(time[0]), *own, *given)
 
     def command(self, number: int, c: Command) -> bytes:
         """Return the packet of the command for measurement ``number``."""
@@ -72,20 +100,27 @@ class Layout:
 
     def read_command(self, packet: bytes) -> tuple[int, Command] | None:
         """Return the number of the measurement and the command for it; None if it is not a valid command."""
-        found = self._unpack(_COMMAND, packet, 5 * self._nu)
-        if found is None:
+        found = self._unpack(_COMMAND, packet)
+        if found is None or found[1] or found[2] or found[3].size != 5 * self._nu:
             return None
-        number, values = found
-        return number, Command(*values.reshape(5, -1))
+        return found[0], Command(*found[3].reshape(5, -1))
 
-    def _pack(self, kind: bytes, number: int, values: np.ndarray) -> bytes:
-        return _HEAD.pack(kind, _VERSION, self._nu, number) + values.astype("<f8").tobytes()
-
-    def _unpack(self, kind: bytes, packet: bytes, count: int) -> tuple[int, np.ndarray] | None:
-        if len(packet) != _HEAD.size + 8 * count:
+    @staticmethod
+    def other_version(packet: bytes) -> int | None:
+        """Return the version of a packet of lgmpc that has another one, else None."""
+        if len(packet) < 6 or packet[:4] not in (_MEASUREMENT, _COMMAND, HELLO):
             return None
-        first, version, nu, number = _HEAD.unpack_from(packet)
-        if (first, version, nu) != (kind, _VERSION, self._nu):
+        version: int = struct.unpack_from("<H", packet, 4)[0]
+        return None if version == VERSION else version
+
+    def _pack(self, kind: bytes, number: int, values: np.ndarray, nc: int = 0, present: int = 0) -> bytes:
+        return _HEAD.pack(kind, VERSION, self._nu, nc, present, 0, number) + values.astype("<f8").tobytes()
+
+    def _unpack(self, kind: bytes, packet: bytes) -> tuple[int, int, int, np.ndarray] | None:
+        if len(packet) < _HEAD.size or (len(packet) - _HEAD.size) % 8 or len(packet) > self.longest:
+            return None
+        first, version, nu, nc, present, _, number = _HEAD.unpack_from(packet)
+        if (first, version, nu) != (kind, VERSION, self._nu) or nc > _MOST_FEET:
             return None
         values = np.frombuffer(packet, "<f8", offset=_HEAD.size).astype(np.float64)
-        return (number, values) if np.isfinite(values).all() else None
+        return (number, nc, present, values) if np.isfinite(values).all() else None

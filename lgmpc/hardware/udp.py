@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import select
 import socket
 from collections.abc import Iterator
@@ -10,10 +11,11 @@ from time import perf_counter
 
 from lgmpc.control.interface import Command, Measurement
 from lgmpc.errors import InputError
-from lgmpc.hardware.packets import Layout
+from lgmpc.hardware.packets import VERSION, Layout
 
 __all__ = ["LOCALHOST", "UdpDriver", "UdpRobot", "parse_address"]
 
+_LOG = logging.getLogger(__name__)
 LOCALHOST = "127.0.0.1"
 
 _LOST = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN)
@@ -47,7 +49,7 @@ class UdpDriver:
         ignored: number of packets that were not a measurement.
 
     Raises:
-        InputError: if the address cannot be used.
+        InputError: if the address cannot be used, or the first packets are of another version.
     """
 
     def __init__(self, address: tuple[str, int], nu: int) -> None:
@@ -85,6 +87,9 @@ class UdpDriver:
             found = self._layout.read_measurement(packet)
             if found is None:
                 self.ignored += 1
+                other = Layout.other_version(packet)
+                if other is not None and self._number < 0:
+                    raise InputError("robot", f"packets of version {other}", f"packets of version {VERSION}")
             elif found[0] > self._number:
                 self._number = found[0]
                 readings.append(found[1])
@@ -121,7 +126,7 @@ class UdpRobot:
 
     def wait_for_controller(self, timeout_s: float) -> bool:
         """Wait for the hello of a controller, return whether one came, and ignore all others from then on."""
-        end = perf_counter() + timeout_s
+        end, refused = perf_counter() + timeout_s, False
         while (left := end - perf_counter()) > 0.0:
             select.select([self._socket], [], [], min(left, 1.0))
             try:
@@ -131,6 +136,10 @@ class UdpRobot:
             if self._layout.is_hello(packet):
                 self._socket.connect(sender)
                 return True
+            other = Layout.other_version(packet)
+            if other is not None and not refused:
+                refused = True
+                _LOG.warning("a controller is refused: its packets are of version %d, not %d", other, VERSION)
         return False
 
     def send(self, measurement: Measurement) -> None:

@@ -18,6 +18,7 @@ from lgmpc.lie.coefficients import Array
 from lgmpc.lie.components import rows
 
 __all__ = [
+    "ArrayFunction",
     "Checked",
     "ambient",
     "checked",
@@ -55,6 +56,9 @@ class Checked(Protocol[P, R_co]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R_co:
         """Validate, then evaluate; raises InputError naming the argument."""
+
+
+ArrayFunction = Checked[..., Array]
 
 
 def checked(*checks: Check) -> Callable[[Callable[P, R]], Checked[P, R]]:
@@ -106,9 +110,7 @@ def tangent(size: int) -> Check:
 
     def check(name: str, value: object) -> Array:
         array = finite(name, value)
-        if array.ndim < 1 or array.shape[-1] != size:
-            raise InputError(name, f"shape {array.shape}", f"shape (..., {size})")
-        return array
+        return _shaped(name, array, array.ndim > 0 and array.shape[-1] == size, f"{size}")
 
     return check
 
@@ -116,17 +118,14 @@ def tangent(size: int) -> Check:
 def extended_tangent(name: str, value: object) -> Array:
     """Check tangent vectors of SE_k(3): 3 + 3k entries along the last axis."""
     array = finite(name, value)
-    if array.ndim < 1 or array.shape[-1] < 6 or array.shape[-1] % 3:
-        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + 3 k) with k >= 1")
-    return array
+    fits = array.ndim > 0 and array.shape[-1] >= 6 and array.shape[-1] % 3 == 0
+    return _shaped(name, array, fits, "3 + 3 k) with k >= 1")
 
 
 def ambient(name: str, value: object) -> Array:
     """Check vectors that SE_k(3) acts on: 3 + k entries along the last axis."""
     array = finite(name, value)
-    if array.ndim < 1 or array.shape[-1] < 4:
-        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + k) with k >= 1")
-    return array
+    return _shaped(name, array, array.ndim > 0 and array.shape[-1] >= 4, "3 + k) with k >= 1")
 
 
 def matrix(size: int) -> Check:
@@ -134,9 +133,7 @@ def matrix(size: int) -> Check:
 
     def check(name: str, value: object) -> Array:
         array = finite(name, value)
-        if array.shape[-2:] != (size, size):
-            raise InputError(name, f"shape {array.shape}", f"shape (..., {size}, {size})")
-        return array
+        return _shaped(name, array, array.shape[-2:] == (size, size), f"{size}, {size}")
 
     return check
 
@@ -144,68 +141,35 @@ def matrix(size: int) -> Check:
 def extended_matrix(name: str, value: object) -> Array:
     """Check square matrices of 3 + k >= 4 rows along the last two axes."""
     array = finite(name, value)
-    if array.ndim < 2 or array.shape[-1] != array.shape[-2] or array.shape[-1] < 4:
-        raise InputError(name, f"shape {array.shape}", "shape (..., 3 + k, 3 + k) with k >= 1")
+    fits = array.ndim > 1 and array.shape[-1] == array.shape[-2] >= 4
+    return _shaped(name, array, fits, "3 + k, 3 + k) with k >= 1")
+
+
+def _shaped(name: str, array: Array, fits: bool, expected: str) -> Array:
+    if not fits:
+        raise InputError(name, f"shape {array.shape}", f"shape (..., {expected}{'' if ')' in expected else ')'}")
     return array
 
 
-_three, _four = matrix(3), matrix(4)
+def _both(*checks: Callable[[str, Any], Array | None]) -> Check:
+    """Return the check of several conditions in turn; the first one converts."""
 
+    def check(name: str, value: object) -> Array:
+        array = cast(Array, checks[0](name, value))
+        for condition in checks[1:]:
+            condition(name, array)
+        return array
 
-def rotation(name: str, value: object) -> Array:
-    """Check rotation matrices (..., 3, 3)."""
-    array = _three(name, value)
-    _check_rotation(name, array)
-    return array
-
-
-def placement(name: str, value: object) -> Array:
-    """Check homogeneous matrices (..., 4, 4)."""
-    array = _four(name, value)
-    _check_rotation(name, array)
-    _check_bottom(name, array)
-    return array
-
-
-def extended_pose(name: str, value: object) -> Array:
-    """Check elements of SE_k(3), (..., 3 + k, 3 + k)."""
-    array = extended_matrix(name, value)
-    _check_rotation(name, array)
-    _check_bottom(name, array)
-    return array
+    return check
 
 
 def quaternion(name: str, value: object) -> Array:
     """Check unit quaternions (..., 4), x y z w."""
     array = finite(name, value)
-    if array.ndim < 1 or array.shape[-1] != 4:
-        raise InputError(name, f"shape {array.shape}", "shape (..., 4): x y z w")
+    _shaped(name, array, array.ndim > 0 and array.shape[-1] == 4, "4): x y z w")
     length = np.sqrt(np.einsum("...i,...i->...", array, array))
     if np.any(np.abs(length - 1.0) > TOLERANCE):
         raise InputError(name, f"norm {_worst(length, 1.0):.9g}", f"norm 1 to {TOLERANCE:g}")
-    return array
-
-
-def skew(name: str, value: object) -> Array:
-    """Check skew matrices (..., 3, 3)."""
-    array = _three(name, value)
-    _check_skew(name, array)
-    return array
-
-
-def twist_matrix(name: str, value: object) -> Array:
-    """Check elements of the Lie algebra of SE(3), (..., 4, 4)."""
-    array = _four(name, value)
-    _check_skew(name, array[..., :3, :3])
-    _check_zero_rows(name, array)
-    return array
-
-
-def extended_twist_matrix(name: str, value: object) -> Array:
-    """Check elements of the Lie algebra of SE_k(3), (..., 3 + k, 3 + k)."""
-    array = extended_matrix(name, value)
-    _check_skew(name, array[..., :3, :3])
-    _check_zero_rows(name, array)
     return array
 
 
@@ -240,6 +204,7 @@ def _check_bottom(name: str, array: Array) -> None:
 
 
 def _check_skew(name: str, array: Array) -> None:
+    array = array[..., :3, :3]
     asymmetry = np.abs(array + np.swapaxes(array, -1, -2)).max(initial=0.0)
     if asymmetry > TOLERANCE * max(1.0, float(np.abs(array).max(initial=0.0))):
         raise InputError(name, f"a matrix S with |S + S^T| = {asymmetry:.3g}", "a skew-symmetric (3, 3) block")
@@ -258,3 +223,17 @@ def _worst(values: Array, target: float) -> float:
 def _brief(value: object) -> str:
     text = " ".join(str(value).split())
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+rotation = _both(matrix(3), _check_rotation)
+"""Check rotation matrices (..., 3, 3)."""
+placement = _both(matrix(4), _check_rotation, _check_bottom)
+"""Check homogeneous matrices (..., 4, 4)."""
+extended_pose = _both(extended_matrix, _check_rotation, _check_bottom)
+"""Check elements of SE_k(3), (..., 3 + k, 3 + k)."""
+skew = _both(matrix(3), _check_skew)
+"""Check skew matrices (..., 3, 3)."""
+twist_matrix = _both(matrix(4), _check_skew, _check_zero_rows)
+"""Check elements of the Lie algebra of SE(3), (..., 4, 4)."""
+extended_twist_matrix = _both(extended_matrix, _check_skew, _check_zero_rows)
+"""Check elements of the Lie algebra of SE_k(3), (..., 3 + k, 3 + k)."""

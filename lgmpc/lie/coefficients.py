@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +33,20 @@ from numpy.typing import NDArray
 __all__ = [
     "SEAM",
     "Array",
+    "Coefficient",
     "Scalar",
+    "a",
     "a_b",
+    "b",
     "b_c",
-    "beta_gamma",
-    "d_only",
-    "delta_only",
-    "e_epsilon",
+    "beta",
+    "c",
+    "cosine",
+    "d",
+    "delta",
+    "e",
+    "epsilon",
+    "gamma",
     "horner",
     "sinc",
 ]
@@ -50,8 +57,7 @@ Scalar = TypeVar("Scalar", float, Array)
 SEAM = 10.0
 """Squared angle, rad^2, up to which the series are used."""
 
-FOUR_PI_SQUARED = 4.0 * math.pi**2
-
+_FOUR_PI_SQUARED = 4.0 * math.pi**2
 _TERMS = 16
 
 
@@ -75,47 +81,115 @@ def _pole_remainder() -> tuple[float, ...]:
     )
 
 
-A_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 1)))
-B_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 2)))
-C_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 3)))
-BETA_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 4)))
-GAMMA_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 5)))
-E_SERIES = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 4)))
-EPSILON_SERIES = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 6)))
-D_REMAINDER = _pole_remainder()
-DELTA_REMAINDER = tuple(2.0 * k * r for k, r in enumerate(D_REMAINDER))[1:]
+_A = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 1)))
+_B = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 2)))
+_C = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 3)))
+_BETA = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 4)))
+_GAMMA = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 5)))
+_E = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 4)))
+_EPSILON = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 6)))
+_D = _pole_remainder()
+_DELTA = tuple(2.0 * k * r for k, r in enumerate(_D))[1:]
 
 
-def horner(series: Sequence[float], t: Scalar) -> Scalar:
+def horner(series: Sequence[float], t: Any) -> Any:
     """Evaluate ``sum_k series[k] t^k``."""
-    value = series[-1] * t
-    for coefficient in series[-2:0:-1]:
-        value = (value + coefficient) * t
-    return value + series[0]
+    value = series[-1]
+    for coefficient in series[-2::-1]:
+        value = value * t + coefficient
+    return value
 
 
-def _below_seam(theta: Scalar, series: Callable[[Scalar], Scalar], closed: Callable[[Scalar, Scalar], Any]) -> Scalar:
-    """Evaluate ``series(t)`` up to the seam and ``closed(theta, t)`` beyond it, each only within its domain."""
-    t = theta * theta
-    if isinstance(theta, float):
-        return series(t) if t <= SEAM else float(closed(theta, t))
-    beyond = t > SEAM
-    if not beyond.any():
-        return series(t)
-    far = np.where(beyond, theta, 4.0)
-    return np.where(beyond, closed(far, far * far), series(np.where(beyond, SEAM, t)))
+class Coefficient:
+    """An even function of the angle: a series in ``t = theta^2`` up to the seam, a closed form beyond.
+
+    Args:
+        series: of ``t``.
+        closed: of the module of the sines (numpy or CasADi), ``theta`` and ``t``.
+    """
+
+    def __init__(self, series: Callable[[Any], Any], closed: Callable[[Any, Any, Any], Any]) -> None:
+        self._series = series
+        self._closed = closed
+
+    def __call__(self, theta: Scalar) -> Scalar:
+        """Evaluate at angles, each formula only within its domain; NaN where an angle is infinite."""
+        t = theta * theta
+        if isinstance(theta, float):
+            if t <= SEAM:
+                return cast(float, self._series(t))
+            return float(self._closed(np, theta, t)) if t < math.inf else math.nan
+        beyond = t > SEAM
+        if not beyond.any():
+            return cast(Array, self._series(t))
+        far = np.where(beyond, np.where(t < math.inf, theta, math.nan), 4.0)
+        closed, series = self._closed(np, far, far * far), self._series(np.where(beyond, SEAM, t))
+        return cast(Array, np.where(beyond, closed, series))
+
+    def symbolic(self, t: Any) -> Any:
+        """Return the CasADi expression in the squared angle.
+
+        It has no square root below the seam, so that derivatives of any order are exact at 0. The argument of each
+        branch stays within that branch's domain, because ``if_else`` differentiates both.
+        """
+        import casadi as ca
+
+        near = t <= SEAM
+        far = ca.if_else(near, 16.0, t)
+        return ca.if_else(near, self._series(ca.if_else(near, t, 0.0)), self._closed(ca, ca.sqrt(far), far))
+
+
+a = Coefficient(lambda t: horner(_A, t), lambda m, u, t: m.sin(u) / u)
+b = Coefficient(lambda t: horner(_B, t), lambda m, u, t: (1.0 - m.cos(u)) / t)
+c = Coefficient(lambda t: horner(_C, t), lambda m, u, t: (u - m.sin(u)) / (u * t))
+beta = Coefficient(lambda t: horner(_BETA, t), lambda m, u, t: (u * m.sin(u) + 2.0 * m.cos(u) - 2.0) / (t * t))
+gamma = Coefficient(
+    lambda t: horner(_GAMMA, t), lambda m, u, t: (3.0 * m.sin(u) - u * m.cos(u) - 2.0 * u) / (u * (t * t))
+)
+d = Coefficient(
+    lambda t: 2.0 / (_FOUR_PI_SQUARED - t) + horner(_D, t), lambda m, u, t: (1.0 - 0.5 * u / m.tan(0.5 * u)) / t
+)
+"""The inverse of the left Jacobian has poles at the angles 2 pi k, k > 0."""
+
+
+def _delta_beyond(m: Any, u: Any, t: Any) -> Any:
+    sine = m.sin(0.5 * u)
+    return (0.25 / (sine * sine) + 0.5 / (u * m.tan(0.5 * u)) - 2.0 / t) / t
+
+
+def _delta_near(t: Any) -> Any:
+    gap = _FOUR_PI_SQUARED - t
+    return 4.0 / (gap * gap) + horner(_DELTA, t)
+
+
+delta = Coefficient(_delta_near, _delta_beyond)
+e = Coefficient(lambda t: horner(_E, t), lambda m, u, t: (0.5 * t + m.cos(u) - 1.0) / (t * t))
+epsilon = Coefficient(
+    lambda t: horner(_EPSILON, t), lambda m, u, t: (4.0 - t - u * m.sin(u) - 4.0 * m.cos(u)) / (t * t * t)
+)
 
 
 def sinc(theta: Scalar) -> Scalar:
-    """Return ``sin(theta) / theta``, 1 at 0; as accurate as the sine."""
+    """Return ``sin(theta) / theta``, 1 at 0 and NaN at infinity; as accurate as the sine."""
     if isinstance(theta, float):
+        if not math.isfinite(theta):
+            return math.nan
         return math.sin(theta) / theta if theta else 1.0
     zero = theta == 0.0
-    return np.where(zero, 1.0, np.sin(theta) / np.where(zero, 1.0, theta))
+    with np.errstate(invalid="ignore"):
+        return np.where(zero, 1.0, np.sin(theta) / np.where(zero, 1.0, theta))
+
+
+def cosine(theta: Scalar) -> Scalar:
+    """Return ``cos(theta)``, NaN at infinity."""
+    if isinstance(theta, float):
+        return math.cos(theta) if math.isfinite(theta) else math.nan
+    with np.errstate(invalid="ignore"):
+        return np.cos(theta)
 
 
 def a_b(theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return ``a`` and ``b``: the exponential."""
+    """Return ``a`` and ``b`` from sines, which are as accurate: the exponential."""
     half = sinc(0.5 * theta)
     return sinc(theta), 0.5 * half * half
 
@@ -123,53 +197,4 @@ def a_b(theta: Scalar) -> tuple[Scalar, Scalar]:
 def b_c(theta: Scalar) -> tuple[Scalar, Scalar]:
     """Return ``b`` and ``c``: the left Jacobian."""
     half = sinc(0.5 * theta)
-    return 0.5 * half * half, _below_seam(theta, lambda t: horner(C_SERIES, t), lambda u, t: (u - np.sin(u)) / (u * t))
-
-
-def beta_gamma(theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return ``beta = b'/theta`` and ``gamma = c'/theta``: the derivative of the left Jacobian."""
-    beta = _below_seam(
-        theta,
-        lambda t: horner(BETA_SERIES, t),
-        lambda u, t: (u * np.sin(u) + 2.0 * np.cos(u) - 2.0) / (t * t),
-    )
-    gamma = _below_seam(
-        theta,
-        lambda t: horner(GAMMA_SERIES, t),
-        lambda u, t: (3.0 * np.sin(u) - u * np.cos(u) - 2.0 * u) / (u * t * t),
-    )
-    return beta, gamma
-
-
-def d_only(theta: Scalar) -> Scalar:
-    """Return ``d``: the inverse of the left Jacobian. Its poles are the angles 2 pi k, k > 0."""
-    return _below_seam(
-        theta,
-        lambda t: 2.0 / (FOUR_PI_SQUARED - t) + horner(D_REMAINDER, t),
-        lambda u, t: (1.0 - 0.5 * u / np.tan(0.5 * u)) / t,
-    )
-
-
-def delta_only(theta: Scalar) -> Scalar:
-    """Return ``delta = d'/theta``: the derivative of the inverse of the left Jacobian."""
-
-    def series(t: Scalar) -> Scalar:
-        gap = FOUR_PI_SQUARED - t
-        return 4.0 / (gap * gap) + horner(DELTA_REMAINDER, t)
-
-    def closed(u: Scalar, t: Scalar) -> Any:
-        tangent, sine = np.tan(0.5 * u), np.sin(0.5 * u)
-        return (0.25 / (sine * sine) + 0.5 / (u * tangent) - 2.0 / t) / t
-
-    return _below_seam(theta, series, closed)
-
-
-def e_epsilon(theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return ``e`` and ``epsilon = e'/theta``: the second integral of the exponential, and its derivative."""
-    e = _below_seam(theta, lambda t: horner(E_SERIES, t), lambda u, t: (0.5 * t + np.cos(u) - 1.0) / (t * t))
-    epsilon = _below_seam(
-        theta,
-        lambda t: horner(EPSILON_SERIES, t),
-        lambda u, t: (4.0 - t - u * np.sin(u) - 4.0 * np.cos(u)) / (t * t * t),
-    )
-    return e, epsilon
+    return 0.5 * half * half, c(theta)

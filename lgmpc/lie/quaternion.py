@@ -14,7 +14,7 @@ import numpy as np
 
 from lgmpc.lie import checks
 from lgmpc.lie.checks import checked
-from lgmpc.lie.coefficients import Array, sinc
+from lgmpc.lie.coefficients import Array, cosine, sinc
 from lgmpc.lie.components import Entries, matrix, norm, parts, rows, vector
 
 __all__ = ["act", "canonical", "compose", "exp", "from_matrix", "identity", "inverse", "log", "to_matrix"]
@@ -68,7 +68,7 @@ def exp(phi: Array) -> Array:
     x, y, z = parts(phi)
     half = 0.5 * norm(x, y, z)
     ratio = 0.5 * sinc(half)
-    return vector((ratio * x, ratio * y, ratio * z, math.cos(half) if isinstance(half, float) else np.cos(half)))
+    return vector((ratio * x, ratio * y, ratio * z, cosine(half)))
 
 
 @checked(checks.quaternion)

@@ -7,6 +7,7 @@ known to be valid. The series of the coefficients and their accuracy are in :mod
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, quaternion
 from lgmpc.lie.checks import checked
-from lgmpc.lie.coefficients import Array, a_b, b_c, beta_gamma, d_only, delta_only
+from lgmpc.lie.coefficients import Array, a_b, b_c, beta, d, delta, gamma
 from lgmpc.lie.components import Entries, matrix, norm, parts
+from lgmpc.lie.components import vector as stack
 
 __all__ = [
     "act",
@@ -31,6 +33,10 @@ __all__ = [
     "inverse",
     "left_jacobian",
     "left_jacobian_inverse",
+    "left_jacobian_inverse_product",
+    "left_jacobian_inverse_slope",
+    "left_jacobian_product",
+    "left_jacobian_slope",
     "log",
     "project",
     "right_jacobian",
@@ -69,7 +75,7 @@ def vee(skew: Array) -> Array:
 @checked(checks.tangent(3))
 def exp(phi: Array) -> Array:
     """Return the rotation by ``|phi|`` about ``phi`` (Rodrigues)."""
-    return matrix(rotation_entries(parts(phi)), 3)
+    return _polynomial(phi, a_b)
 
 
 @checked(checks.rotation)
@@ -129,7 +135,7 @@ def force_cross(phi: Array) -> Array:
 @checked(checks.tangent(3))
 def left_jacobian(phi: Array) -> Array:
     """Return ``J`` with ``exp(phi + e) = exp(J e) exp(phi)`` to first order; (..., 3, 3)."""
-    return matrix(jacobian_entries(parts(phi))[0], 3)
+    return _polynomial(phi, b_c)
 
 
 @checked(checks.tangent(3))
@@ -141,7 +147,7 @@ def right_jacobian(phi: Array) -> Array:
 @checked(checks.tangent(3))
 def left_jacobian_inverse(phi: Array) -> Array:
     """Return the inverse of :func:`left_jacobian`; singular where ``|phi|`` is a multiple of 2 pi other than 0."""
-    return matrix(jacobian_inverse_entries(parts(phi))[0], 3)
+    return _polynomial(phi, lambda angle: (-0.5, d(angle)))
 
 
 @checked(checks.tangent(3))
@@ -165,43 +171,66 @@ def project(approximate: Array) -> Array:
     return product
 
 
-def rotation_entries(phi: Entries) -> Entries:
-    """Return the 9 entries of the exponential."""
-    return _polynomial(phi, *a_b(norm(*phi)))
+@checked(checks.tangent(3), checks.tangent(3))
+def left_jacobian_product(phi: Array, vector: Array) -> Array:
+    """Return ``J vector`` with the left Jacobian ``J``: the translation of SE(3)'s exponential."""
+    return stack(left_jacobian_product_entries(parts(phi), parts(vector)))
 
 
-def jacobian_entries(phi: Entries, *along: Entries) -> list[Entries]:
-    """Return the 9 entries of the left Jacobian, then those of its derivative along each further vector.
-
-    The derivatives are the coupling blocks of SE(3) and SE_k(3): the series of a Jacobian in ``[[Phi, P], [0, Phi]]``
-    has the derivative of ``J = I + b Phi + c Phi^2`` along ``P`` as its corner. It tends to ``hat(rho) / 2``, not to 0,
-    where the angle does.
-    """
-    angle = norm(*phi)
-    b, c = b_c(angle)
-    if not along:
-        return [_polynomial(phi, b, c)]
-    beta, gamma = beta_gamma(angle)
-    return [_polynomial(phi, b, c), *(_slope(phi, rho, b, c, beta, gamma) for rho in along)]
+@checked(checks.tangent(3), checks.tangent(3))
+def left_jacobian_inverse_product(phi: Array, vector: Array) -> Array:
+    """Return ``J^{-1} vector`` with the left Jacobian ``J``: the linear part of SE(3)'s logarithm."""
+    return stack(left_jacobian_inverse_product_entries(parts(phi), parts(vector)))
 
 
-def jacobian_inverse_entries(phi: Entries, *along: Entries) -> list[Entries]:
-    """Return the 9 entries of the inverse of the left Jacobian, then those of its derivative along each vector."""
-    angle = norm(*phi)
-    d = d_only(angle)
-    if not along:
-        return [_polynomial(phi, -0.5, d)]
-    delta = delta_only(angle)
-    return [_polynomial(phi, -0.5, d), *(_slope(phi, rho, -0.5, d, 0.0, delta) for rho in along)]
+@checked(checks.tangent(3), checks.tangent(3))
+def left_jacobian_slope(phi: Array, along: Array) -> Array:
+    """Return the derivative of :func:`left_jacobian` along a vector: ``hat(along) / 2`` at 0."""
+    turn = parts(phi)
+    angle = norm(*turn)
+    return matrix(_slope(turn, parts(along), *b_c(angle), beta(angle), gamma(angle)), 3)
 
 
-def _polynomial(phi: Entries, first: Any, second: Any) -> Entries:
-    """Return the entries of ``I + first Phi + second Phi^2``."""
+@checked(checks.tangent(3), checks.tangent(3))
+def left_jacobian_inverse_slope(phi: Array, along: Array) -> Array:
+    """Return the derivative of :func:`left_jacobian_inverse` along a vector: ``-hat(along) / 2`` at 0."""
+    turn = parts(phi)
+    angle = norm(*turn)
+    return matrix(_slope(turn, parts(along), -0.5, d(angle), 0.0, delta(angle)), 3)
+
+
+def left_jacobian_product_entries(phi: Entries, vector: Entries) -> Entries:
+    """Return the 3 entries of :func:`left_jacobian_product`."""
+    return _twice_crossed(vector, phi, *b_c(norm(*phi)))
+
+
+def left_jacobian_inverse_product_entries(phi: Entries, vector: Entries) -> Entries:
+    """Return the 3 entries of :func:`left_jacobian_inverse_product`."""
+    return _twice_crossed(vector, phi, -0.5, d(norm(*phi)))
+
+
+def _twice_crossed(linear: Entries, phi: Entries, first: Any, second: Any) -> Entries:
+    """Return ``linear + first phi x linear + second phi x (phi x linear)``."""
+    a, b, c = linear
     x, y, z = phi
+    u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+    return (
+        a + first * u + second * (y * w - z * v),
+        b + first * v + second * (z * u - x * w),
+        c + first * w + second * (x * v - y * u),
+    )
+
+
+def _polynomial(phi: Array, coefficients: Callable[[Any], tuple[Any, Any]]) -> Array:
+    """Return ``I + first Phi + second Phi^2`` with two coefficients of the angle."""
+    x, y, z = parts(phi)
+    first, second = coefficients(norm(x, y, z))
     u, v, w = first * x, first * y, first * z
     xy, xz, yz = second * x * y, second * x * z, second * y * z
     xx, yy, zz = second * x * x, second * y * y, second * z * z
-    return 1.0 - (yy + zz), xy - w, xz + v, xy + w, 1.0 - (xx + zz), yz - u, xz - v, yz + u, 1.0 - (xx + yy)
+    return matrix(
+        (1.0 - (yy + zz), xy - w, xz + v, xy + w, 1.0 - (xx + zz), yz - u, xz - v, yz + u, 1.0 - (xx + yy)), 3
+    )
 
 
 def _slope(phi: Entries, rho: Entries, first: Any, second: Any, slope1: Any, slope2: Any) -> Entries:

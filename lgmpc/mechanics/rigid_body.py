@@ -18,7 +18,7 @@ from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, 
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3, SO3
 from lgmpc.mechanics.reduction.terms import Advected, Expression
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = [
     "HEIGHT",
@@ -28,9 +28,6 @@ __all__ = [
     "heavy_top",
     "torque_free_body",
 ]
-
-GRAVITY = 9.81
-"""m/s^2."""
 
 UP = frozen([0.0, 0.0, 1.0])
 """The upward direction, world axes."""

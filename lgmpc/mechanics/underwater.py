@@ -28,8 +28,8 @@ from lgmpc.mechanics.checks import check_positive, check_vector, frozen
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3
 from lgmpc.mechanics.reduction.terms import Expression, Symbols
-from lgmpc.mechanics.rigid_body import GRAVITY, SpatialInertia
-from lgmpc.typing import Array
+from lgmpc.mechanics.rigid_body import SpatialInertia
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["UnderwaterVehicle", "speed_under_force", "spheroid_added_mass", "terminal_speed"]
 

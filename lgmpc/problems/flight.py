@@ -17,10 +17,9 @@ from lgmpc.actions import MultibodyAction, RungeKutta4, SemiImplicitEuler
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.errors import InputError
-from lgmpc.lie import so3
+from lgmpc.lie import attitude, so3
 from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.attitude import angle_between, rotation_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
@@ -123,15 +122,16 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     def figures(trajectory: Trajectory) -> dict[str, float]:
         there, end = trajectory.xs[list(nodes)], trajectory.xs[-1]
         distance = [float(np.linalg.norm(x[:3] - mark.position)) for x, mark in zip(there, marks, strict=True)]
-        held = [(x, mark.rotation) for x, mark in zip(there, marks, strict=True) if mark.rotation is not None]
-        turned = [angle_between(rotation_of(x), rotation) for x, rotation in held]
-        tilted = [tilt(x) for x, _ in held]
+        rotations = so3.from_quaternion.unchecked(trajectory.xs[[*nodes, -1], 3:7])
+        held = [(r, mark.rotation) for r, mark in zip(rotations, marks, strict=False) if mark.rotation is not None]
+        turned = [float(attitude.angle_between(r, wanted)) for r, wanted in held]
+        tilted = [float(attitude.tilt(r)) for r, _ in held]
         return {
             "waypoint_error_m": max(distance),
             "waypoint_rotation_error_deg": float(np.degrees(max(turned, default=0.0))),
             "inverted_tilt_deg": float(np.degrees(max(tilted, default=0.0))),
             "final_error_m": distance[-1],
-            "final_tilt_deg": float(np.degrees(tilt(end))),
+            "final_tilt_deg": float(np.degrees(attitude.tilt(rotations[-1]))),
             "final_speed_m_s": float(np.linalg.norm(end[7:10])),
             **thrust_figures(vehicle, trajectory, durations),
         }

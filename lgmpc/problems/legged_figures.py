@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.lie import so3
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
-from lgmpc.problems.attitude import rotation_of
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
 from lgmpc.problems.free_flight import spins
 from lgmpc.problems.kinematics import com_positions, com_speed, contact_positions, joint_limit_violation
@@ -61,7 +61,7 @@ class LeggedFigures:
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         weight = robot.mass * float(np.linalg.norm(robot.gravity))
         raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
-        rotations = np.array([rotation_of(x) for x in xs])
+        rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
         goal, travelled = self.motion.placements(self.motion.stop), xs[-1, :3] - robot.q_reference[:3]
         turned = goal[:3, :3].T @ rotations[-1] @ pin.Quaternion(robot.q_reference[3:7]).matrix().T
         com = com_positions(robot, xs)[:, 2]

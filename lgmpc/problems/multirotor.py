@@ -17,7 +17,7 @@ from lgmpc.ocp import Trajectory
 from lgmpc.problems.scenario import Controls
 from lgmpc.robot import Robot
 from lgmpc.settings import Finite, Positive, Settings, problem
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["Multirotor", "MultirotorSettings", "flown", "thrust_figures", "turning_guess"]
 
@@ -80,7 +80,7 @@ class Multirotor:
         )
         weight = pin.computeGeneralizedGravity(robot.model, data, neutral)
         hover = np.linalg.lstsq(actuation, weight, rcond=None)[0]
-        held = np.allclose(actuation @ hover, weight, rtol=0.0, atol=1e-6 * robot.mass * 9.81)
+        held = np.allclose(actuation @ hover, weight, rtol=0.0, atol=1e-6 * robot.mass * GRAVITY)
         if not (held and (hover > 0.0).all() and (hover < settings.max_thrust_n).all()):
             expected = f"above {hover.max():.3g} N" if held else "rotors about the centre of mass"
             raise InputError("rotors.max_thrust_n", settings.max_thrust_n, f"{expected}, to hold {robot.name} level")

@@ -14,8 +14,8 @@ from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import Control, ControlGravity, FrameRotation, FrameTranslation, StateError
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
 from lgmpc.problems.kinematics import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
@@ -105,7 +105,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         end = frame_placements(robot, s.frame, trajectory.xs[-1:])[0]
         from_neutral = state.diff(np.tile(state.neutral(), (len(trajectory.xs), 1)), trajectory.xs)
         beyond = np.maximum(np.maximum(state.lower - from_neutral, from_neutral - state.upper), 0.0).max(axis=0)
-        off = math.degrees(angle_between(target.rotation, end.rotation))
+        off = math.degrees(attitude.angle_between(target.rotation, end.rotation))
         turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
         apart = {"clearance_m": least_clearance(robot, s.clearances, trajectory.xs)} if s.clearances else {}
         return {

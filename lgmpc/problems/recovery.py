@@ -17,9 +17,8 @@ from pydantic import Field
 from lgmpc.actions import MultibodyAction, RungeKutta4
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
-from lgmpc.lie import so3
+from lgmpc.lie import attitude, so3
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.attitude import angle_between, rotation_of, rpy_of, tilt
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
@@ -98,17 +97,17 @@ def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs, end = trajectory.xs, trajectory.xs[-1]
-        rotations = [rotation_of(x) for x in xs]
-        rpy = np.array([rpy_of(rotation) for rotation in rotations])
+        rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
+        rpy = attitude.roll_pitch_yaw(rotations)
         logs = np.degrees([pin.log3(goal.T @ rotation) for rotation in rotations])
-        steps = [angle_between(one, other) for one, other in zip(rotations, rotations[1:], strict=False)]
+        steps = attitude.angle_between(rotations[:-1], rotations[1:])
         return {
-            "final_tilt_deg": float(np.degrees(tilt(end))),
+            "final_tilt_deg": float(np.degrees(attitude.tilt(rotations[-1]))),
             "final_error_m": float(np.linalg.norm(end[:3] - x0[:3])),
             "final_speed_m_s": float(np.linalg.norm(end[7:10])),
             "final_rate_rad_s": float(np.linalg.norm(end[10:])),
             "height_lost_m": float(max(x0[2] - xs[:, 2].min(), 0.0)),
-            "attitude_step_deg": float(np.degrees(max(steps))),
+            "attitude_step_deg": float(np.degrees(steps.max())),
             "rpy_jump_deg": float(np.degrees(np.abs(_wrapped(np.diff(rpy, axis=0))).max())),
             "log_jump_deg": float(np.linalg.norm(np.diff(logs, axis=0), axis=1).max()),
             **thrust_figures(vehicle, trajectory, durations),

@@ -20,9 +20,8 @@ from lgmpc.actions import FreeForwardDynamics, MultibodyAction, Variational
 from lgmpc.costs import ConstraintItem, CostItem, Parameter, Residual, StageSymbols
 from lgmpc.costs.library import Control, FrameRotationMatrix
 from lgmpc.errors import InputError
-from lgmpc.lie import so3
+from lgmpc.lie import attitude, so3
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.attitude import angle_between, rotation_of, tilt
 from lgmpc.problems.free_flight import refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.kinematics import com_positions, joint_limit_violation
 from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
@@ -148,17 +147,18 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
         xs, end = trajectory.xs, trajectory.xs[-1]
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         flown = refly(robot, trajectory, times, _STIFFNESS, _DAMPING)
+        attitudes = so3.from_quaternion.unchecked(np.stack([end[3:7], flown.x[3:7]]))
         return {
-            "final_tilt_deg": math.degrees(tilt(end)),
-            "final_rotation_deg": math.degrees(angle_between(rotation_of(end), goal)),
+            "final_tilt_deg": math.degrees(attitude.tilt(attitudes[0])),
+            "final_rotation_deg": math.degrees(attitude.angle_between(attitudes[0], goal)),
             "planned_spin_nms": float(np.linalg.norm(spins(robot, xs), axis=1).max()),
             "joint_range_violation_rad": joint_limit_violation(robot, xs),
             "joint_speed_ratio": float((rates / robot.velocity_limit).max()),
             "trunk_clearance_m": trunk_clearance(robot, xs, np.array(s.trunk_half_size_m)),
             "leg_clearance_m": float(leg_clearances(robot, xs[:, : robot.nq]).min()),
             "flight_height_m": float(np.ptp(com_positions(robot, xs)[:, 2])),
-            "reflown_tilt_deg": math.degrees(tilt(flown.x)),
-            "reflown_rotation_deg": math.degrees(angle_between(rotation_of(flown.x), goal)),
+            "reflown_tilt_deg": math.degrees(attitude.tilt(attitudes[1])),
+            "reflown_rotation_deg": math.degrees(attitude.angle_between(attitudes[1], goal)),
             "reflown_spin_nms": flown.spin,
             "trunk_spin_nms": float(np.linalg.norm(trunk_spins(robot, xs), axis=1).max()),
             "path_error_rad": flown.path_error,

@@ -26,8 +26,8 @@ from lgmpc.costs.library import (
     StateError,
 )
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.attitude import angle_between
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
 from lgmpc.problems.contact_gains import ContactGains, gains_of_contacts
 from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
@@ -159,7 +159,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         total = forces.sum(axis=1)
         total[:, 3:] += np.cross(ground[None], forces[..., :3]).sum(axis=1)
         pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
-        off = math.degrees(angle_between(target.rotation, end.rotation))
+        off = math.degrees(attitude.angle_between(target.rotation, end.rotation))
         turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
         apart = {"clearance_m": least_clearance(robot, s.clearances, xs)} if s.clearances else {}
         return {

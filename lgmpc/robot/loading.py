@@ -18,7 +18,7 @@ from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, propose_postur
 from lgmpc.robot.sources import ResolvedSource, build_model, find_packages, resolve
 from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["load_robot"]
 
@@ -152,7 +152,7 @@ def _set_actuators(model: pin.Model, joints: tuple[ActuatedJoint, ...], spec: Ro
 
     own_effort = np.where(np.isnan(given_effort), model.effortLimit, np.nan)
     own_velocity = np.where(np.isnan(given_velocity), model.velocityLimit, np.nan)
-    weight = float(pin.computeTotalMass(model)) * 9.81
+    weight = float(pin.computeTotalMass(model)) * GRAVITY
     urdf_limits = (own_effort, own_velocity, lower, upper)
     limit_problems, notes = checks.check_limits(joints, *urdf_limits, weight=weight, reach=_reach(model))
 

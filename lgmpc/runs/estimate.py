@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lgmpc.lie import attitude, so3
 from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array
 
@@ -74,12 +75,6 @@ def tilt_and_yaw_deg(estimate: Array, truth: Array) -> tuple[Array, Array]:
     Returns:
         (n,) tilts in [0, 180] and (n,) yaws in [-180, 180], degrees: the rotation is the tilt after the yaw.
     """
-    u, w = estimate[:, :3], estimate[:, 3:]
-    v, s = truth[:, :3], truth[:, 3:]
-    vector = s * u - w * v - np.cross(u, v)  # of estimate * conjugate(truth)
-    scalar = (w * s)[:, 0] + np.einsum("ni,ni->n", u, v)
-    across, along = np.linalg.norm(vector[:, :2], axis=1), np.hypot(vector[:, 2], scalar)
-    sign = np.where(scalar < 0.0, -1.0, 1.0)
-    tilt: Array = np.degrees(2.0 * np.arctan2(across, along))
-    yaw: Array = np.degrees(2.0 * np.arctan2(sign * vector[:, 2], sign * scalar))
-    return tilt, yaw
+    one, other = so3.from_quaternion.unchecked(estimate), so3.from_quaternion.unchecked(truth)
+    tilt, yaw = attitude.tilt_and_yaw(one @ np.swapaxes(other, -1, -2))
+    return np.degrees(tilt), np.degrees(yaw)

@@ -16,7 +16,7 @@ from lgmpc.lie import quaternion
 from lgmpc.notebook import html_table
 from lgmpc.runs.channels import Channel, Table, single
 from lgmpc.runs.ground import along_ground, level_ground
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = [
     "CHANNELS",
@@ -25,7 +25,6 @@ __all__ = [
     "ESTIMATE_CHANNELS",
     "FORECAST_CHANNELS",
     "FRICTION_CHANNELS",
-    "GRAVITY",
     "GROUND_CHANNELS",
     "LIMIT_CHANNELS",
     "MODES",
@@ -46,9 +45,6 @@ MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
 
 CONTACT_FORCE_N = 0.1
 """Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
-
-GRAVITY = 9.81
-"""m/s2, for the weight."""
 
 
 _tick, _ground, _update = map(Table, ("tick", "ground", "update"))  # the axis "nodes" counts states, N + 1

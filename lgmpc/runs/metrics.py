@@ -12,7 +12,7 @@ from typing import get_args, get_type_hints
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie import quaternion
+from lgmpc.lie import attitude, quaternion, so3
 from lgmpc.runs.estimate import EstimatorErrors, estimator_errors
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
@@ -209,12 +209,8 @@ def rpy_deg(quaternion: Array) -> Array:
     Returns:
         (n, 3) degrees; roll and yaw unwrapped, pitch in [-90, 90].
     """
-    x, y, z, w = quaternion.T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    angles: Array = np.degrees(np.column_stack((np.unwrap(roll), pitch, np.unwrap(yaw))))
-    return angles
+    angles = attitude.roll_pitch_yaw(so3.from_quaternion.unchecked(quaternion))
+    return np.degrees(np.column_stack((np.unwrap(angles[:, 0]), angles[:, 1], np.unwrap(angles[:, 2]))))
 
 
 def slide(log: RunLog) -> Array:

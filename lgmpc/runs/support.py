@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lgmpc.runs.log import GRAVITY, MODES, RunLog
+from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["capture_margin", "capture_point", "support_margin"]
 

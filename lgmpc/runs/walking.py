@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lgmpc.lie import attitude, so3
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import push_intervals
 from lgmpc.runs.log import CONTACT_STATES, RunLog
@@ -110,9 +111,7 @@ def walking_metrics(log: RunLog, end: int) -> WalkingMetrics | None:
 
 def heading(quaternion: Array) -> Array:
     """Return (n,) the headings of bases (n, 4) x y z w: the angle of their x axes in the plane, unwrapped, rad."""
-    x, y, z, w = quaternion.T
-    angle: Array = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    return angle
+    return np.unwrap(attitude.yaw(so3.from_quaternion.unchecked(quaternion)))
 
 
 def body_velocity(log: RunLog) -> Array:
@@ -282,8 +281,7 @@ def _foot_error(walk: _Walk) -> float:
 
 def _ahead(yaw: Array, vectors: Array) -> Array:
     """Return horizontal vectors (..., 2) in axes turned by the yaw (...,), ahead and to the left."""
-    c, s, (x, y) = np.cos(yaw), np.sin(yaw), np.moveaxis(vectors, -1, 0)
-    return np.stack((c * x + s * y, c * y - s * x), axis=-1)
+    return np.stack(attitude.turn(-yaw, vectors[..., 0], vectors[..., 1]), axis=-1)
 
 
 def _rms(errors: Array) -> float | None:

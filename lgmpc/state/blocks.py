@@ -50,7 +50,7 @@ def difference(kind: BlockKind, q0: Array, q1: Array) -> Array:
 def moved(q: Array, dv: Array) -> Array:
     """Return the position (..., 3) of the placement ``q (+) dv``."""
     twist, (x, y, z, *turn) = parts(dv), parts(q)
-    a, b, c = quaternion.act_entries(turn, se3.translation_entries(twist[:3], twist[3:]))
+    a, b, c = quaternion.act_entries(turn, so3.left_jacobian_product_entries(twist[3:], twist[:3]))
     return vector((x + a, y + b, z + c))
 
 
@@ -58,7 +58,7 @@ def linear_difference(q0: Array, q1: Array, phi: Array) -> Array:
     """Return the linear part (..., 3) of ``q1 (-) q0`` of placements, whose angular part is ``phi``."""
     (a, b, c, x, y, z, w), (d, e, f, *_) = parts(q0), parts(q1)
     step = quaternion.act_entries((-x, -y, -z, w), (d - a, e - b, f - c))
-    return vector(se3.untranslation_entries(step, parts(phi)))
+    return vector(so3.left_jacobian_inverse_product_entries(parts(phi), step))
 
 
 def integrate_jacobians(kind: BlockKind, dv: Array) -> tuple[Array, Array]:

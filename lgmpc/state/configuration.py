@@ -153,7 +153,7 @@ def _circle_difference(q0: Any, q1: Any) -> Any:
 
 
 def _integrate_placement(q: Any, dv: Any) -> Any:
-    moved = q[:3] + quaternion.act(q[3:], se3.translation(dv[:3], dv[3:]))
+    moved = q[:3] + quaternion.act(q[3:], so3.left_jacobian_product(dv[3:], dv[:3]))
     step = quaternion.exp(dv[3:])
     # For the free-flyer (only), Pinocchio keeps the result in the hemisphere of its argument: q . (q step) = step_w.
     return ca.vertcat(moved, quaternion.compose(q[3:], ca.if_else(step[3] < 0, -step, step)))
@@ -161,10 +161,11 @@ def _integrate_placement(q: Any, dv: Any) -> Any:
 
 def _placement_difference(q0: Any, q1: Any) -> Any:
     phi = _rotation_difference(q0[3:], q1[3:])
-    return ca.vertcat(se3.untranslation(quaternion.act(quaternion.inverse(q0[3:]), q1[:3] - q0[:3]), phi), phi)
+    step = quaternion.act(quaternion.inverse(q0[3:]), q1[:3] - q0[:3])
+    return ca.vertcat(so3.left_jacobian_inverse_product(phi, step), phi)
 
 
-_GROUPS = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
+_GROUPS: dict[BlockKind, Any] = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
 
 _INTEGRATE: dict[BlockKind, Callable[[Any, Any], Any]] = {
     BlockKind.VECTOR: lambda q, dv: q + dv,

@@ -107,6 +107,29 @@ def test_a_command_that_is_not_finite_damps_the_joints() -> None:
     assert all(map(is_damping, robot.written))
 
 
+def test_supply_temperatures_and_errors_of_drives_are_reported(caplog: pytest.LogCaptureFixture) -> None:
+    class Measuring(ScriptedRobot):
+        def read(self, timeout_s: float) -> list[Measurement]:
+            return [
+                m._replace(
+                    supply_voltage=24.0 - m.time,
+                    motor_temperature=np.array([30.0, 40.0 + m.time]),
+                    error_flags=np.array([0, 5 if m.time > 0.0 else 1]),
+                )
+                for m in super().read(timeout_s)
+            ]
+
+    found = run(Measuring([0], [1], [2]), Copying(), 3)
+    assert (found.lowest_supply_v, found.highest_temperature_c) == (23.998, 40.002)
+    np.testing.assert_array_equal(found.error_flags, [0, 5])
+    assert [each.message for each in caplog.records] == [
+        "the drive of joint 1 reports error 0x1 at 0.000 s",
+        "the drive of joint 1 reports error 0x5 at 0.001 s",
+    ]
+    silent = run(ScriptedRobot([0]), Copying(), 1)
+    assert silent.lowest_supply_v is silent.highest_temperature_c is silent.error_flags is None
+
+
 @pytest.mark.parametrize(
     ("error", "ending", "failure"),
     [

@@ -3,6 +3,7 @@
 import errno
 import json
 import socket
+import struct
 import threading
 import time
 from pathlib import Path
@@ -191,7 +192,27 @@ def test_old_foreign_and_broken_packets_are_no_measurements() -> None:
     robot.send(at(0.2))
     assert [m.time for m in _all(driver, 1)] == [0.2]
     assert driver.ignored == 1
+    robot._number -= 1  # as where the network delivers a packet twice
+    robot.send(at(0.2))
+    robot.send(at(0.3))
+    assert [m.time for m in _all(driver, 1)] == [0.3]
     for end in (robot, driver, stranger):
+        end.close()
+
+
+def test_programs_with_packets_of_another_version_are_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
+    robot, old = UdpRobot(NU), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    old.bind((LOCALHOST, 0))
+    for _ in range(2):
+        old.sendto(b"LGMh" + struct.pack("<HHQ", 1, NU, 0), robot.address)
+    assert not robot.wait_for_controller(0.1)
+    assert [each.message for each in caplog.records] == ["a controller is refused: its packets are of version 1, not 2"]
+    driver = UdpDriver(old.getsockname(), NU)
+    driver.read(0.0)
+    old.sendto(b"LGMm" + struct.pack("<HHQ", 1, NU, 0) + bytes(8 * (7 + 3 * NU)), driver._socket.getsockname())
+    with pytest.raises(InputError, match="robot: got packets of version 1; expected packets of version 2"):
+        driver.read(1.0)
+    for end in (robot, driver, old):
         end.close()
 
 

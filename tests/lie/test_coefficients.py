@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.lie import coefficients
-from lgmpc.lie.symbolic import coefficients as symbolic
+from lgmpc.lie import coefficients, se3, sek3, so3
+from lgmpc.lie import quaternion as numeric_quaternion
+from lgmpc.lie.symbolic import quaternion
 
 ANGLES = sorted(
     {
@@ -55,12 +56,9 @@ def reference(angle: float) -> dict[str, float]:
 def numeric(angle: float | np.ndarray) -> dict[str, float | np.ndarray]:
     a, b = coefficients.a_b(angle)
     b_again, c = coefficients.b_c(angle)
-    assert np.array_equal(b, b_again)
-    beta, gamma = coefficients.beta_gamma(angle)
-    d, delta = coefficients.d_only(angle), coefficients.delta_only(angle)
-    e, epsilon = coefficients.e_epsilon(angle)
-    found = {"a": a, "b": b, "c": c, "beta": beta, "gamma": gamma, "d": d, "delta": delta}
-    return found | {"e": e, "epsilon": epsilon}
+    assert np.array_equal(b, b_again, equal_nan=True)
+    others = {name: getattr(coefficients, name)(angle) for name in ("beta", "gamma", "d", "delta", "e", "epsilon")}
+    return {"a": a, "b": b, "c": c} | others
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, *BEYOND_PI])
@@ -89,10 +87,24 @@ def test_a_batch_on_both_sides_of_the_seam() -> None:
             assert value == pytest.approx(numeric(angle)[name], rel=1e-15), name
 
 
+@pytest.mark.parametrize("angle", [math.inf, -math.inf, math.nan])
+def test_coefficients_of_angles_that_are_no_numbers_are_nan(angle: float) -> None:
+    for values in (numeric(angle), numeric(np.array([angle, 0.3]))):
+        for name, value in values.items():
+            assert np.isnan(value if isinstance(value, float) else value[0]), name
+    phi = np.array([angle, 0.0, 0.0])
+    for group, vector in ((so3, phi), (se3, np.r_[phi, phi]), (sek3, np.r_[phi, phi, phi])):
+        for name in ("exp", "left_jacobian", "right_jacobian_inverse"):
+            function = getattr(group, name).unchecked
+            with np.errstate(invalid="ignore"):
+                assert np.isnan(function(vector)).any() and np.isnan(function(np.stack([vector, vector]))).any()
+    assert np.isnan(numeric_quaternion.exp.unchecked(phi)).any()
+
+
 def test_symbolic_coefficients_equal_the_decimals() -> None:
     t = ca.SX.sym("t")
     for name in ("a", "b", "c", "beta", "gamma", "d", "delta", "e"):
-        function = ca.Function(name, [t], [getattr(symbolic, name)(t)])
+        function = ca.Function(name, [t], [getattr(coefficients, name).symbolic(t)])
         for angle in [*ANGLES, *BEYOND_PI]:
             exact = reference(angle)[name]
             # As a function of the squared angle, a = sin(theta)/theta has no relative accuracy at pi, only absolute.
@@ -112,7 +124,7 @@ def test_symbolic_derivatives_at_zero_are_the_taylor_coefficients() -> None:
         "e": (1 / 24, -1 / 720, 1 / 20160),
     }
     for name, expected in taylor.items():
-        value = getattr(symbolic, name)(t)
+        value = getattr(coefficients, name).symbolic(t)
         first = ca.jacobian(value, t)
         function = ca.Function(name, [t], [value, first, ca.jacobian(first, t)])
         assert [float(out) for out in function(0.0)] == pytest.approx(expected, rel=1e-14), name
@@ -120,7 +132,7 @@ def test_symbolic_derivatives_at_zero_are_the_taylor_coefficients() -> None:
 
 def test_the_arctangent_series_meets_the_arctangent() -> None:
     s, w = ca.SX.sym("s"), ca.SX.sym("w")
-    function = ca.Function("f", [s, w], [symbolic.half_angle_ratio(s, w)])
+    function = ca.Function("f", [s, w], [quaternion.half_angle_ratio(s, w)])
     for half in (1e-12, 1e-6, 0.1, math.atan(0.2) - 1e-9, math.atan(0.2) + 1e-9, 0.7, math.pi / 2):
         expected = 2 * half / math.sin(half)
         assert float(function(math.sin(half) ** 2, math.cos(half))) == pytest.approx(expected, rel=1e-15)

@@ -9,9 +9,8 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.lie import so3
+from lgmpc.lie import attitude, so3
 from lgmpc.ocp import Trajectory
-from lgmpc.problems.attitude import rotation_of, tilt
 from lgmpc.problems.flight import FlightSettings, FlightWaypoint, build_flight
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, flown
 from lgmpc.problems.recovery import RecoverySettings, build_recovery
@@ -71,7 +70,7 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
     assert figures["inverted_tilt_deg"] > 179.9 and figures["final_tilt_deg"] < 0.1
     assert (figures["least_thrust_ratio"], figures["peak_thrust_ratio"]) == (0.0, 1.0)  # it takes all there is
     # Once round and no more: the nose's angle in the plane of the loop, counted up from node to node.
-    nose = np.array([rotation_of(x)[:, 0] for x in solution.xs])
+    nose = np.array([so3.from_quaternion(x[3:7])[:, 0] for x in solution.xs])
     turned = np.unwrap(np.arctan2(nose[:, 2], nose[:, 0]))
     assert turned[-1] == pytest.approx(2.0 * np.pi, abs=1e-2)
     assert solution.residual().largest < 1e-4 * max(1.0, np.abs(solution.costates).max())
@@ -119,9 +118,9 @@ def test_the_tumbling_body_passes_pitch_90_and_rotation_pi_without_a_jump() -> N
     # ... and charts of it jump: roll and yaw by half a turn, the rotation vector by nearly a whole one.
     assert figures["rpy_jump_deg"] == pytest.approx(180.0, abs=1e-3)
     assert figures["log_jump_deg"] > 340.0
-    nose_up = [rotation_of(x)[2, 0] for x in solution.xs]
+    nose_up = [so3.from_quaternion(x[3:7])[2, 0] for x in solution.xs]
     assert max(nose_up) > 0.98 or min(nose_up) < -0.98  # the nose, near the vertical
-    tilts = [tilt(x) for x in solution.xs]
+    tilts = [attitude.tilt(so3.from_quaternion(x[3:7])) for x in solution.xs]
     assert 0 < int(np.argmax(tilts)) < 10 and np.degrees(max(tilts)) > 170.0  # on its back between two nodes
 
 
@@ -186,10 +185,10 @@ def test_from_upside_down_at_rest_it_turns_in_the_sense_of_the_guess() -> None:
         )
         solution = solver.solve(build_recovery(iris(), towards).guess, max_iterations=300)
         assert solution.status is Status.CONVERGED
-        assert np.degrees(tilt(solution.xs[-1])) < 0.1
+        assert np.degrees(attitude.tilt(so3.from_quaternion(solution.xs[-1][3:7]))) < 0.1
         assert np.sign(solution.xs[20, 10]) == -sign
     still = solver.solve(scenario.problem.hold())
-    assert np.degrees(tilt(still.xs[-1])) == pytest.approx(180.0)
+    assert np.degrees(attitude.tilt(so3.from_quaternion(still.xs[-1][3:7]))) == pytest.approx(180.0)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
-from lgmpc.lie.symbolic import quaternion, se3, so3
+from lgmpc.lie.symbolic import quaternion, so3
 
 __all__ = [
     "FramePlacement",
@@ -47,7 +47,7 @@ class FramePlacement(Residual):
         here, there = s.placement(self.frame), s["reference"]
         back = quaternion.to_matrix(there[3:]).T
         phi = so3.log(back @ here.rotation)
-        return ca.vertcat(se3.untranslation(back @ (here.translation - there[:3]), phi), phi)
+        return ca.vertcat(so3.left_jacobian_inverse_product(phi, back @ (here.translation - there[:3])), phi)
 
 
 class _Rotation(Residual):

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.estimation.checks import duration_of, three
-from lgmpc.lie import so3
-from lgmpc.lie.coefficients import b_c, beta_gamma, e_epsilon
+from lgmpc.lie import coefficients, so3
+from lgmpc.lie.coefficients import b_c
 from lgmpc.typing import Array
 
 __all__ = ["Increment", "IncrementRule", "exponential_increment", "zero_order_hold_increment"]
@@ -56,7 +56,9 @@ def exponential_increment(gyro: Array, accelerometer: Array, duration: float) ->
     gyro, force, dt = _checked(gyro, accelerometer, duration)
     phi = dt * gyro
     angle = math.sqrt(phi @ phi)
-    (b, c), (e, epsilon), (beta, gamma) = b_c(angle), e_epsilon(angle), beta_gamma(angle)
+    b, c = b_c(angle)
+    e, epsilon = coefficients.e(angle), coefficients.epsilon(angle)
+    beta, gamma = coefficients.beta(angle), coefficients.gamma(angle)
     turn = so3.hat.unchecked(phi)
     square = turn @ turn
     gamma1 = np.eye(3) + b * turn + c * square

@@ -26,7 +26,7 @@ from lgmpc.estimation.invariant_ekf.programme import (
     prediction,
 )
 from lgmpc.lie import checks
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["InvariantEkf", "chi_square_bound"]
 
@@ -95,7 +95,7 @@ class InvariantEkf:
         *,
         landmarks: int = 0,
         slip: float = 1e-2,
-        gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81),
+        gravity: Array | tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         form: ErrorForm = RIGHT,
         outlier_probability: float = 0.0,

@@ -12,7 +12,8 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion, Observation
-from lgmpc.lie.symbolic import coefficients, sek3, so3
+from lgmpc.lie import coefficients
+from lgmpc.lie.symbolic import sek3, so3
 
 __all__ = [
     "augmentation",
@@ -287,7 +288,11 @@ def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) 
 def _second_integral(phi: Any) -> Any:
     """Return ``Gamma_2 = sum_k Phi^k / (k + 2)!``."""
     t, turn = ca.dot(phi, phi), so3.hat(phi)
-    return 0.5 * ca.SX.eye(3) + coefficients.c(t) * turn + coefficients.e(t) * (phi @ phi.T - t * ca.SX.eye(3))
+    return (
+        0.5 * ca.SX.eye(3)
+        + coefficients.c.symbolic(t) * turn
+        + coefficients.e.symbolic(t) * (phi @ phi.T - t * ca.SX.eye(3))
+    )
 
 
 def _assume_group(pose: Any) -> Any:

@@ -6,9 +6,14 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.lie.symbolic import coefficients
+from lgmpc.lie.coefficients import a, b, horner
 
-__all__ = ["act", "canonical", "compose", "exp", "from_matrix", "inverse", "log", "to_matrix"]
+__all__ = ["act", "canonical", "compose", "exp", "from_matrix", "half_angle_ratio", "inverse", "log", "to_matrix"]
+
+ATAN_SEAM = 0.04
+"""Squared tangent of half the angle below which the logarithm uses the series of the arctangent."""
+
+_ATAN_SERIES = tuple((-1.0) ** k / (2 * k + 1) for k in range(12))
 
 
 def compose(q0: Any, q1: Any) -> Any:
@@ -39,14 +44,29 @@ def canonical(q: Any) -> Any:
 def exp(phi: Any) -> Any:
     """Return the quaternion of a rotation vector (3), rad."""
     t = ca.dot(phi, phi)
-    return ca.vertcat(coefficients.half_sinc(t) * phi, coefficients.half_cosine(t))
+    half_sinc, half_cosine = 0.5 * a.symbolic(0.25 * t), 1.0 - 0.25 * t * b.symbolic(0.25 * t)
+    return ca.vertcat(half_sinc * phi, half_cosine)
 
 
 def log(q: Any) -> Any:
     """Return the rotation vector (3) of norm at most pi; ``q`` and ``-q`` give the same."""
     positive = canonical(q)
     vector = positive[:3]
-    return coefficients.half_angle_ratio(ca.dot(vector, vector), positive[3]) * vector
+    return half_angle_ratio(ca.dot(vector, vector), positive[3]) * vector
+
+
+def half_angle_ratio(sine_squared: Any, cosine: Any) -> Any:
+    """Return ``theta / sin(theta/2)`` from a quaternion with non-negative scalar part.
+
+    Args:
+        sine_squared: squared norm of the vector part.
+        cosine: scalar part, >= 0. A common factor of both parts of the quaternion drops out of ``theta``.
+    """
+    near = sine_squared <= ATAN_SEAM * cosine**2
+    cosine_near = ca.if_else(near, cosine, 1.0)
+    u = ca.if_else(near, sine_squared, 0.0) / cosine_near**2
+    sine = ca.sqrt(ca.if_else(near, 1.0, sine_squared))
+    return ca.if_else(near, 2.0 * horner(_ATAN_SERIES, u) / cosine_near, 2.0 * ca.atan2(sine, cosine) / sine)
 
 
 def to_matrix(q: Any) -> Any:

@@ -6,7 +6,8 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.lie.symbolic import coefficients, quaternion
+from lgmpc.lie import coefficients
+from lgmpc.lie.symbolic import quaternion
 
 
 def hat(phi: Any) -> Any:
@@ -22,7 +23,7 @@ def vee(matrix: Any) -> Any:
 def exp(phi: Any) -> Any:
     """Return the rotation by ``|phi|`` about ``phi``."""
     t, skew = ca.dot(phi, phi), hat(phi)
-    return ca.DM.eye(3) + coefficients.a(t) * skew + coefficients.b(t) * _square(phi, t)
+    return ca.DM.eye(3) + coefficients.a.symbolic(t) * skew + coefficients.b.symbolic(t) * _square(phi, t)
 
 
 def log(rotation: Any) -> Any:
@@ -68,7 +69,7 @@ def force_cross(phi: Any) -> Any:
 def left_jacobian(phi: Any) -> Any:
     """Return ``J`` with ``exp(phi + e) = exp(J e) exp(phi)`` to first order."""
     t = ca.dot(phi, phi)
-    return ca.DM.eye(3) + coefficients.b(t) * hat(phi) + coefficients.c(t) * _square(phi, t)
+    return ca.DM.eye(3) + coefficients.b.symbolic(t) * hat(phi) + coefficients.c.symbolic(t) * _square(phi, t)
 
 
 def right_jacobian(phi: Any) -> Any:
@@ -79,12 +80,24 @@ def right_jacobian(phi: Any) -> Any:
 def left_jacobian_inverse(phi: Any) -> Any:
     """Return the inverse of :func:`left_jacobian`."""
     t = ca.dot(phi, phi)
-    return ca.DM.eye(3) - 0.5 * hat(phi) + coefficients.d(t) * _square(phi, t)
+    return ca.DM.eye(3) - 0.5 * hat(phi) + coefficients.d.symbolic(t) * _square(phi, t)
 
 
 def right_jacobian_inverse(phi: Any) -> Any:
     """Return the inverse of :func:`right_jacobian`."""
     return left_jacobian_inverse(-phi)
+
+
+def left_jacobian_product(phi: Any, vector: Any) -> Any:
+    """Return ``left_jacobian(phi) vector``: the translation of SE(3)'s exponential."""
+    t, turned = ca.dot(phi, phi), ca.cross(phi, vector)
+    return vector + coefficients.b.symbolic(t) * turned + coefficients.c.symbolic(t) * ca.cross(phi, turned)
+
+
+def left_jacobian_inverse_product(phi: Any, vector: Any) -> Any:
+    """Return ``left_jacobian_inverse(phi) vector``: the linear part of SE(3)'s logarithm."""
+    turned = ca.cross(phi, vector)
+    return vector - 0.5 * turned + coefficients.d.symbolic(ca.dot(phi, phi)) * ca.cross(phi, turned)
 
 
 def _square(phi: Any, t: Any) -> Any:
@@ -96,9 +109,9 @@ def left_jacobian_slope(phi: Any, rho: Any) -> Any:
     t, skew = ca.dot(phi, phi), hat(phi)
     along = ca.dot(phi, rho)
     return (
-        coefficients.b(t) * hat(rho)
-        + coefficients.c(t) * _anticommutator(phi, rho)
-        + along * (coefficients.beta(t) * skew + coefficients.gamma(t) * _square(phi, t))
+        coefficients.b.symbolic(t) * hat(rho)
+        + coefficients.c.symbolic(t) * _anticommutator(phi, rho)
+        + along * (coefficients.beta.symbolic(t) * skew + coefficients.gamma.symbolic(t) * _square(phi, t))
     )
 
 
@@ -107,8 +120,8 @@ def left_jacobian_inverse_slope(phi: Any, rho: Any) -> Any:
     t = ca.dot(phi, phi)
     return (
         -0.5 * hat(rho)
-        + coefficients.d(t) * _anticommutator(phi, rho)
-        + ca.dot(phi, rho) * coefficients.delta(t) * _square(phi, t)
+        + coefficients.d.symbolic(t) * _anticommutator(phi, rho)
+        + ca.dot(phi, rho) * coefficients.delta.symbolic(t) * _square(phi, t)
     )
 
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lgmpc.lie import attitude
 from lgmpc.mechanics.checks import check_positive
 from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
 from lgmpc.mechanics.quadrotor.trajectory import FlatTrajectory
-from lgmpc.mechanics.rigid_body import GRAVITY
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["EulerAnglePid", "EulerGains"]
 
@@ -74,7 +74,7 @@ class EulerAnglePid:
         self._accumulate(time, error)
         pull = desired.position[2] + gains.position * error + gains.velocity * (desired.position[1] - state.velocity)
         pull = pull + gains.integral * self._sum
-        angles = euler_angles(state.rotation)
+        angles = attitude.roll_pitch_yaw(state.rotation)
         yaw = np.arctan2(desired.heading[0, 1], desired.heading[0, 0])
         ahead = np.cos(yaw) * pull[..., 0] + np.sin(yaw) * pull[..., 1]
         aside = np.sin(yaw) * pull[..., 0] - np.cos(yaw) * pull[..., 1]
@@ -93,14 +93,6 @@ class EulerAnglePid:
             self._sum, self._time = np.zeros(3), time
         self._sum = self._sum + error * (time - self._time)
         self._time = time
-
-
-def euler_angles(rotation: Array) -> Array:
-    """Return (..., 3) roll, pitch and yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``, rad."""
-    roll = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
-    pitch = np.arcsin(np.clip(-rotation[..., 2, 0], -1.0, 1.0))
-    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def angle_rates(angles: Array, rate: Array) -> Array:

@@ -15,11 +15,9 @@ from numpy.typing import ArrayLike
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
 from lgmpc.mechanics.checks import frozen
-from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState
+from lgmpc.mechanics.quadrotor.model import Quadrotor, QuadrotorState, cross, dot
 from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory
-from lgmpc.mechanics.quadrotor.vectors import cross, dot, rotate
-from lgmpc.mechanics.rigid_body import GRAVITY
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["AttitudeCommand", "GeometricController", "GeometricGains", "attitude_error"]
 
@@ -133,7 +131,7 @@ class GeometricController:
         inertia, gains, omega = self.quadrotor.inertia, self.gains, state.rate
         _, error = attitude_error(state.rotation, command.rotation, gains.rotation)
         back = np.swapaxes(state.rotation, -1, -2) @ command.rotation
-        desired, ahead = (rotate(back, v) for v in (command.rate, command.acceleration))
+        desired, ahead = (so3.act.unchecked(back, v) for v in (command.rate, command.acceleration))
         moment: Array = -error - gains.rate * (omega - desired)
         moment += cross(omega, omega @ inertia) - (cross(omega, desired) - ahead) @ inertia
         return moment
@@ -150,7 +148,7 @@ class GeometricController:
         mass, gains = self.quadrotor.mass, self.gains
         x, v, a, j, s = desired.position
         axis = state.rotation[..., 2]
-        axis_rate = rotate(state.rotation, cross(state.rate, _E3))
+        axis_rate = so3.act.unchecked(state.rotation, cross(state.rate, _E3))
 
         # The desired force and its two derivatives; acceleration and jerk are those of the closed loop.
         force = gains.position * (x - state.position) + gains.velocity * (v - state.velocity)

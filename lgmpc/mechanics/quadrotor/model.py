@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
-from lgmpc.mechanics.quadrotor.vectors import cross, rotate
-from lgmpc.mechanics.rigid_body import GRAVITY
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["Controller", "Flight", "Quadrotor", "QuadrotorState", "fly"]
 
@@ -23,6 +21,8 @@ _FASTEST = 0.5
 """rad per step: a vehicle that rotates more is lost; the method would not resolve it."""
 _PROJECTED_EVERY = 500
 """Steps between projections to SO(3), from which rounding deviates by 1e-16 each."""
+
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def fly(
         )
 
     def pulled_back(u: Array, omega: Array) -> Array:
-        return rotate(so3.right_jacobian_inverse.unchecked(u), omega)
+        return so3.act.unchecked(so3.right_jacobian_inverse.unchecked(u), omega)
 
     state = start
     lost: BoolArray = np.zeros(shape[1:-1], dtype=np.bool_)
@@ -223,3 +223,15 @@ def fly(
         if k % _PROJECTED_EVERY == _PROJECTED_EVERY - 1:
             state = replace(state, rotation=so3.project(state.rotation))
     return Flight(times, QuadrotorState(position, velocity, rotation, rate), thrusts, moments, lost)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b over the last axis (..., 3)."""
+    found: Array = a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
+    return found
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Return a . b over the last axis, which is kept with length 1."""
+    found: Array = np.einsum("...i,...i->...", a, b)[..., None]
+    return found

@@ -15,7 +15,7 @@ from lgmpc.lie import checks, quaternion, so3
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.terms import Motion
 from lgmpc.mechanics.rigid_body import UP, heavy_top
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["BRULS_TOP", "SIMO_WONG_TOP", "HeavyTopBenchmark"]
 
@@ -98,7 +98,7 @@ BRULS_TOP = HeavyTopBenchmark(
     # A disc of 15 kg, 0.234375 and 0.46875 kg.m^2 about its centre, at 1 m along its second axis, the axis of symmetry.
     inertia=np.diag([15.234375, 0.46875, 15.234375]),
     moment=np.array([0.0, 15.0, 0.0]),
-    gravity=9.81,
+    gravity=GRAVITY,
     rotation=np.eye(3),
     velocity=np.array([0.0, 150.0, -4.61538]),
     duration=2.0,

@@ -1,0 +1,65 @@
+"""Joint references for the drives' own loop, which holds the predicted motion between two ticks."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from lgmpc.control.interface import Command, zeros
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot
+from lgmpc.robot.actuators import match_joints
+from lgmpc.settings import NonNegative, PerJoint, Settings
+from lgmpc.typing import Array
+
+__all__ = ["DriveSettings", "JointReferences"]
+
+
+class DriveSettings(Settings):
+    """Gains of the drives' own loop, ``tau + kp (q_des - q) + kd (v_des - v)``, about the motion of the whole-body QP.
+
+    One gain for all joints, or ``{joint name or pattern: gain}``; 0 where there is none.
+    """
+
+    kp_nm_rad: PerJoint[NonNegative] = Field(default=0.0, description="Stiffness, N.m/rad.")
+    kd_nms_rad: PerJoint[NonNegative] = Field(default=0.0, description="Damping, N.m.s/rad.")
+
+
+class JointReferences:
+    """Joint positions and velocities at the end of a tick, by the accelerations of the whole-body QP.
+
+    Drives with gains lead the joints there, and oppose deviations at their own rate, also after the tick where the next
+    command is late or lost.
+
+    Args:
+        robot: the controller's model.
+        settings: see :class:`DriveSettings`.
+        period: time between two ticks, s.
+
+    Raises:
+        InputError: a key matches no joint, or there are gains for joints without one coordinate each.
+    """
+
+    def __init__(self, robot: Robot, settings: DriveSettings, period: float) -> None:
+        self._period = period
+        self._kp = _per_joint(robot, settings.kp_nm_rad, "drives.kp_nm_rad")
+        self._kd = _per_joint(robot, settings.kd_nms_rad, "drives.kd_nms_rad")
+        self._none = self._kp is self._kd
+        if not self._none and robot.q_reference[robot.joint_q].size != robot.nu:
+            raise InputError("drives", "gains", f"none: {robot.name} has joints without one coordinate each")
+
+    def command(self, tau: Array, q: Array, v: Array, acceleration: Array) -> Command:
+        """Return the command of torques (nu,) at joint positions, velocities and with accelerations (nu,)."""
+        if self._none:
+            return Command.feed_forward(tau, q)
+        then = v + self._period * acceleration
+        return Command(tau, q + 0.5 * self._period * (v + then), then, self._kp, self._kd)
+
+
+def _per_joint(robot: Robot, gain: float | dict[str, float], key: str) -> Array:
+    """Return (nu,) gains; the array of no gain if all are zero."""
+    given, wrong = match_joints(gain if isinstance(gain, dict) else {"*": gain}, robot.joint_names, key)
+    if wrong:
+        raise InputError(key, str(gain), "names or patterns of joints", robot.joint_names, word=next(iter(gain)))  # type: ignore[arg-type]
+    values = np.array([given.get(name, 0.0) for name in robot.joint_names])
+    return values if values.any() else zeros(robot.nu)

@@ -1,0 +1,61 @@
+"""References of the drives' own loop: closed forms, and a robot whose commands get lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lgmpc.config.build import build_robot, prepare
+from lgmpc.config.loading import load_config
+from lgmpc.control.drives import DriveSettings, JointReferences
+from lgmpc.control.interface import Command
+from lgmpc.errors import ConfigError
+from lgmpc.robot import Robot
+
+PERIOD = 0.005
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return build_robot(load_config("solo12_stand"))
+
+
+def test_references_are_where_constant_accelerations_lead(robot: Robot) -> None:
+    rng = np.random.default_rng(1)
+    tau, q, v, a = rng.normal(size=(4, robot.nu))
+    gains = DriveSettings(kp_nm_rad={"*_KFE": 3.0, "FL_KFE": 4.0}, kd_nms_rad=0.1)
+    command = JointReferences(robot, gains, PERIOD).command(tau, q, v, a)
+    at_knees = np.array(["KFE" in name for name in robot.joint_names])
+    np.testing.assert_array_equal(command.kp > 0.0, at_knees)
+    assert command.kp[robot.joint_names.index("FL_KFE")] == 4.0 and (command.kd == 0.1).all()
+    then = np.linspace(0.0, PERIOD, 1001)[:, None]
+    np.testing.assert_allclose(command.q_des, q + np.trapezoid(v + a * then, then, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(command.v_des, v + a * PERIOD, rtol=1e-12)
+    # Once the joints are there, the drives add nothing.
+    np.testing.assert_array_equal(command.torque(command.q_des, command.v_des), tau)
+
+
+def test_without_gains_the_torques_are_those_of_the_qp(robot: Robot) -> None:
+    tau, q, v, a = np.random.default_rng(2).normal(size=(4, robot.nu))
+    command = JointReferences(robot, DriveSettings(), PERIOD).command(tau, q, v, a)
+    assert command.torque(q + 1.0, v + 1.0) is tau and not command.kp.any() and not command.kd.any()
+    same = Command(*(each.copy() for each in command))  # as it arrives over a link
+    np.testing.assert_array_equal(same.torque(q + 1.0, v + 1.0), tau)
+
+
+def test_a_key_that_matches_no_joint_is_named() -> None:
+    config = load_config("solo12_stand", ["drives.kp_nm_rad={FL_KFF: 1.0}"])
+    with pytest.raises(ConfigError, match=r"drives\.kp_nm_rad: got .*FL_KFF.*names or patterns of joints.*FL_KFE"):
+        build_robot(config)
+
+
+def test_gains_hold_the_motion_of_a_trot_whose_commands_get_lost() -> None:
+    """At 200 Hz, half of the commands lost."""
+    errors = []
+    for gains in ("{}", "{kp_nm_rad: 3.0, kd_nms_rad: 0.1}"):
+        rates = ["wbc.rate_hz=200", "mpc.rate_hz=100", "log.rate_hz=200", "plant.link.dropped_commands=0.5"]
+        config = load_config("solo12_velocity", ["duration_s=2.5", "gate={}", f"drives={gains}", *rates])
+        metrics = prepare(config).run(lambda progress: None).metrics
+        assert metrics is not None and metrics.walking is not None and not metrics.fell
+        errors.append(metrics.walking.velocity_rmse_m_s)
+    assert errors[1] < 0.7 * errors[0]

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -41,45 +42,28 @@ def tune_shown(
     """Tune, print the gain, and return the exit code: 0 if there is one on the held-out points."""
     problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
     folder = folder or Path("tuning") / source.stem
+    command = shlex.join(["lgmpc", *sys.argv[1:]])
+    search = partial(tune, problem, folder, trials=trials, seed=seed, workers=workers, resume=resume, command=command)
     try:
         with counting_display(err(), trials, "trials", _state, quiet=quiet) as display:
-            found = tune(
-                problem,
-                folder,
-                trials=trials,
-                seed=seed,
-                workers=workers,
-                resume=resume,
-                command=shlex.join(["lgmpc", *sys.argv[1:]]),
-                notify=display.announce,
-                progress=display.advance,
-            )
+            found = search(notify=display.announce, progress=display.advance)
     except Interrupted as error:
-        _show_interrupted(0)
-        return error.exit_code
-    gained = _gained(problem, found)
+        return _interrupted(error, 0)
     if as_json:
         signal = None if found.signal is None else found.signal.name
-        content = asdict(found) | {"files": list(map(str, found.files)), "signal": signal, "gained": gained}
+        content = asdict(found) | {"files": list(map(str, found.files)), "signal": signal}
         print(json.dumps({"folder": str(folder), **json_values(content)}, indent=2))
     else:
-        _show(out(), problem, found, gained=gained)
+        _show(out(), problem, found)
     if found.signal is not None:
-        _show_interrupted(found.trials)
-        return Interrupted(found.signal).exit_code
-    return 0 if gained else 1
+        return _interrupted(Interrupted(found.signal), found.trials)
+    return 0 if found.gained else 1
 
 
-def _show_interrupted(trials: int) -> None:
+def _interrupted(error: Interrupted, trials: int) -> int:
     words = f"INTERRUPTED  after {trials} trials: the same command with --resume continues"
     err().print(Text(words, "bold yellow"))
-
-
-def _gained(problem: TuningProblem, found: Tuned) -> bool:
-    """Return whether the best values are better than the initial ones on the held-out points."""
-    if found.initial_held_out is None or found.best_held_out is None:
-        return False
-    return problem.objective.better(found.best_held_out, found.initial_held_out)
+    return error.exit_code
 
 
 def _by_chance(found: Tuned) -> bool:
@@ -90,12 +74,12 @@ def _by_chance(found: Tuned) -> bool:
     return difference.low <= 0.0 <= difference.high
 
 
-def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: bool) -> None:
+def _show(console: Console, problem: TuningProblem, found: Tuned) -> None:
     table = plain_table("", "initial", f"best (trial {found.trial} of {found.trials})")
     for each in problem.dimensions:
         table.add_row(each.key, level_text(each.value(each.initial)), level_text(found.values[each.key]))
     name = problem.objective.name
-    table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", _score(found.initial), _score(found.best))
+    table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", str(found.initial), str(found.best))
     held_out = f"{name}, {len(problem.held_out.points)} held-out points"
     table.add_row(held_out, _score(found.initial_held_out), _score(found.best_held_out))
     console.print(table)
@@ -104,17 +88,17 @@ def _show(console: Console, problem: TuningProblem, found: Tuned, *, gained: boo
     if found.initial == found.initial_held_out and found.best == found.best_held_out:
         console.print(Text("the held-out points gave the same: nothing is random. Tune over a sweep", "yellow"))
     if found.best_held_out is not None:
-        word, style = ("GAINED", "bold green") if gained else ("NO GAIN", "bold red")
+        word, style = ("GAINED", "bold green") if found.gained else ("NO GAIN", "bold red")
         console.print(Text.assemble((word, style), "  on held-out points"))
-        if gained and _by_chance(found):
+        if found.gained and _by_chance(found):
             console.print(Text("the interval contains 0: tune over more points (samples.count, --seeds)", "yellow"))
     for file in found.files:
         console.print(Text(f"saved in {file}"))
 
 
 def _score(score: Score | None) -> str:
-    return "-" if score is None else f"{score.value:.4g} ({100.0 * score.passed:.3g} % passed)"
+    return "-" if score is None else str(score)
 
 
 def _state(now: TuningProgress) -> str:
-    return f"  initial {_score(now.initial)}  best {_score(now.best)}  about {duration_words(now.rest_s)} left"
+    return f"  initial {now.initial}  best {now.best}  about {duration_words(now.remaining_s)} left"

@@ -1,11 +1,13 @@
-"""Tuning by Bayesian optimisation (tree-structured Parzen estimators) with optuna; its journal can be resumed."""
+"""Tuning by Bayesian optimisation (tree-structured Parzen estimators) with optuna, whose journal can be resumed."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import shutil
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
@@ -14,23 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
-from lgmpc.errors import InputError, Interrupted, RunFolderError
+from lgmpc.errors import InputError, Interrupted, MissingDependencyError, RunFolderError
 from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps.design import Sweep
-from lgmpc.sweeps.journal import completed_trials, open_study, score_of, suggested
+from lgmpc.sweeps.folder import open_folder
 from lgmpc.sweeps.pool import Pool, available_cores
-from lgmpc.sweeps.rows import Ending, Row
+from lgmpc.sweeps.rows import Ending, Row, paired
 from lgmpc.sweeps.statistics import Estimate, mean_difference
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
-from lgmpc.sweeps.tuning import Score, TuningProblem, task_key
+from lgmpc.sweeps.tuning import Score, TuningProblem
 
 if TYPE_CHECKING:
     import optuna
 
 __all__ = ["Tuned", "TuningProgress", "tune"]
-
-BEST = "best.yaml"
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class TuningProgress:
         total: number of trials.
         initial: score of the initial values.
         best: score of the best values so far.
-        rest_s: estimate of the time until the last trial is finished, s.
+        remaining_s: estimate of the time until the last trial is finished, s.
     """
 
     done: int
     total: int
     initial: Score
     best: Score
-    rest_s: float
+    remaining_s: float
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class Tuned:
         initial_held_out: score of the initial values on the held-out points; ``None`` if stopped early.
         best_held_out: score of the best values on the held-out points.
         difference: mean difference in pairs on the held-out points, best minus initial; ``None`` without pairs.
+        gained: whether the best values are better than the initial ones on the held-out points.
         files: the best configs.
         signal: the signal that ended it early, if any.
     """
@@ -74,10 +75,11 @@ class Tuned:
     values: Mapping[str, Any]
     initial: Score
     best: Score
-    initial_held_out: Score | None
-    best_held_out: Score | None
-    difference: Estimate | None
-    files: tuple[Path, ...]
+    initial_held_out: Score | None = None
+    best_held_out: Score | None = None
+    difference: Estimate | None = None
+    gained: bool = False
+    files: tuple[Path, ...] = ()
     signal: Signals | None = None
 
 
@@ -118,185 +120,179 @@ def tune(
     for name, number in (("trials", trials), ("workers", 1 if workers is None else workers)):
         if number < 1:
             raise InputError(name, number, "at least 1")
-    with open_study(problem, folder, seed, resume) as study, reports(notify, progress, _counted) as (announce, advance):
-        session = _Session(problem, folder, study, advance)
-        received = None
-        limit = problem.tuned.settings.time_limit_s
+    count, limit = workers or available_cores(), problem.tuned.settings.time_limit_s
+    with (
+        _open_study(problem, folder, seed, resume) as study,
+        reports(notify, progress, _counted) as (announce, advance),
+    ):
+        search = _Search(problem, folder, study)
         try:
-            with stop_signals() as stop, Pool(workers or available_cores(), start_worker, limit) as pool:
+            with stop_signals() as stop, Pool(count, start_worker, limit) as pool:
                 announce("starting, and compiling what is not in the cache")
-                for _ in pool.map(warm, [problem.tuned.points[0].config], workers=1):
-                    pass
+                list(pool.map(warm, [problem.tuned.points[0].config], workers=1))
                 announce("tuning")
-                session.search(pool, stop, trials, workers or available_cores())
+                search.run(pool, stop, trials, count, advance)
                 announce("running the held-out points")
-                held_out = session.compare(pool)
+                return search.judged(pool, command)
         except Interrupted as error:
-            if not completed_trials(study):
+            if not search.scored():
                 raise
-            received, held_out = error.signal, None
+            return replace(search.found(), signal=error.signal)
         finally:
             shutil.rmtree(folder / "scratch", ignore_errors=True)
-        return session.result(held_out, command, received)
 
 
 def _counted(now: TuningProgress) -> tuple[float, str]:
     return now.done / now.total, f"{now.done} of {now.total} trials"
 
 
-_HeldOut = tuple[Score, Score, "Estimate | None"]
-
-
-class _Session:
-    """The search: draws values from the sampler, computes their points, and records their scores."""
-
-    def __init__(
-        self,
-        problem: TuningProblem,
-        folder: Path,
-        study: optuna.Study,
-        progress: Callable[[TuningProgress], None],
-    ) -> None:
-        self._problem, self._folder, self._study, self._progress = problem, folder, study, progress
-
-    def search(self, pool: Pool, stop: StopSignals, trials: int, workers: int) -> None:
-        """Run trials up to their number, several at once if one does not occupy all workers."""
-        points = self._problem.tuned.points
-        together = max(1, workers // len(points))
-        started, earlier = perf_counter(), self._done()
-        while (missing := trials - self._done()) > 0:
-            first = not self._finished()
-            drawn = [self._study.ask() for _ in range(1 if first else min(together, missing))]
-            values = {trial.number: self._suggest(trial) for trial in drawn}
-            rows = self._compute(pool, self._problem.tuned, values, "tuned")
-            for trial in drawn:
-                with stop.held():
-                    self._report(trial, rows[trial.number])
-                done = self._done()
-                rest_s = (perf_counter() - started) / (done - earlier) * (trials - done)
-                initial, best = score_of(self._finished()[0]), score_of(self._best())
-                self._progress(TuningProgress(done, trials, initial, best, rest_s))
-
-    def compare(self, pool: Pool) -> _HeldOut:
-        """Return scores of initial and best values on the held-out points, and their difference in pairs."""
-        best = self._best()
-        values = {0: self._problem.initial, 1: dict(best.params)}
-        rows = self._compute(pool, self._problem.held_out, values, "held-out")
-        objective = self._problem.objective
-        pairs = [(objective.of(a), objective.of(b)) for a, b in zip(rows[0], rows[1], strict=True)]
-        differences = [b - a for a, b in pairs if a is not None and b is not None and math.isfinite(b - a)]
-        difference = mean_difference(differences) if differences else None
-        return objective.score(rows[0]), objective.score(rows[1]), difference
-
-    def result(self, held_out: _HeldOut | None, command: str, received: Signals | None) -> Tuned:
-        """Write the best config and return the result."""
-        best, initial = self._best(), score_of(self._finished()[0])
-        first, second, difference = held_out or (None, None, None)
-        found = Tuned(
-            best.number,
-            self._done(),
-            {each.key: each.value(best.params[each.key]) for each in self._problem.dimensions},
-            initial,
-            score_of(best),
-            first,
-            second,
-            difference,
-            (),
-            received,
+@contextmanager
+def _open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) -> Iterator[optuna.Study]:
+    """Open the journal of a tuning; trials that were running when it was stopped are marked as failed."""
+    try:
+        import optuna
+        from optuna.storages import JournalStorage
+        from optuna.storages.journal import JournalFileBackend
+    except ImportError as error:
+        raise MissingDependencyError("optuna", "lgmpc tune", 'pip install "lgmpc[tune]"') from error
+    open_folder(folder, "tuning.yaml", problem.document(), resume=resume)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", category=optuna.exceptions.ExperimentalWarning)
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        study = optuna.create_study(
+            storage=JournalStorage(JournalFileBackend(str(folder / "journal.log"))),
+            study_name=problem.name,
+            direction="maximize" if problem.objective.maximized else "minimize",
+            load_if_exists=True,
         )
-        files = tuple(self._write(found, best.params, command)) if held_out else ()
-        return replace(found, files=files)
+        there = study.get_trials(deepcopy=False)
+        # Seeded by the number of trials too, so that a resumed search does not repeat itself.
+        study.sampler = optuna.samplers.TPESampler(seed=seed + len(there), multivariate=True)
+        for trial in there:
+            if trial.state == optuna.trial.TrialState.RUNNING:
+                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+        if not any(trial.state == optuna.trial.TrialState.COMPLETE for trial in there):
+            study.enqueue_trial(problem.initial)
+        yield study
 
-    def _finished(self) -> list[optuna.trial.FrozenTrial]:
-        """Return the finished trials with a score, that of the initial values first."""
-        return completed_trials(self._study)
 
-    def _done(self) -> int:
+class _Search:
+    """The search: proposes values, computes their points, and records their scores in the study."""
+
+    def __init__(self, problem: TuningProblem, folder: Path, study: optuna.Study) -> None:
+        self._problem, self._folder, self._study = problem, folder, study
+
+    def scored(self) -> list[tuple[Score, optuna.trial.FrozenTrial]]:
+        """Return the trials with a score, that of the initial values first.
+
+        One that was killed between the writing of its attributes and of its state has none.
+        """
+        from optuna.trial import TrialState
+
+        trials = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        return [(Score(float(each.user_attrs["passed"]), float(each.user_attrs["value"])), each) for each in trials]
+
+    def done(self) -> int:
         """Return the number of computed trials, with a score or without."""
         unmeasured = ("unmeasured" in each.user_attrs for each in self._study.get_trials(deepcopy=False))
-        return len(self._finished()) + sum(unmeasured)
+        return len(self.scored()) + sum(unmeasured)
 
-    def _best(self) -> optuna.trial.FrozenTrial:
-        finished = self._finished()
-        if not finished:
-            raise RunFolderError(f"no trial in {self._folder} is finished: the same command with --resume continues")
-        best = finished[0]
-        for trial in finished[1:]:
-            if self._problem.objective.better(score_of(trial), score_of(best)):
-                best = trial
-        return best
+    def found(self) -> Tuned:
+        """Return the result so far, without held-out points."""
+        scored = self.scored()
+        best, trial = max(scored, key=lambda each: self._problem.objective.rank(each[0]))
+        values = {each.key: each.value(trial.params[each.key]) for each in self._problem.dimensions}
+        return Tuned(trial.number, self.done(), values, scored[0][0], best)
 
-    def _suggest(self, trial: optuna.Trial) -> dict[str, Any]:
-        return {each.key: suggested(trial, each) for each in self._problem.dimensions}
+    def run(
+        self, pool: Pool, stop: StopSignals, trials: int, workers: int, progress: Callable[[TuningProgress], None]
+    ) -> None:
+        """Run trials up to their number, several at once if one does not occupy all workers."""
+        together = max(1, workers // len(self._problem.tuned.points))
+        started, earlier = perf_counter(), self.done()
+        while (missing := trials - self.done()) > 0:
+            asked = [self._study.ask() for _ in range(min(together, missing) if self.scored() else 1)]
+            values = {trial.number: self._proposed(trial) for trial in asked}
+            rows = self._compute(pool, self._problem.tuned, values)
+            for trial in asked:
+                with stop.held():
+                    self._record(trial, rows[trial.number])
+                now = self.found()
+                remaining_s = (perf_counter() - started) / (now.trials - earlier) * (trials - now.trials)
+                progress(TuningProgress(now.trials, trials, now.initial, now.best, remaining_s))
 
-    def _compute(
-        self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]], half: str
-    ) -> dict[int, list[Row]]:
-        """Return the rows of all points of each trial, in order."""
-        settings, scratch = sweep.settings, (self._folder / "scratch").resolve()  # as in a sweep
-        wanted: dict[str, tuple[int, int]] = {}
+    def judged(self, pool: Pool, command: str) -> Tuned:
+        """Compare the best values with the initial ones on the held-out points, and write the best configs."""
+        objective, found = self._problem.objective, self.found()
+        params = self._study.get_trials(deepcopy=False)[found.trial].params
+        initial, best = self._compute(pool, self._problem.held_out, {0: self._problem.initial, 1: params}).values()
+        first, second = objective.score(initial), objective.score(best)
+        pairs = paired(zip(initial, best, strict=True)).get(objective.name, [])
+        bases = list(self._problem.bases())
+        names = ["best.yaml"] if len(bases) == 1 else [f"best-{base.name}.yaml" for base in bases]
+        found = replace(
+            found,
+            initial_held_out=first,
+            best_held_out=second,
+            difference=mean_difference([b - a for a, b in pairs]) if pairs else None,
+            gained=objective.rank(second) > objective.rank(first),
+            files=tuple(self._folder / name for name in names),
+        )
+        for base, file in zip(bases, found.files, strict=True):
+            head = "".join(f"# {line}\n" for line in _provenance(self._problem, found, base.name, command))
+            with atomic_write(file) as stream:
+                stream.write((head + dump_config(self._problem.apply(base, params))).encode())
+        return found
+
+    def _proposed(self, trial: optuna.Trial) -> dict[str, Any]:
+        return {each.key: each.suggest(trial) for each in self._problem.dimensions}
+
+    def _compute(self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]]) -> dict[int, list[Row]]:
+        """Return the rows of all points with each of the values, in order."""
+        scratch = (self._folder / "scratch").resolve()  # also for workers that run in another folder
+        settings = sweep.settings
         tasks = []
         for number, (i, point) in itertools.product(values, enumerate(sweep.points)):
-            key = task_key(half, number, point)
-            wanted[key] = (number, i)
-            try:
+            with suppress(InputError):  # an invalid combination of values: its points have no score
                 config = self._problem.apply(point.config, values[number])
-            except InputError:  # an invalid combination of values: its points have no score
-                continue
-            tasks.append(Task(key, config, settings.bisect, None, scratch / key, settings.memory_limit_gb))
+                key = f"{number}-{i}"
+                tasks.append(Task(key, config, settings.bisect, None, scratch / key, settings.memory_limit_gb))
         rows: dict[int, list[Row]] = {number: [Row("", Ending.DIED)] * len(sweep.points) for number in values}
         for task, result in pool.map(compute, tasks):
-            number, i = wanted[task.key]
+            number, i = map(int, task.key.split("-"))
             rows[number][i] = result if isinstance(result, Row) else Row(task.key, Ending.RAISED, (str(result),))
             shutil.rmtree(task.scratch, ignore_errors=True)
         return rows
 
-    def _report(self, trial: optuna.Trial, rows: Sequence[Row]) -> None:
+    def _record(self, trial: optuna.Trial, rows: Sequence[Row]) -> None:
         from optuna.trial import TrialState
 
-        score = self._problem.objective.score(rows)
-        finished = self._finished()
+        score, scored = self._problem.objective.score(rows), self.scored()
         if math.isnan(score.value):
-            if not finished:
+            if not scored:
                 reason = next(("; ".join(row.reasons) for row in rows if row.reasons), "nothing was measured")
                 name = self._problem.objective.name
                 raise RunFolderError(f"the initial values have no {name} at any point: {reason}")
             trial.set_user_attr("unmeasured", True)
             self._study.tell(trial, state=TrialState.FAIL)
             return
-        initial = score_of(finished[0]) if finished else score
         trial.set_user_attr("passed", score.passed)
         trial.set_user_attr("value", score.value)
-        trial.set_constraint("lost passes", initial.passed - score.passed)
+        trial.set_constraint("lost passes", (scored[0][0] if scored else score).passed - score.passed)
         self._study.tell(trial, score.value)
-
-    def _write(self, found: Tuned, params: Mapping[str, Any], command: str) -> Iterator[Path]:
-        """Write the best config of each base, with its provenance."""
-        bases = list(self._problem.bases())
-        for base in bases:
-            file = self._folder / (BEST if len(bases) == 1 else f"best-{base.name}.yaml")
-            head = "".join(f"# {line}\n" for line in _provenance(self._problem, found, base.name, command))
-            with atomic_write(file) as stream:
-                stream.write((head + dump_config(self._problem.apply(base, params))).encode())
-            yield file
 
 
 def _provenance(problem: TuningProblem, found: Tuned, base: str, command: str) -> Iterator[str]:
+    """Yield the lines of the comment that heads a best config."""
     name = problem.objective.name
     yield f"{base}, tuned: trial {found.trial} of {found.trials} of"
     yield f"  {command}"
     for each in problem.dimensions:
         yield f"{each.key}: {each.value(each.initial)} became {found.values[each.key]}"
-    tuned = f"{_words(found.initial)} became {_words(found.best)}"
-    yield f"{name} over the {len(problem.tuned.points)} tuned points: {tuned}"
-    if found.initial_held_out is not None and found.best_held_out is not None:
-        held = f"{_words(found.initial_held_out)} became {_words(found.best_held_out)}"
-        yield f"{name} over the {len(problem.held_out.points)} held-out points: {held}"
-        if found.difference is not None:
-            yield f"mean difference in pairs on these: {found.difference}"
+    yield f"{name} over the {len(problem.tuned.points)} tuned points: {found.initial} became {found.best}"
+    held_out = f"{found.initial_held_out} became {found.best_held_out}"
+    yield f"{name} over the {len(problem.held_out.points)} held-out points: {held_out}"
+    if found.difference is not None:
+        yield f"mean difference in pairs on these: {found.difference}"
     yield ", ".join(f"{package} {version}" for package, version in versions().items())
     yield ""
-
-
-def _words(score: Score) -> str:
-    return f"{score.value:.5g} ({100.0 * score.passed:.3g} % passed)"

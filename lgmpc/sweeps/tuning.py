@@ -7,21 +7,79 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
-from lgmpc.config.yaml_text import parse_yaml, write_yaml
+from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
 from lgmpc.errors import InputError
 from lgmpc.runs import metric_names
 from lgmpc.shipped import config_file, shipped_sweeps, sweep_file
+from lgmpc.sweeps.bisection import scaled, value_at
 from lgmpc.sweeps.comparison import higher_is_better
-from lgmpc.sweeps.design import Point, Sweep, load_sweep, parse_sweep
-from lgmpc.sweeps.dimensions import Dimension, parse_dimensions
+from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
 
-__all__ = ["Objective", "Score", "TuningProblem", "task_key", "tuning_problem"]
+if TYPE_CHECKING:
+    import optuna
+
+__all__ = ["Dimension", "Objective", "Score", "TuningProblem", "parse_dimension", "parse_dimensions", "tuning_problem"]
+
+
+_SPREAD = 3.0
+"""Factor of the default range of a key, from a third of the present value to three times it."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A tuned key. If it is a vector, numbers multiply that vector.
+
+    Attributes:
+        key: dotted key.
+        present: the present value.
+        low: lower end of the range; unused with choices.
+        high: upper end of the range.
+        logarithmic: whether the range is sampled logarithmically.
+        choices: values instead of a range; empty for a range.
+    """
+
+    key: str
+    present: Any
+    low: float = math.nan
+    high: float = math.nan
+    logarithmic: bool = False
+    choices: tuple[Any, ...] = ()
+
+    @property
+    def initial(self) -> Any:
+        """The number or choice that leaves the key as it is: the present value, or 1 if a vector is scaled."""
+        return 1.0 if isinstance(self.present, (list, tuple)) else self.present
+
+    @property
+    def whole(self) -> bool:
+        """Whether only whole numbers are tried."""
+        return isinstance(self.initial, int)
+
+    def value(self, number: Any) -> Any:
+        """Return the value that the key gets from a number of the range, or from a choice."""
+        return [number * each for each in self.present] if isinstance(self.present, (list, tuple)) else number
+
+    def suggest(self, trial: optuna.Trial) -> Any:
+        """Return the number or choice that the sampler of a trial proposes."""
+        if self.choices:
+            return trial.suggest_categorical(self.key, list(self.choices))
+        if self.whole:
+            return trial.suggest_int(self.key, int(self.low), int(self.high), log=self.logarithmic)
+        return trial.suggest_float(self.key, self.low, self.high, log=self.logarithmic)
+
+    def apply(self, config: Config, value: Any) -> Config:
+        """Return a config with a number of the range, or a choice, at the key.
+
+        Raises:
+            InputError: the config refuses it.
+        """
+        return config.replace({self.key: value}) if self.choices else scaled(config, self.key, value)
 
 
 @dataclass(frozen=True)
@@ -35,6 +93,9 @@ class Score:
 
     passed: float
     value: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} ({100.0 * self.passed:.3g} % passed)"
 
 
 @dataclass(frozen=True)
@@ -55,22 +116,15 @@ class Objective:
     def score(self, rows: Sequence[Row]) -> Score:
         """Return the score of finished points."""
         passed = sum(row.passed for row in rows) / len(rows)
-        values = [value for row in rows if (value := self.of(row)) is not None and math.isfinite(value)]
+        measured = (row.quantities.get(self.name) for row in rows)
+        values = [value for value in measured if value is not None and math.isfinite(value)]
         return Score(passed, math.fsum(values) / len(values) if values else math.nan)
 
-    def of(self, row: Row) -> float | None:
-        """Return the objective of one point; ``None`` if it was not measured."""
-        if self.name == "passed":
-            return float(row.passed)
-        return row.boundary if self.name == "boundary" else row.metrics.get(self.name)
-
-    def better(self, first: Score, second: Score) -> bool:
-        """Return whether the first score is better: more points pass, or as many with a better value."""
-        if first.passed != second.passed:
-            return first.passed > second.passed
-        if math.isnan(second.value) or math.isnan(first.value):
-            return math.isnan(second.value) and not math.isnan(first.value)
-        return first.value > second.value if self.maximized else first.value < second.value
+    def rank(self, score: Score) -> tuple[float, float]:
+        """Return a rank, higher for a better score: more points pass, or as many with a better value."""
+        if math.isnan(score.value):
+            return score.passed, -math.inf
+        return score.passed, score.value if self.maximized else -score.value
 
 
 @dataclass(frozen=True)
@@ -130,7 +184,7 @@ def tuning_problem(
 
     Args:
         source: a config or a sweep: a file, or the name of a shipped one.
-        keys: see :func:`lgmpc.sweeps.dimensions.parse_dimension`.
+        keys: see :func:`parse_dimension`.
         objective: a metric of a run, ``passed``, or of sweeps with a bisection ``boundary``.
         overrides: changes ``key=value`` of the config, or of the document of the sweep.
         seeds: number of seeds of a config to tune over, and of further ones held out, 4 unless given. Not for sweeps.
@@ -203,6 +257,73 @@ def _config_pair(source: str | Path, overrides: Sequence[str], seeds: int) -> tu
     return over(config.seed), over(config.seed + seeds)
 
 
-def task_key(half: str, trial: int, point: Point) -> str:
-    """Return a name of a point of a trial, for its scratch folder."""
-    return f"{half}-{trial}-{point.key[:12]}"
+def parse_dimensions(configs: Sequence[Config], texts: Sequence[str]) -> tuple[Dimension, ...]:
+    """Parse keys to tune, each with one present value in all configs.
+
+    Args:
+        configs: the configs to tune.
+        texts: see :func:`parse_dimension`.
+
+    Raises:
+        InputError: as :func:`parse_dimension`; a key is named twice, or its values differ between the configs.
+    """
+    found: dict[str, Dimension] = {}
+    for text in texts:
+        dimension = parse_dimension(configs[0], text)
+        key = dimension.key
+        if key in found:
+            raise InputError(key, "the key twice", "each key to tune once")
+        there = {repr(value): value for value in (value_at(each, key) for each in configs)}
+        if len(there) > 1:
+            values = ", ".join(map(str, list(there.values())[:3]))
+            raise InputError(key, f"{values} at different points", "a key with one present value at all points")
+        found[key] = dimension
+    return tuple(found.values())
+
+
+def parse_dimension(config: Config, text: str) -> Dimension:
+    """Parse a key to tune, with its range or choices.
+
+    Args:
+        config: config with the present values.
+        text: ``KEY``, ``KEY=LOW:HIGH``, ``KEY=LOW:HIGH:log`` or ``KEY=[A, B, C]``.
+
+    Raises:
+        InputError: no such key, it is neither a number nor a vector, or the range is invalid.
+    """
+    key, given, value = (part.strip() for part in text.partition("="))
+    present = value_at(config, key)
+    if isinstance(present, Mapping):
+        raise InputError(key, "a table", "one value of it", [f"{key}.{each}" for each in present])
+    if value.startswith("["):
+        choices = parse_scalar(value, key, "--keys")
+        if not all(isinstance(each, (str, int, float)) for each in [*choices, present]):
+            raise InputError(key, value, "choices that are words, numbers or truth values: KEY=[A, B]")
+        choices = tuple(dict.fromkeys([present, *choices]))
+        if len(choices) < 2:
+            raise InputError(key, value, "a choice besides the present value")
+        return Dimension(key, present, choices=choices)
+    vector = isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present)
+    if not vector and (isinstance(present, bool) or not isinstance(present, (int, float))):
+        raise InputError(key, present, "a number or a vector, or choices: KEY=[A, B]")
+    dimension = Dimension(key, present)
+    initial, whole = dimension.initial, dimension.whole
+    if not given:
+        if initial <= 0:
+            raise InputError(key, f"no range, and the present value is {initial:g}", "a range: KEY=LOW:HIGH")
+        low, high = initial / _SPREAD, initial * _SPREAD
+        if whole:
+            low, high = max(1, round(low)), round(high)
+        return Dimension(key, present, low, high, logarithmic=True)
+    ends, logarithmic = value.removesuffix(":log").split(":"), value.endswith(":log")
+    try:
+        low, high = map(int if whole else float, ends)
+    except ValueError:
+        kind = "whole numbers" if whole else "numbers"
+        raise InputError(key, value, f"a range of {kind}: LOW:HIGH or LOW:HIGH:log") from None
+    if not low < high or (logarithmic and low <= 0):
+        raise InputError(key, value, f"LOW below HIGH{', above zero' if logarithmic else ''}")
+    if not low <= initial <= high:
+        present_is = "1: the vector is multiplied by it" if vector else f"the present value, {initial:g}"
+        raise InputError(key, value, f"a range that contains {present_is}")
+    return Dimension(key, present, low, high, logarithmic)

@@ -64,7 +64,7 @@ def test_a_signal_before_the_first_trial_has_its_exit_code(
         raise Interrupted(number)
 
     with monkeypatch.context() as patch:
-        patch.setattr("lgmpc.sweeps.study._Session.search", interrupted)
+        patch.setattr("lgmpc.sweeps.study._Search.run", interrupted)
         code, output = invoke(*TUNE, "--trials", "2")
     assert code == expected
     assert "INTERRUPTED  after 0 trials: the same command with --resume continues" in output

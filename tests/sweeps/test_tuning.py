@@ -10,10 +10,8 @@ from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.sweeps import Ending, Row
 from lgmpc.sweeps.bisection import value_at
-from lgmpc.sweeps.dimensions import Dimension, parse_dimension
-from lgmpc.sweeps.journal import open_study
-from lgmpc.sweeps.study import _Session
-from lgmpc.sweeps.tuning import Objective, Score, tuning_problem
+from lgmpc.sweeps.study import _open_study, _Search
+from lgmpc.sweeps.tuning import Dimension, Objective, Score, parse_dimension, tuning_problem
 
 CONFIG = load_config("solo12_balance")
 
@@ -113,10 +111,10 @@ def test_more_passes_count_before_better_values(row: Callable[..., Row]) -> None
     assert (tilt.maximized, survived.maximized, Objective("boundary").maximized) == (False, True, True)
     rows = [row("a", metrics={"max_tilt_deg": 2.0}), row("b", Ending.FAIL, metrics={"max_tilt_deg": 4.0})]
     assert tilt.score(rows) == Score(0.5, 3.0)
-    assert tilt.better(Score(1.0, 9.0), Score(0.5, 1.0)) and not tilt.better(Score(0.5, 1.0), Score(1.0, 9.0))
-    assert tilt.better(Score(1.0, 1.0), Score(1.0, 2.0)) and not survived.better(Score(1.0, 1.0), Score(1.0, 2.0))
-    assert tilt.better(Score(1.0, 1.0), Score(1.0, math.nan)) and not tilt.better(Score(1.0, math.nan), Score(1.0, 1.0))
-    assert not tilt.better(Score(1.0, 1.0), Score(1.0, 1.0))
+    ranked = [Score(1.0, 1.0), Score(1.0, 2.0), Score(1.0, math.nan), Score(0.5, 0.0), Score(0.5, 1.0)]
+    assert sorted(reversed(ranked), key=tilt.rank, reverse=True) == ranked
+    assert survived.rank(Score(1.0, 2.0)) > survived.rank(Score(1.0, 1.0)) > survived.rank(Score(1.0, math.nan))
+    assert tilt.rank(Score(1.0, 1.0)) == tilt.rank(Score(1.0, 1.0))
     broken = tilt.score([row("a", Ending.RAISED)])
     assert broken.passed == 0.0 and math.isnan(broken.value)
 
@@ -151,11 +149,11 @@ def test_a_trial_whose_report_was_cut_off_is_done_again(tmp_path: Path) -> None:
     problem = tuning_problem("solo12_balance", ["mpc.nodes"], "passed", seeds=1)
     for attributes in ({"passed": 1.0}, {"passed": 1.0, "value": 1.0}):
         folder = tmp_path / str(len(attributes))
-        with open_study(problem, folder, 0, False) as study:
+        with _open_study(problem, folder, 0, False) as study:
             trial = study.ask()
             for name, value in attributes.items():
                 trial.set_user_attr(name, value)
-        with open_study(problem, folder, 0, True) as study:
-            session = _Session(problem, folder, study, lambda now: None)
-            assert (session._finished(), session._done()) == ([], 0)
-            assert session._suggest(study.ask()) == problem.initial
+        with _open_study(problem, folder, 0, True) as study:
+            search = _Search(problem, folder, study)
+            assert (search.scored(), search.done()) == ([], 0)
+            assert search._proposed(study.ask()) == problem.initial

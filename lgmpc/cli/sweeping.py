@@ -142,6 +142,6 @@ def _table(table: TextTable) -> Table:
 
 def _state(now: SweepProgress) -> str:
     failed = f"  {now.failed} not passed" if now.failed else ""
-    rest = "" if now.rest_s is None else f"  about {duration_words(now.rest_s)} left"
+    rest = "" if now.remaining_s is None else f"  about {duration_words(now.remaining_s)} left"
     speed = "" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core"
     return f"{failed}{rest}{speed}"

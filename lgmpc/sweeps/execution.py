@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.schema import Config
+from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports
 from lgmpc.sweeps.cluster import DaskPool
-from lgmpc.sweeps.design import Point, Sweep
+from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.folder import Claim, SweepFolder
 from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
+from lgmpc.sweeps.summary import Summary, summarize
+from lgmpc.sweeps.tables import group_table
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
 if TYPE_CHECKING:
@@ -54,7 +57,7 @@ class SweepProgress:
     elapsed_s: float = 0.0
 
     @property
-    def rest_s(self) -> float | None:
+    def remaining_s(self) -> float | None:
         """Estimate of the time until the end; ``None`` before the first point."""
         return self.elapsed_s / self.new * (self.total - self.done) if self.new else None
 
@@ -76,7 +79,7 @@ class SweepProgress:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FinishedSweep:
     """A sweep that is finished or was stopped.
 
@@ -88,22 +91,32 @@ class FinishedSweep:
         signal: the signal that ended it early, if any.
     """
 
-    sweep: Sweep = field(repr=False)
+    sweep: Sweep
     folder: Path
-    rows: dict[str, Row] = field(repr=False)
+    rows: dict[str, Row]
     progress: SweepProgress
     signal: Signals | None = None
 
+    @property
+    def summary(self) -> Summary:
+        """Shares that pass, boundaries, medians of metrics, and differences in pairs, with 95 % intervals."""
+        return summarize(self.sweep, self.rows)
+
+    def __repr__(self) -> str:
+        return f"FinishedSweep({self.sweep.settings.name}: {self.summary.count}, in {self.folder})"
+
     def _repr_html_(self) -> str:
-        """Return a table of the points."""
-        now = self.progress
-        rows = [("points", f"{now.done} of {now.total}"), ("failed", now.failed), ("folder", self.folder)]
-        return html_table(self.sweep.settings.name, rows)
+        """Return the table of the summary's groups."""
+        from lgmpc.viz.report import table  # imported here, because lgmpc.viz imports much
+
+        summary = self.summary
+        head = html_table(summary.name, [("verdict", f"{summary.verdict}: {summary.count}"), ("folder", self.folder)])
+        return head + table(*group_table(summary, self.sweep.settings.metrics))
 
 
 def run_sweep(
-    sweep: Sweep,
-    folder: Path,
+    sweep: Sweep | str | Path | Mapping[str, Any],
+    folder: str | Path | None = None,
     *,
     workers: int | None = None,
     cluster: Cluster | None = None,
@@ -117,8 +130,9 @@ def run_sweep(
     that call this require the usual ``if __name__ == "__main__":``, because worker processes import them.
 
     Args:
-        sweep: the sweep.
-        folder: its folder.
+        sweep: a YAML file, the name of a shipped sweep, the content of such a document, or a :class:`Sweep` of
+            :func:`load_sweep`, which takes changes too.
+        folder: its folder; ``sweeps/<name>`` unless given.
         workers: number of processes; that of the processors unless given.
         cluster: connection to a Dask cluster that computes the points instead of processes of this machine; called
             with the folder, for example ``lambda folder: dask_client("tcp://host:8786")``.
@@ -127,19 +141,24 @@ def run_sweep(
         progress: called after every point. In a notebook a bar displays both unless either is given.
 
     Raises:
+        ConfigError: as :func:`load_sweep`.
         InputError: ``workers`` is below 1, or given with a cluster, which has its own.
         RunFolderError: as :meth:`SweepFolder.open`, or if results cannot be written.
         ClusterError: the cluster cannot be used, or the connection to it is lost.
     """
+    if isinstance(sweep, Mapping):
+        sweep = parse_sweep(write_yaml(dict(sweep)))
+    elif not isinstance(sweep, Sweep):
+        sweep = load_sweep(sweep)
+    folder = Path("sweeps") / sweep.settings.name if folder is None else Path(folder)
     if workers is not None and (workers < 1 or cluster is not None):
         raise InputError("workers", workers, "at least 1" if cluster is None else "none: the cluster has its own")
-    place = SweepFolder.open(folder, sweep, resume=resume)
-    received = None
+    place, received = SweepFolder.open(folder, sweep, resume=resume), None
     with reports(notify, progress, _counted) as (announce, advance):
         session = _Session(sweep, place, advance)
         try:
-            with stop_signals() as stop, _executor(sweep, folder, workers, cluster) as executor:
-                session.run(executor, stop, announce)
+            with stop_signals() as stop, _pool(sweep, folder, workers, cluster) as pool:
+                session.run(pool, stop, announce)
         except Interrupted as error:
             received = error.signal
         finally:
@@ -148,7 +167,7 @@ def run_sweep(
 
 
 @contextmanager
-def _executor(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Pool]:
+def _pool(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Pool]:
     limit = sweep.settings.time_limit_s
     if cluster is None:
         with Pool(workers or available_cores(), start_worker, limit) as pool:
@@ -177,17 +196,16 @@ class _Session:
         """Return the sweep's finished points by their keys."""
         return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
 
-    def run(self, executor: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
+    def run(self, pool: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
         """Compute and save every point that no other process has finished or is computing."""
         if self.now.done == self.now.total:
             return
         self._progress(self.now)
         notify("starting, and compiling what is not in the cache")
-        for _ in executor.map(warm, self._typical(), workers=1):
-            pass  # reported in the rows of the points that cannot be built
+        list(pool.map(warm, self._typical(), workers=1))
         self._started = perf_counter()
         notify("running")
-        for task, result in executor.map(compute, self._tasks(stop)):
+        for task, result in pool.map(compute, self._tasks(stop)):
             with stop.held():  # atomic: a claim without its row would belong to no process
                 self._save(task, result)
             self._progress(self.now)
@@ -199,45 +217,33 @@ class _Session:
             claim.release()
         self._claims.clear()
 
-    def _typical(self) -> Iterator[Config]:
-        """Yield a config of each base and variant, whose functions are compiled once instead of by every worker."""
-        seen = set()
-        for point in self._points.values():
-            if (point.base, point.variant) not in seen:
-                seen.add((point.base, point.variant))
-                yield point.config
+    def _typical(self) -> Iterable[Config]:
+        """Return a config of each base and variant, whose functions are compiled once instead of by every worker."""
+        return {(point.base, point.variant): point.config for point in reversed(self._points.values())}.values()
 
     def _tasks(self, stop: StopSignals) -> Iterator[Task]:
+        """Yield the points that this process computes: no other one does, or has done so."""
         settings = self._sweep.settings
         for key, point in self._points.items():
             with stop.held():
-                claimed = self._claim(key)
-            if claimed:
+                claim = None if key in self._folder.results.rows() else self._folder.claim(key)
+                if claim is not None:
+                    self._claims[key] = claim
+            if claim is not None:
                 scratch = self._folder.scratch(key).resolve()  # also for workers that run in another folder
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
-    def _claim(self, key: str) -> bool:
-        """Return whether this process computes the point: no other one does, or has done so."""
-        claim = None if key in self._folder.results.rows() else self._folder.claim(key)
-        if claim is not None:
-            self._claims[key] = claim
-        return claim is not None
-
     def _save(self, task: Task, result: Row | Exception) -> None:
         point = self._points[task.key]
-        row = _labelled(result if isinstance(result, Row) else _broken(task, result), point)
-        if row.ending is Ending.RAISED or not isinstance(result, Row):
+        if isinstance(result, Exception):
+            ending = {Hung: Ending.HUNG, Died: Ending.DIED}.get(type(result), Ending.RAISED)
+            result = Row(task.key, ending, (str(result) or type(result).__name__,))
+        if result.ending in (Ending.RAISED, Ending.HUNG, Ending.DIED):
             self._folder.keep_config(point)
-        row = replace(row, log=self._folder.keep_log(row, self._sweep.settings.logs.keep))
+        log = self._folder.keep_log(result, self._sweep.settings.logs.keep)
+        row = replace(
+            result, log=log, base=point.base, variant=point.variant, levels=dict(point.levels), draw=point.draw
+        )
         self._folder.results.append(row)
         self._claims.pop(task.key).release()
         self.now = self.now.after(row, perf_counter() - self._started)
-
-
-def _broken(task: Task, error: Exception) -> Row:
-    ending = {Hung: Ending.HUNG, Died: Ending.DIED}.get(type(error), Ending.RAISED)
-    return Row(task.key, ending, (str(error) or type(error).__name__,))
-
-
-def _labelled(row: Row, point: Point) -> Row:
-    return replace(row, base=point.base, variant=point.variant, levels=dict(point.levels), draw=point.draw)

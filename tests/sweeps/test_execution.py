@@ -15,7 +15,7 @@ import pytest
 
 from lgmpc.config import load_config
 from lgmpc.config.execution import run_config
-from lgmpc.errors import InputError
+from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import RunFolder, flat_metrics
 from lgmpc.sweeps import Ending, SweepProgress, parse_sweep, run_sweep
 from lgmpc.sweeps.folder import SweepFolder
@@ -60,7 +60,7 @@ def test_points_are_what_lgmpc_run_computes_and_resuming_repeats_none(tmp_path: 
     assert RunFolder.load(folder).result.verdict == alone.result.verdict
     # Progress counts, and estimates.
     assert [(p.done, p.failed) for p in seen] == [(0, 0), (1, 0), (2, 1), (3, 1), (4, 2)]
-    assert seen[-1].rest_s == 0.0
+    assert seen[-1].remaining_s == 0.0
     assert seen[0].speed is None
     assert finished.progress.simulated_s == pytest.approx(0.4, abs=0.008)
     before = (tmp_path / "out" / "results.jsonl").read_bytes()
@@ -82,6 +82,26 @@ factors: [{key: robot.posture, kind: values, values: [nowhere, standing]}]
     assert good.ending is Ending.PASS
     (config,) = (tmp_path / "out" / "logs").glob("broken-*.yaml")
     assert "posture: nowhere" in config.read_text()
+
+
+@pytest.mark.usefixtures("one_worker")
+def test_a_sweep_is_run_from_its_content_and_shown_in_a_line_and_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    document = {
+        "name": "friction",
+        "base": "solo12_stand",
+        "set": {"duration_s": 0.1, "mpc.enabled": False},
+        "gate": {"max_tilt_deg": 5.0},
+        "factors": [{"key": "plant.friction", "kind": "values", "values": [0.5, 0.7]}],
+    }
+    finished = run_sweep(document, workers=1)
+    assert repr(finished) == "FinishedSweep(friction: 2 of 2 points passed, in sweeps/friction)"
+    assert "<th>plant.friction</th>" in finished._repr_html_() and "2 of 2 points passed" in finished._repr_html_()
+    assert [group.labels for group in finished.summary.groups] == [{"plant.friction": "0.5"}, {"plant.friction": "0.7"}]
+    with pytest.raises(ConfigError, match="Did you mean push_map"):
+        run_sweep("push_mp")
 
 
 def test_a_config_that_cannot_be_built_ends_no_process(worker: Pool, parse: Parse) -> None:

@@ -65,10 +65,10 @@ ARROWS: dict[str, str] = {
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
-    "config.execution": "runs viz",
+    "config.execution": "ocp problems robot runs solvers viz",
     "config.showing": "robot world problems solvers runs viz",
     "config.solutions": "actions ocp problems robot runs solvers",
-    "config.session": "runs",
+    "config.session": "runs solvers",
     "sweeps": "config runs viz",
     "doctor": f"{_PARTS} simulation",
     "cli": "config problems robot runs viz doctor demos sweeps hardware",
@@ -83,7 +83,7 @@ ARROWS: dict[str, str] = {
     "proxqp": "",
     "chromium": "",
     "shipped": "errors",
-    "": f"errors {_PROBLEMS} solvers locomotion mpc wbc problems config",
+    "": "",
 }
 
 # Outside package -> the only modules (or subpackages) that may import it.

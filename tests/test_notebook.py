@@ -113,6 +113,19 @@ def test_a_run_shows_its_verdict_and_folder_before_and_after_loading(run: lgmpc.
     assert "array(" not in repr(run)
 
 
+def test_objects_print_in_a_few_lines(run: lgmpc.config.execution.FinishedRun) -> None:
+    config = lgmpc.load_config("solo12_velocity", ["mpc.nodes=15"])
+    shown = repr(config)
+    assert shown == str(config) and shown.startswith("Config(name=solo12_velocity, robot.model=solo12, ")
+    assert "mpc.nodes=15" in shown and "plant.rate_hz" not in shown, "defaults are not shown"
+    robot = lgmpc.load_robot(config.robot)
+    assert repr(robot).startswith("<Robot solo12: 2.500 kg, free base, 12 joints, FL_FOOT, ")
+    log = run.session.log
+    assert repr(log).startswith(f"RunLog of {log.ticks} ticks, 0 to ")
+    for value in (config, robot, log, lgmpc.Trajectory(np.zeros((100, 37)), np.zeros((99, 12)))):
+        assert len(repr(value)) < 1500 and repr(value).count("\n") < 15
+
+
 def test_outside_a_notebook_nothing_is_embedded() -> None:
     assert not in_notebook()
 

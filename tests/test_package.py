@@ -76,7 +76,7 @@ def test_the_wheel_carries_package_configs_assets_and_metadata(wheel: Path) -> N
         f"{info}/licenses/LICENSE",
     } <= names
     assert not [name for name in names if name.endswith((".pyc", ".so", ".part"))]
-    for suffix in (".py", ".c"):
+    for suffix in (".py", ".pyi", ".c"):
         sources = {str(path.relative_to(ROOT)) for path in (ROOT / "lgmpc").rglob(f"*{suffix}")}
         assert {name for name in names if name.endswith(suffix)} == sources
     assert metadata["Version"] == lgmpc.__version__

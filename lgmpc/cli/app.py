@@ -27,6 +27,8 @@ from lgmpc.cli.options import (
     complete_demo,
     complete_run,
 )
+from lgmpc.cli.screen import out as stdout
+from lgmpc.cli.screen import show_page
 
 __all__ = ["app"]
 
@@ -123,9 +125,12 @@ def play(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon."""
-    from lgmpc.cli.runs import find_run, play_folder
+    from lgmpc.config.showing import show
+    from lgmpc.runs import find_run
 
-    play_folder(find_run(run, runs), html, port)
+    file = show(find_run(run, runs), html, port=port)
+    if file is not None:
+        show_page(file)
 
 
 @app.command(epilog=help.PLOT)
@@ -139,9 +144,12 @@ def plot(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Draw the figures of a run (motion, forces, torques, timings) or of a solved trajectory."""
-    from lgmpc.cli.runs import find_run, plot_folder
+    from lgmpc.config.showing import plot as draw
+    from lgmpc.runs import find_run
 
-    plot_folder(find_run(run, runs), out)
+    folder = find_run(run, runs)
+    for figure in draw(folder).save(out or folder / "figures"):
+        stdout().print(f"wrote {figure}", markup=False)
 
 
 @app.command(epilog=help.EXPLAIN)
@@ -158,10 +166,10 @@ def explain(
     """Explain why a run failed: the events before the failure, in order, as text and as a figure.
 
     Events are limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong
-    estimates. For a run that passed: its smallest margin to each limit.
+    estimates. For a run that passed: its smallest margin to each limit. For a solve: course, end and margins.
     """
     from lgmpc.cli.explaining import explain_shown
-    from lgmpc.cli.runs import find_run
+    from lgmpc.runs import find_run
 
     explain_shown(find_run(run, runs), out, as_json=as_json)
 
@@ -189,9 +197,13 @@ def report(
     It requires no network and no other file, suits phones, light and dark screens, and prints. Figures show the values
     under the cursor, zoom, and follow the replay.
     """
-    from lgmpc.cli.runs import report_folder
+    from lgmpc.config.showing import report as write
+    from lgmpc.runs import find_run
+    from lgmpc.sweeps.comparison import is_sweep
+    from lgmpc.sweeps.report import write_sweep_report
 
-    report_folder(run, runs, html)
+    folder = Path(run)
+    show_page(write_sweep_report(folder, html) if is_sweep(folder) else write(find_run(run, runs), html))
 
 
 app.command(epilog=help.COMPARE)(studies.compare)

@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from lgmpc.cli.runs import find_run
 from lgmpc.cli.screen import out, plain_table
+from lgmpc.runs import find_run
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 
 __all__ = ["compare_shown"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.screen import out, plain_table, show_verdict
-from lgmpc.config.showing import explain
+from lgmpc.config.showing import SolveExplanation, explain
 from lgmpc.runs import Verdict
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.figures import figure_number
@@ -33,25 +33,24 @@ def explain_shown(folder: Path, into: Path | None, *, as_json: bool) -> None:
         return
     _show(out(), explanation)
     out().print(f"wrote {figure}", markup=False)
-    if explanation.replay_from_s is not None:
+    if isinstance(explanation, Explanation) and explanation.replay_from_s is not None:
         argument = shlex.quote(f"{folder}@{explanation.replay_from_s:g}")
         words = f"next: lgmpc run --from {argument} --set KEY=VALUE    (changed from the first event on)"
         out().print(Text(words, "dim"))
 
 
-def _show(console: Console, explanation: Explanation) -> None:
+def _show(console: Console, explanation: Explanation | SolveExplanation) -> None:
     show_verdict(console, Verdict(explanation.outcome), explanation.name)
     for sentence in explanation.summary:
         console.print(Text(f"  - {sentence}"))
-    if explanation.events:
-        console.print(_chain(event_lines(explanation.events), explanation.failed_s, explanation.failure))
-    if explanation.earlier:
-        console.print(Text(f"earlier: {_counts(explanation.earlier)}", "dim"))
-    console.print(_margins(explanation.nearest[:_NEAREST]))
-
-
-def _counts(earlier: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} x {name}" for name, count in earlier.items())
+    if isinstance(explanation, Explanation):
+        if explanation.events:
+            console.print(_chain(event_lines(explanation.events), explanation.failed_s, explanation.failure))
+        if explanation.earlier:
+            counts = (f"{count} x {name}" for name, count in explanation.earlier.items())
+            console.print(Text(f"earlier: {', '.join(counts)}", "dim"))
+    if explanation.nearest:
+        console.print(_margins(explanation.nearest[:_NEAREST]))
 
 
 def _chain(lines: Sequence[EventLine], failed_s: float | None, failure: str) -> Table:

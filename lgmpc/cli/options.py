@@ -57,9 +57,8 @@ def complete_sweep(incomplete: str) -> list[tuple[str, str]]:
 
 def complete_run(context: typer.Context, incomplete: str) -> list[str]:
     """Return ``latest`` and the names of finished runs that begin with ``incomplete``, newest first."""
-    from lgmpc.cli.runs import run_names
-
-    names = ["latest", *reversed(run_names(Path(context.params.get("runs") or "runs")))]
+    folder = Path(context.params.get("runs") or "runs")
+    names = ["latest", *sorted((file.parent.name for file in folder.glob("*/run.json")), reverse=True)]
     return [name for name in names if name.startswith(incomplete)]
 
 

@@ -12,14 +12,13 @@ from rich.progress import Progress as Bar
 from rich.text import Text
 
 from lgmpc.cli.display import Display, Row, Silent, figure_table, progress_bar, warnings_on
-from lgmpc.cli.runs import find_run
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import load_config
 from lgmpc.config.continuing import run_from
 from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.session import Progress
 from lgmpc.errors import InputError
-from lgmpc.runs import Gate, Metrics, Outcome, measured
+from lgmpc.runs import Gate, Metrics, Outcome, find_run, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 

@@ -29,6 +29,7 @@ __all__ = [
     "show_error",
     "show_interrupted",
     "show_next",
+    "show_page",
     "show_verdict",
     "silence",
 ]
@@ -125,6 +126,11 @@ def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
     console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {name}"))
     for reason in verdict.reasons:
         console.print(Text(f"  - {reason}"))
+
+
+def show_page(file: Path) -> None:
+    """Print that a page was written."""
+    out().print(f"wrote {file} ({file.stat().st_size / 1e6:.1f} MB): open it in any browser", markup=False)
 
 
 def print_result(path: Path, result: RunResult | SolveResult) -> None:

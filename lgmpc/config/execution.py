@@ -25,6 +25,10 @@ from lgmpc.settings.dotted import differing
 
 if TYPE_CHECKING:
     from lgmpc.config.session import Iteration, Progress
+    from lgmpc.ocp import ShootingProblem
+    from lgmpc.problems import Scenario
+    from lgmpc.robot import Robot
+    from lgmpc.solvers import Solution
     from lgmpc.viz import Plots
 
 __all__ = [
@@ -200,12 +204,29 @@ class FinishedSolve(_Finished):
         folder: the run folder.
         result: the content of ``run.json``.
         outcome: trajectory, figures and verdict.
+        scenario: the problem with its robot, initial guess and figures.
         signal: the signal that ended it early, if any.
     """
 
     result: SolveResult
     outcome: SolveOutcome = field(repr=False)
+    scenario: Scenario = field(repr=False)
     signal: Signals | None = None
+
+    @property
+    def solution(self) -> Solution:
+        """States, controls, gains and multipliers."""
+        return self.outcome.solution
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the problem."""
+        return self.scenario.robot
+
+    @property
+    def problem(self) -> ShootingProblem:
+        """The optimal control problem."""
+        return self.scenario.problem
 
     @property
     def exit_code(self) -> int:
@@ -257,7 +278,7 @@ def solve_config(
             )
             folder.write_result(saved)
     interrupted = outcome.verdict.outcome is Outcome.INTERRUPTED
-    return FinishedSolve(folder, saved, outcome, stop.received if interrupted else None)
+    return FinishedSolve(folder, saved, outcome, session.scenario, stop.received if interrupted else None)
 
 
 def _simulated(now: Progress) -> tuple[float, str]:

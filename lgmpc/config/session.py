@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
     from lgmpc.runs.certificate import Certificate
+    from lgmpc.solvers import Solution
 
 __all__ = [
     "Iteration",
@@ -120,6 +121,7 @@ class SolveOutcome:
         verdict: pass, fail or interrupted, with reasons.
         status: the name of the solver's :class:`lgmpc.solvers.Status`, in lower case.
         explanation: the cause of a failure to converge, in a few lines, and the problem's remarks on the solution.
+        solution: the last trajectory with gains and multipliers, as the solver returned it.
     """
 
     log: TrajectoryLog = field(repr=False)
@@ -127,6 +129,7 @@ class SolveOutcome:
     verdict: Verdict
     status: str
     explanation: str
+    solution: Solution = field(repr=False)
 
     @property
     def converged(self) -> bool:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
 
 from lgmpc.config.limits import joint_limits
 from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import Config
 from lgmpc.config.solutions import solution_as_run
-from lgmpc.errors import InputError
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
-from lgmpc.runs import Run, SolvedRun, load_run
+from lgmpc.runs import Outcome, Run, SolvedRun, SolveGate, TrajectoryLog, load_run
+from lgmpc.runs.atomic import json_values
+from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
+from lgmpc.runs.limited import Nearest, figure_margin
 from lgmpc.viz import (
     Plots,
     embed_page,
@@ -29,6 +35,8 @@ from lgmpc.viz import (
     write_explanation,
     write_page,
 )
+from lgmpc.viz.figure_files import draw_figures, figure_title
+from lgmpc.viz.trajectory_plots import trajectory_drawings
 from lgmpc.world import World, make_world
 
 if TYPE_CHECKING:
@@ -36,7 +44,7 @@ if TYPE_CHECKING:
     from lgmpc.problems import Scenario
     from lgmpc.solvers import History, Solution
 
-__all__ = ["explain", "plot", "plot_solution", "report", "show", "show_solution"]
+__all__ = ["SolveExplanation", "explain", "plot", "plot_solution", "report", "show", "show_solution"]
 
 
 def show(
@@ -45,7 +53,7 @@ def show(
     """Replay a run: embedded in a notebook, else served to the browser until Ctrl-C, or written to a file.
 
     Args:
-        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
         html: file for the page, which is self-contained; nothing is displayed.
         port: TCP port of the server on this machine; 0 takes any free one. A notebook needs none.
 
@@ -122,7 +130,7 @@ def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
     """Draw the figures of a run: motion, forces, torques, timings.
 
     Args:
-        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
 
     Returns:
         Figures of matplotlib by name. A notebook displays them; ``save(folder)`` writes PNG files.
@@ -135,32 +143,96 @@ def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
     return plot_trajectory(_robot_of(loaded), loaded) if isinstance(loaded, SolvedRun) else plot_run(loaded)
 
 
-def explain(run: str | Path | FinishedRun, out: str | Path | None = None) -> tuple[Explanation, Path]:
-    """Find the events that led to the failure of a closed loop, and draw them.
+@dataclass(frozen=True)
+class SolveExplanation:
+    """The diagnosis of a solve.
+
+    Attributes:
+        name: name of the solve.
+        outcome: outcome of its verdict.
+        reasons: reasons of the verdict.
+        summary: sentences on the iterations, the end, and the solution.
+        nearest: margins of the gate's bounds and of the controls nearest to their limits.
+    """
+
+    name: str
+    outcome: Outcome
+    reasons: tuple[str, ...]
+    summary: tuple[str, ...]
+    nearest: tuple[Nearest, ...]
+
+    def content(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return cast("dict[str, Any]", json_values(asdict(self)))
+
+
+def explain(
+    run: str | Path | FinishedRun | FinishedSolve, out: str | Path | None = None
+) -> tuple[Explanation | SolveExplanation, Path]:
+    """Find the events that led to the failure of a closed loop, or the course and end of a solve, and draw them.
 
     Args:
-        run: the value of :func:`run_config`, or a run folder.
-        out: folder for the figure ``explanation.png``; ``figures/`` in the run's own unless given.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
+        out: folder for the figure ``explanation.png`` or ``convergence.png``; ``figures/`` in the run's own unless
+            given.
 
     Returns:
         The explanation and the file of its figure.
 
     Raises:
-        RunFolderError: if the folder is not a complete closed loop, or the figure cannot be written.
-        InputError: if the run has fewer than two ticks with a finite state.
+        RunFolderError: if the folder is not a complete run, or the figure cannot be written.
+        InputError: if the run has fewer than two ticks with a finite state, or the trajectory is not finite.
     """
     loaded = _load(run)
-    if isinstance(loaded, SolvedRun):
-        raise InputError("run", f"{loaded.path}, a solved problem", "a run of `lgmpc run`")
-    explanation = _explained(loaded, _robot_of(loaded))
-    return explanation, write_explanation(explanation, Path(out) if out else loaded.path / "figures")
+    robot, folder = _robot_of(loaded), Path(out) if out else loaded.path / "figures"
+    if not isinstance(loaded, SolvedRun):
+        explanation = _explained(loaded, robot)
+        return explanation, write_explanation(explanation, folder)
+    figure = {"convergence": trajectory_drawings(robot, loaded)["convergence"]}
+    (file,) = draw_figures(figure, figure_title(loaded.result)).save(folder)
+    return _explained_solve(loaded), file
+
+
+def _explained_solve(run: SolvedRun) -> SolveExplanation:
+    result, log = run.result, run.trajectory
+    count = len(log.iteration_cost)
+    ended = f"{result.method} ended as {result.status.replace('_', ' ')} after {count} iterations"
+    summary = [ended]
+    if count:
+        cost, criterion = log.iteration_cost, log.iteration_criterion
+        summary.append(
+            f"cost from {cost[0]:.4g} to {cost[-1]:.4g}; criterion of convergence from {criterion[0]:.1e} to"
+            f" {criterion[-1]:.1e}; gaps of the dynamics from {log.iteration_gap[0]:.1e} to {log.iteration_gap[-1]:.1e}"
+        )
+        rejected = np.count_nonzero(log.iteration_step == 0.0)
+        if rejected:
+            summary.append(f"no step was accepted in {rejected} of the iterations")
+    summary += result.explanation.splitlines()
+    bounds = _solve_gate(run).bounds
+    nearest = [figure_margin(key, result.figures[figure_of(key)], limit) for key, limit in bounds.items()]
+    nearest = sorted((*nearest, *_controls(log)), key=lambda each: -each.used)
+    return SolveExplanation(result.name, result.verdict.outcome, result.verdict.reasons, tuple(summary), tuple(nearest))
+
+
+def _controls(log: TrajectoryLog) -> Iterator[Nearest]:
+    """Yield the smallest margin of each control with a limit."""
+    limits = np.where(log.us < 0.0, log.control_lower, log.control_upper)
+    used = np.divide(log.us, limits, out=np.zeros_like(log.us), where=limits != 0.0)
+    for i, name in enumerate(log.control_names):
+        k = int(np.argmax(used[:, i]))
+        value, limit = float(log.us[k, i]), float(limits[k, i])
+        if np.isfinite(limit):
+            margin = abs(limit) - abs(value)
+            yield Nearest(
+                "control", str(name), float(log.times[k]), value, limit, margin, log.control_unit, used[k, i], False
+            )
 
 
 def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path:
     """Write a report of a run: one self-contained page with verdict, events, figures, replay, config and versions.
 
     Args:
-        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder.
+        run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
         html: the file; ``report.html`` in the run's own folder unless given.
 
     Returns:
@@ -173,8 +245,7 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
     loaded = _load(run)
     robot = _robot_of(loaded)
     if isinstance(loaded, SolvedRun):
-        solve = parse_solve_config(loaded.config, name=str(loaded.path / CONFIG_FILE), folder=loaded.path)
-        page = solve_report(robot, loaded, solve.gate.bounds)
+        page = solve_report(robot, loaded, _solve_gate(loaded).bounds)
     else:
         gate, ground = _config_of(loaded).gate, _ground_of(loaded)
         page = run_report(robot, loaded, gate, _explained(loaded, robot), ground)
@@ -193,6 +264,10 @@ def _ground_of(run: Run) -> World:
 
 def _config_of(run: Run) -> Config:
     return parse_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
+
+
+def _solve_gate(run: SolvedRun) -> SolveGate:
+    return parse_solve_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path).gate
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:

@@ -204,7 +204,7 @@ class SolveSession:
         remarks = self.scenario.remarks
         words = () if remarks is None or not is_finite(solution) else remarks(solution.trajectory)
         explanation = "\n".join(words if status.solved else (solution.explain(), *words))
-        return SolveOutcome(log, figures, verdict, status.name.lower(), explanation)
+        return SolveOutcome(log, figures, verdict, status.name.lower(), explanation, solution)
 
     def _figures(self, solution: Solution, measured: KktResidual) -> dict[str, float]:
         """Return all figures, in the order of display; NaN where the trajectory is not finite."""

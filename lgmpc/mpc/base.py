@@ -19,7 +19,7 @@ from lgmpc.typing import Array, BoolArray
 
 __all__ = ["GRAVITY", "BaseMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
 
-GRAVITY = (0.0, 0.0, -9.81)
+GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
 """Acceleration of gravity unless given, world axes, m/s2."""
 
 _LOG = logging.getLogger(__name__)

@@ -38,6 +38,9 @@ class Trajectory:
     xs: Array
     us: Array
 
+    def __repr__(self) -> str:
+        return f"Trajectory(xs {np.shape(self.xs)}, us {np.shape(self.us)})"
+
     def save(self, path: str | Path) -> Path:
         """Write the trajectory to a file (npz, without pickle) and return its path.
 

@@ -3,7 +3,7 @@
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
-from lgmpc.runs.folder import Run, RunFolder, SolvedRun, load_run
+from lgmpc.runs.folder import Run, RunFolder, SolvedRun, find_run, load_run
 from lgmpc.runs.gate import Gate, SolveGate
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.intervals import PushInterval, push_intervals
@@ -39,6 +39,7 @@ __all__ = [
     "WalkingMetrics",
     "atomic_write",
     "compute_metrics",
+    "find_run",
     "flat_metrics",
     "host_info",
     "judge",

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lgmpc.errors import RunFolderError
+from lgmpc.errors import RunFolderError, nearest
 from lgmpc.runs.atomic import atomic_write, reason_of
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
@@ -33,6 +33,7 @@ __all__ = [
     "Run",
     "RunFolder",
     "SolvedRun",
+    "find_run",
     "load_run",
 ]
 
@@ -207,19 +208,44 @@ class RunFolder:
         return SolvedRun(path, config, _read_arrays(path / TRAJECTORY_FILE, TrajectoryLog.from_arrays), parsed)
 
 
-def load_run(path: Path | str) -> Run | SolvedRun:
+def find_run(text: str, runs: str | Path = "runs") -> Path:
+    """Return a run folder.
+
+    Args:
+        text: a path, the name of a folder in ``runs``, or ``latest``.
+        runs: folder of run folders.
+
+    Raises:
+        RunFolderError: if there is none; names the nearest.
+    """
+    runs = Path(runs)
+    finished = sorted(file.parent for file in runs.glob(f"*/{RESULT_FILE}"))
+    if text != "latest":
+        for path in (Path(text), runs / text):
+            if path.is_dir():
+                return path
+        near = nearest(text, [path.name for path in finished])
+        hint = f" Did you mean {' or '.join(near)}?" if near else ""
+        raise RunFolderError(f"no run folder {text}, neither here nor in {runs}/.{hint}")
+    if not finished:
+        raise RunFolderError(f"no finished run in {runs}/ yet. Make one: lgmpc run solo12_balance")
+    return max(finished, key=lambda path: ((path / RESULT_FILE).stat().st_mtime_ns, path.name))
+
+
+def load_run(run: str | Path, runs: str | Path = "runs") -> Run | SolvedRun:
     """Return the checked contents of a run folder: of a closed loop with its log, or of a solved problem.
 
     The channels of a log are the attributes of :class:`~lgmpc.runs.log.RunLog`, described there; ``run.log.channels``
     has the shapes and units of those that a run has.
 
     Args:
-        path: the folder.
+        run: the folder; as text also its name in ``runs``, or ``latest``.
+        runs: folder of run folders.
 
     Raises:
         RunFolderError: if it is not a run folder, or a file is missing, damaged, or of a newer schema.
     """
-    path = Path(path)
+    path = find_run(run, runs) if isinstance(run, str) else run
     solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
     return RunFolder.load_solved(path) if solved else RunFolder.load(path)
 

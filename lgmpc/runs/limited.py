@@ -23,6 +23,7 @@ __all__ = [
     "JointLimits",
     "Limited",
     "Nearest",
+    "figure_margin",
     "gate_figures",
     "hardware_quantities",
     "joint_power",
@@ -261,17 +262,21 @@ def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:
 def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
     for key, limit in gate.limits.items():
         value = measured(metrics, key)
-        if key in _OVER_TIME or value is None or (limit == 0.0 and value == 0.0):
-            continue
-        highest = key.startswith("max_")
-        words, unit, scale = figure_words(figure_of(key), value, limit)
-        over, under = (value, limit) if highest else (limit, value)
-        if under > 0.0:
-            used = over / under
-        else:  # a negative lower limit is used in proportion to a negative value
-            used = value / limit if limit < 0.0 else math.inf
-        margin = scale * (limit - value if highest else value - limit)
-        yield Nearest(words, "", None, scale * value, scale * limit, margin, unit, used, judged=True)
+        if key not in _OVER_TIME and value is not None and not (limit == 0.0 and value == 0.0):
+            yield figure_margin(key, value, limit)
+
+
+def figure_margin(key: str, value: float, limit: float) -> Nearest:
+    """Return the margin of a gate's limit: ``max_`` or ``min_`` and a figure's name, and the figure's value."""
+    highest = key.startswith("max_")
+    words, unit, scale = figure_words(figure_of(key), value, limit)
+    over, under = (value, limit) if highest else (limit, value)
+    if under > 0.0:
+        used = over / under
+    else:  # a negative lower limit is used in proportion to a negative value
+        used = value / limit if limit < 0.0 else math.inf
+    margin = scale * (limit - value if highest else value - limit)
+    return Nearest(words, "", None, scale * value, scale * limit, margin, unit, used, judged=True)
 
 
 def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float) -> Limited:

@@ -107,6 +107,9 @@ class TrajectoryLog:
         if not 0 <= self.nq <= sizes["nx"] or (self.floating_base and self.nq < 7):
             raise RunFolderError(f"nq = {self.nq} does not fit {sizes['nx']} entries of the state")
 
+    def __repr__(self) -> str:
+        return f"TrajectoryLog({self.nodes} intervals, {self.times[-1]:g} s, {len(self.iteration_cost)} iterations)"
+
     @property
     def nodes(self) -> int:
         """Number of intervals N."""

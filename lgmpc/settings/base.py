@@ -7,6 +7,7 @@ descriptions in the fields. Python code constructs them directly; a config docum
 from __future__ import annotations
 
 import functools
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
@@ -102,6 +103,13 @@ class Settings(BaseModel, metaclass=_SettingsType):
         for key, value in changes.items():
             write_at(data, key, value, whole)
         return type(self)(**data)
+
+    def __repr__(self) -> str:
+        """Return the values that are not their defaults, shortened."""
+        text = f"{type(self).__name__}({', '.join(f'{key}={_short(value)}' for key, value in self._changed())})"
+        return textwrap.fill(text, 120, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+
+    __str__ = __repr__
 
     def _repr_html_(self) -> str:
         """Return a table of the values that are not their defaults."""

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from documents import ARM
 
 from .conftest import Invoke
 
@@ -35,6 +36,25 @@ def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
     content = json.loads(output)
     assert code == 0 and content["events"][0]["name"] == "push"
     assert Path(content["figure"]) == tmp_path / "elsewhere" / "explanation.png"
+
+
+def test_a_solve_is_explained_by_its_iterations_its_end_and_its_margins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
+    assert invoke("solve", "arm.yaml", "solver.max_iterations=2", "gate.max_effort_ratio=2", "--quiet")[0] == 1
+    code, output = invoke("explain", "latest")
+    lines = output.splitlines()
+    assert code == 0 and lines[0].startswith("FAIL  arm")
+    assert "ended as iteration limit after 2 iterations" in lines[1]
+    assert lines[2].startswith("  - cost from ") and "criterion of convergence" in lines[2]
+    assert any(line.startswith("effort ratio ") and " 2 " in line for line in lines)
+    assert Path(lines[-1].removeprefix("wrote ")).read_bytes()[:4] == b"\x89PNG"
+    code, output = invoke("explain", "latest", "--json", "--out", "elsewhere")
+    content = json.loads(output)
+    assert code == 0 and content["outcome"] == "fail" and content["figure"] == "elsewhere/convergence.png"
+    assert {each["name"] for each in content["nearest"]} >= {"effort ratio", "control"}
 
 
 def test_what_cannot_be_explained_is_an_error(tmp_path: Path, invoke: Invoke) -> None:

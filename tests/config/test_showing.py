@@ -49,6 +49,10 @@ def test_a_solved_problem_is_shown_too(tmp_path: Path) -> None:
     page = show(solved, tmp_path / "reach.html")
     assert page is not None and "arm \u00b7 lgmpc replay" in page.read_text(encoding="utf-8")
     assert solved.show(tmp_path / "again.html") is not None
+    assert solved.robot.name == "double_pendulum" and solved.problem.nodes == len(solved.solution.us)
+    assert solved.solution.status.solved and np.array_equal(solved.solution.xs, solved.outcome.log.xs)
+    assert len(solved.solution.feedback) == solved.problem.nodes
+    assert lgmpc.load_run(solved.folder.path.name, tmp_path).path == solved.folder.path
     assert {"joints", "controls"} <= set(solved.plot()) == set(plot(solved.folder.path))
 
 

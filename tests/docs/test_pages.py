@@ -148,7 +148,7 @@ def documented_packages() -> set[str]:
 
 
 def test_all_names_of_lgmpc_are_from_packages_of_the_reference() -> None:
-    assert set(lgmpc._NAMES) <= documented_packages()
+    assert set(lgmpc._MODULE_OF.values()) <= documented_packages()
 
 
 def test_links_to_names_lead_to_public_ones() -> None:

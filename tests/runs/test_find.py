@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from lgmpc.cli.runs import find_run
 from lgmpc.errors import RunFolderError
+from lgmpc.runs import find_run
 
 
 @pytest.fixture

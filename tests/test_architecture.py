@@ -100,7 +100,7 @@ OWNERS: dict[str, str] = {
     "typer": "cli",
     "IPython": "notebook viz",
     "rich": "cli",
-    "optuna": "sweeps.journal sweeps.study",
+    "optuna": "sweeps.study",
     "pyarrow": "sweeps.parquet",
     "distributed": "sweeps.cluster sweeps.slurm sweeps.execution",
     "dask_jobqueue": "sweeps.slurm",

@@ -245,7 +245,16 @@ class _Search:
         return found
 
     def _proposed(self, trial: optuna.Trial) -> dict[str, Any]:
-        return {each.key: each.suggest(trial) for each in self._problem.dimensions}
+        """Return the numbers and choices that the sampler proposes, by their keys."""
+        found: dict[str, Any] = {}
+        for each in self._problem.dimensions:
+            if each.choices:
+                found[each.key] = trial.suggest_categorical(each.key, list(each.choices))
+            elif each.whole:
+                found[each.key] = trial.suggest_int(each.key, int(each.low), int(each.high), log=each.logarithmic)
+            else:
+                found[each.key] = trial.suggest_float(each.key, each.low, each.high, log=each.logarithmic)
+        return found
 
     def _compute(self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]]) -> dict[int, list[Row]]:
         """Return the rows of all points with each of the values, in order."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
@@ -20,9 +20,6 @@ from lgmpc.sweeps.comparison import higher_is_better
 from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
-
-if TYPE_CHECKING:
-    import optuna
 
 __all__ = ["Dimension", "Objective", "Score", "TuningProblem", "parse_dimension", "parse_dimensions", "tuning_problem"]
 
@@ -64,14 +61,6 @@ class Dimension:
     def value(self, number: Any) -> Any:
         """Return the value that the key gets from a number of the range, or from a choice."""
         return [number * each for each in self.present] if isinstance(self.present, (list, tuple)) else number
-
-    def suggest(self, trial: optuna.Trial) -> Any:
-        """Return the number or choice that the sampler of a trial proposes."""
-        if self.choices:
-            return trial.suggest_categorical(self.key, list(self.choices))
-        if self.whole:
-            return trial.suggest_int(self.key, int(self.low), int(self.high), log=self.logarithmic)
-        return trial.suggest_float(self.key, self.low, self.high, log=self.logarithmic)
 
     def apply(self, config: Config, value: Any) -> Config:
         """Return a config with a number of the range, or a choice, at the key.

@@ -21,16 +21,14 @@ Environment:
   threads wait for each other: 1 unless set.
 """
 
-from lgmpc.compile.build import compile_function, compile_functions, compile_map, densify_function, map_function
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
-from lgmpc.compile.function import CompiledFunction
+from lgmpc.compile.function import CompiledFunction, compile_function, compile_map
 from lgmpc.compile.index import cached
-from lgmpc.compile.kernel import BatchKernel, StageKernel
+from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
 from lgmpc.compile.lanes import SQUARES
-from lgmpc.compile.native import aligned_zeros
+from lgmpc.compile.native import aligned_zeros, compile_programme, compile_source
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
-from lgmpc.compile.programme import compile_programme, compile_source
 
 __all__ = [
     "SQUARES",
@@ -45,7 +43,6 @@ __all__ = [
     "aligned_zeros",
     "cache_folder",
     "compile_function",
-    "compile_functions",
     "compile_map",
     "compile_programme",
     "compile_source",
@@ -53,6 +50,5 @@ __all__ = [
     "find_compiler",
     "inspect_cache",
     "jit_enabled",
-    "map_function",
     "cached",
 ]

@@ -20,9 +20,6 @@ from typing import Any, cast
 import casadi
 import numpy as np
 
-from lgmpc.compile.function import CompiledFunction
-from lgmpc.compile.native import bind_library
-
 __all__ = ["Content", "NoContentError", "read_content", "write_content"]
 
 # Code that is identified by lgmpc's sources and by the versions in the cache's keys. Any other may change without them.
@@ -30,6 +27,8 @@ _IDENTIFIED = frozenset({"lgmpc", "builtins", "casadi", "collections", "functool
 # Modules of classes whose objects are their attributes. Others, such as compiled ones and containers, consist of more.
 _PLAIN = re.compile(r"(lgmpc|abc|typing|collections\.abc|pydantic)(\.|$)")
 _SEQUENCES: dict[type, str] = {tuple: "tuple", set: "set", frozenset: "frozenset"}
+# Classes whose objects are made by a call, with the arguments that their ``__reduce__`` returns.
+_MADE = ("lgmpc.compile.function:CompiledFunction", "lgmpc.robot.symbolic.model:SymbolicModel")
 _LENGTH = 8  # bytes, of the tree's size
 
 
@@ -141,15 +140,12 @@ class _Writer:
             return ["array", *self._numbers(value)]
         if isinstance(value, ctypes.CDLL) and self._name_of is not None:
             return ["library", self._name_of(value)]
-        if kind is CompiledFunction and self._name_of is not None:
-            _, (signature, bind, _) = value.__reduce__()
-            return ["compiled", self.write(signature), self.write(*bind.args)]
         whole = None if self._name_of is not None else _whole_content(kind, value)
         if whole is not None:
             self.originals.append(value)
             self._add(whole)
             return ["original", len(self.originals) - 1, len(whole)]
-        if "__reduce__" in _members(kind) and kind.__module__.startswith("lgmpc.") and self._name_of is None:
+        if "__reduce__" in _members(kind):
             made_by, arguments = value.__reduce__()
             return ["made", _name(made_by), self.write(arguments)]
         if not all(_PLAIN.match(base.__module__) for base in kind.__mro__[:-1]):
@@ -228,15 +224,13 @@ class _Reader:
             made = self._array(*parts)
         elif what == "library":
             made = self._library(parts[0])
-        elif what == "compiled":
-            signature, code = map(self.read, parts)
-            made = CompiledFunction(signature, functools.partial(bind_library, code), compiled=True)
         elif what == "original":
             self._refuse_file("no content")
             made = copy.copy(cast(list[Any], self._originals)[parts[0]])
         elif what == "made":
-            self._refuse_file("a call")
-            made = _class(parts[0])(*self.read(parts[1]))
+            if parts[0] not in _MADE:
+                raise NoContentError(f"a call of {parts[0]}")
+            made = _named(parts[0])(*self.read(parts[1]))
         else:
             raise NoContentError(f"'{what}'")
         self._made[place] = made

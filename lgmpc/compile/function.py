@@ -1,87 +1,71 @@
-"""A function on preallocated buffers, evaluated by machine code or CasADi's interpreter."""
+"""A function on preallocated buffers, for one point or for a whole horizon."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import casadi
 import numpy as np
 
+from lgmpc.compile.kernel import Argument, StageKernel, index_of
+from lgmpc.compile.native import Progress
 from lgmpc.errors import InputError, SolverError
 from lgmpc.typing import Array
 
-__all__ = ["Argument", "Bind", "CompiledFunction", "Signature", "index_of"]
+__all__ = ["CompiledFunction", "compile_function", "compile_map"]
 
 
-@dataclass(frozen=True)
-class Argument:
-    """Name, shape and batch of one input or output; ``stages`` is None where there is one value for all stages."""
+def compile_function(function: casadi.Function, *, progress: Progress | None = None) -> CompiledFunction:
+    """Compile a function, or load it from the cache.
 
-    name: str
-    shape: tuple[int, ...]
-    stages: int | None
+    Values that change between calls must be inputs: a change of the expressions compiles again. Without a C compiler
+    (with one warning a process), or with ``LGMPC_JIT=0``, the function is interpreted.
 
-    @property
-    def size(self) -> int:
-        """Number of entries of one stage."""
-        return math.prod(self.shape)
+    Args:
+        function: inputs and outputs of any sparsity; sparse ones become dense.
+        progress: called with a description of what is being compiled, when that takes time; it is always logged.
 
-    def allocate(self) -> tuple[Array, Array]:
-        """Return memory in CasADi's order (stage after stage, column after column), and the callers' view of it."""
-        memory = np.zeros(self.size * (self.stages or 1))
-        if self.stages is None:
-            return memory, memory.reshape(self.shape, order="F")
-        view = memory.reshape((self.stages, *reversed(self.shape)))
-        return memory, view.transpose(0, *range(len(self.shape), 0, -1))
+    Returns:
+        The function with buffers of its own.
+
+    Raises:
+        CompileError: the function has no C code, or the compiler failed on it.
+        InputError: the cache folder, ``CC``, ``LGMPC_CFLAGS`` or ``LGMPC_JIT`` cannot be used.
+    """
+    return CompiledFunction(StageKernel(function, progress))
 
 
-@dataclass(frozen=True)
-class Signature:
-    """Inputs and outputs of a compiled function, for a whole horizon if ``stages`` is above 1."""
+def compile_map(
+    function: casadi.Function, stages: int, *, shared: Sequence[str] = (), progress: Progress | None = None
+) -> CompiledFunction:
+    """Compile a function for all stages of a horizon in one call, with the loop in C; see :func:`compile_function`.
 
-    name: str
-    stages: int
-    inputs: tuple[Argument, ...]
-    outputs: tuple[Argument, ...]
+    The first index of every buffer is the stage: ``(stages, n)`` or ``(stages, rows, columns)``. The machine code
+    does not depend on the number of stages.
 
-    @classmethod
-    def of(cls, function: casadi.Function, stages: int | None = None, shared: Sequence[str] = ()) -> Signature:
-        """Return the signature of a CasADi function; the inputs in ``shared`` have no stage index."""
+    Args:
+        function: of one stage.
+        stages: their number, at least 1.
+        shared: names of the inputs that all stages share; their buffers have no stage index.
+        progress: as for :func:`compile_function`.
 
-        def describe(name: str, size: tuple[int, int]) -> Argument:
-            shape = (size[0],) if size[1] == 1 else size
-            return Argument(name, shape, None if name in shared else stages)
-
-        return cls(
-            function.name(),
-            stages or 1,
-            tuple(describe(name, function.size_in(i)) for i, name in enumerate(function.name_in())),
-            tuple(describe(name, function.size_out(i)) for i, name in enumerate(function.name_out())),
-        )
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs, in order."""
-        return tuple(argument.name for argument in self.inputs)
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs, in order."""
-        return tuple(argument.name for argument in self.outputs)
-
-
-# From the memory of all inputs and outputs to a call without arguments that returns CasADi's code (0: success).
-Bind = Callable[[Signature, Sequence[Array]], Callable[[], int]]
+    Raises:
+        CompileError: the function has no C code, or the compiler failed on it.
+        InputError: ``stages`` is not positive, a name in ``shared`` is no input, or the environment is unusable.
+    """
+    if stages < 1:
+        raise InputError("stages", stages, "at least one")
+    for name in shared:
+        index_of(f"shared input of '{function.name()}'", name, tuple(function.name_in()))
+    return CompiledFunction(StageKernel(function, progress), stages, shared)
 
 
 class CompiledFunction:
     """A CasADi function with its own buffers for inputs and outputs.
 
     Write into :attr:`inputs`, call :meth:`run`, read :attr:`outputs`. One instance is for one thread at a time (the
-    machine code runs without Python's global lock): use a :meth:`clone` in every other thread. Created by
-    :func:`compile_function`.
+    machine code runs without Python's global lock); another is made by :func:`compile_function` from the cache.
 
     Attributes:
         name: of the CasADi function.
@@ -92,23 +76,29 @@ class CompiledFunction:
         outputs: results of the last :meth:`run`, laid out in the same way; the next run overwrites them.
     """
 
-    __slots__ = ("__weakref__", "_bind", "_evaluate", "_memory", "_signature", "compiled", "inputs", "name", "outputs")
+    __slots__ = (
+        "__weakref__", "_arguments", "_evaluate", "_kernel", "_memory", "compiled", "input_names", "inputs", "name",
+        "output_names", "outputs",
+    )  # fmt: skip
 
-    def __init__(self, signature: Signature, bind: Bind, compiled: bool) -> None:
+    def __init__(self, kernel: StageKernel, stages: int | None = None, shared: Sequence[str] = ()) -> None:
+        signature = kernel.signature
+        self._kernel = kernel
+        self._arguments = stages, tuple(shared)
         self.name = signature.name
-        self.compiled = compiled
-        inputs = [argument.allocate() for argument in signature.inputs]
-        outputs = [argument.allocate() for argument in signature.outputs]
+        self.compiled = kernel.compiled
+        self.input_names = signature.input_names
+        self.output_names = signature.output_names
+        inputs = [_allocate(each, None if each.name in shared else stages) for each in signature.inputs]
+        outputs = [_allocate(each, stages) for each in signature.outputs]
         self.inputs: tuple[Array, ...] = tuple(view for _, view in inputs)
         self.outputs: tuple[Array, ...] = tuple(view for _, view in outputs)
-        self._signature = signature
-        self._bind = bind
         self._memory = tuple(memory for memory, _ in inputs + outputs)
-        self._evaluate = bind(signature, self._memory)
+        self._evaluate = self.bind()
 
-    def __reduce__(self) -> tuple[type[CompiledFunction], tuple[Signature, Bind, bool]]:
+    def __reduce__(self) -> tuple[type[CompiledFunction], tuple[Any, ...]]:
         """Restore with buffers of zeros."""
-        return CompiledFunction, (self._signature, self._bind, self.compiled)
+        return CompiledFunction, (self._kernel, *self._arguments)
 
     def run(self) -> None:
         """Evaluate, without allocation. NaN in the inputs gives NaN in the outputs, not an error.
@@ -116,7 +106,11 @@ class CompiledFunction:
         Raises:
             SolverError: a solver inside the function failed; outputs are then undefined.
         """
-        if self._evaluate():
+        try:
+            failed = self._evaluate()
+        except RuntimeError:  # of CasADi's interpreter
+            failed = 1
+        if failed:
             remedy = "Its problem may be infeasible, or its initial point too far from a solution"
             raise SolverError(f"solver inside '{self.name}'", "no solution", remedy)
 
@@ -161,16 +155,6 @@ class CompiledFunction:
         """
         return self.outputs[index_of(f"output of '{self.name}'", name, self.output_names)]
 
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs, in order."""
-        return self._signature.input_names
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs, in order."""
-        return self._signature.output_names
-
     def bind(self, **memory: Array) -> Callable[[], int]:
         """Return a call on the caller's memory; it returns 0, as plain arithmetic always does, and allocates nothing.
 
@@ -191,15 +175,9 @@ class CompiledFunction:
                 raise InputError(name, f"{array.dtype} of shape {array.shape}", f"float64, contiguous, {size} numbers")
             if place >= len(self.inputs) and not array.flags.writeable:
                 raise InputError(name, "a read-only array", "memory that results can be written to")
-            arrays[place] = array.reshape(-1)
-        return self._bind(self._signature, arrays)
-
-    def clone(self) -> CompiledFunction:
-        """Return a copy on the same machine code with its own buffers, the inputs' values copied."""
-        twin = CompiledFunction(self._signature, self._bind, self.compiled)
-        for mine, theirs in zip(self.inputs, twin.inputs, strict=True):
-            theirs[...] = mine
-        return twin
+            arrays[place] = array.reshape(arrays[place].shape)
+        steps = [array.shape[1] if array.ndim == 2 else 0 for array in arrays]
+        return self._kernel.evaluator(self._arguments[0] or 1, arrays, steps)
 
     def __repr__(self) -> str:
         given = ", ".join(f"{n}{list(b.shape)}" for n, b in zip(self.input_names, self.inputs, strict=True))
@@ -207,9 +185,11 @@ class CompiledFunction:
         return f"CompiledFunction({self.name}: ({given}) -> ({made}), {'compiled' if self.compiled else 'interpreted'})"
 
 
-def index_of(what: str, name: str, names: tuple[str, ...]) -> int:
-    """Return the index of a name among names; an InputError lists them if it is none of them."""
-    try:
-        return names.index(name)
-    except ValueError:
-        raise InputError(what, repr(name), "one of its names", names) from None
+def _allocate(argument: Argument, stages: int | None) -> tuple[Array, Array]:
+    """Return memory in CasADi's order (stage after stage, column after column), and the callers' view of it."""
+    if stages is None:
+        memory = np.zeros(argument.size)
+        return memory, memory.reshape(argument.shape, order="F")
+    memory = np.zeros((stages, argument.size))
+    view = memory.reshape((stages, *reversed(argument.shape)))
+    return memory, view.transpose(0, *range(len(argument.shape), 0, -1))

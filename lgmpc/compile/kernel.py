@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import casadi
 import numpy as np
 
-from lgmpc.compile.build import densify_function
 from lgmpc.compile.compiler import compiler_for_functions
-from lgmpc.compile.function import Argument, Signature, index_of
 from lgmpc.compile.index import cached
 from lgmpc.compile.lanes import has_lanes
 from lgmpc.compile.native import Progress, bind_library, load_library
@@ -19,9 +19,54 @@ from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["BatchKernel", "StageKernel"]
+__all__ = ["Argument", "BatchKernel", "Signature", "StageKernel", "densify_function", "index_of"]
 
 K = TypeVar("K", bound="StageKernel")
+
+
+@dataclass(frozen=True)
+class Argument:
+    """Name and shape of one input or output of a stage."""
+
+    name: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Inputs and outputs of a compiled function."""
+
+    name: str
+    inputs: tuple[Argument, ...]
+    outputs: tuple[Argument, ...]
+
+    @classmethod
+    def of(cls, function: casadi.Function) -> Signature:
+        """Return the signature of a CasADi function."""
+
+        def describe(name: str, size: tuple[int, int]) -> Argument:
+            return Argument(name, (size[0],) if size[1] == 1 else size)
+
+        return cls(
+            function.name(),
+            tuple(describe(name, function.size_in(i)) for i, name in enumerate(function.name_in())),
+            tuple(describe(name, function.size_out(i)) for i, name in enumerate(function.name_out())),
+        )
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return tuple(argument.name for argument in self.inputs)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs, in order."""
+        return tuple(argument.name for argument in self.outputs)
 
 
 class StageKernel:
@@ -35,6 +80,7 @@ class StageKernel:
         progress: called with a description of what is being compiled.
 
     Attributes:
+        signature: its inputs and outputs.
         compiled: whether it is machine code; otherwise, and where it calls Python, CasADi interprets it.
 
     Raises:
@@ -44,7 +90,7 @@ class StageKernel:
 
     def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
         function = densify_function(function)
-        self._signature = Signature.of(function)
+        self.signature = Signature.of(function)
         compiler = None if _calls_python(function) else compiler_for_functions()
         self._code = function if compiler is None else load_library(function, compiler, progress)
         self.compiled = compiler is not None
@@ -63,12 +109,12 @@ class StageKernel:
     @property
     def input_sizes(self) -> dict[str, int]:
         """Number of entries of every input."""
-        return {argument.name: argument.size for argument in self._signature.inputs}
+        return {argument.name: argument.size for argument in self.signature.inputs}
 
     @property
     def output_sizes(self) -> dict[str, int]:
         """Number of entries of every output."""
-        return {argument.name: argument.size for argument in self._signature.outputs}
+        return {argument.name: argument.size for argument in self.signature.outputs}
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
         """Return the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
@@ -81,14 +127,14 @@ class StageKernel:
         Raises:
             InputError: a name is missing or unknown, or an array does not fit.
         """
-        arguments = (*self._signature.inputs, *self._signature.outputs)
+        arguments = (*self.signature.inputs, *self.signature.outputs)
         names = tuple(argument.name for argument in arguments)
         for name in memory:
-            index_of(f"argument of '{self._signature.name}'", name, names)
+            index_of(f"argument of '{self.signature.name}'", name, names)
         arrays, steps = [], []
         for index, argument in enumerate(arguments):
             if argument.name not in memory:
-                raise InputError(f"memory for '{self._signature.name}'", "none", f"an array for '{argument.name}'")
+                raise InputError(f"memory for '{self.signature.name}'", "none", f"an array for '{argument.name}'")
             array = memory[argument.name]
             shared = array.ndim == 1 and array.size == argument.size
             rows = array.ndim == 2 and array.shape[0] >= stages and array.shape[1] >= argument.size
@@ -96,22 +142,22 @@ class StageKernel:
             if array.dtype != np.float64 or not contiguous or not (shared or rows):
                 got = f"{array.dtype} of shape {array.shape}"
                 raise InputError(argument.name, got, f"float64 of shape ({stages}, {argument.size}), contiguous rows")
-            if index >= len(self._signature.inputs) and not array.flags.writeable:
+            if index >= len(self.signature.inputs) and not array.flags.writeable:
                 raise InputError(argument.name, "a read-only array", "memory that results can be written to")
             arrays.append(array)
             steps.append(0 if shared else array.strides[0] // array.itemsize)
-        return self._bind(stages, arrays, steps)
+        return self.evaluator(stages, arrays, steps)
 
-    def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
+    def evaluator(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
         """Return the call on arrays that fit; ``steps`` are their numbers from one stage to the next."""
         if isinstance(self._code, ctypes.CDLL):
-            return bind_library(self._code, self._signature, arrays, stages, steps)
-        arguments = (*self._signature.inputs, *self._signature.outputs)
+            return bind_library(self._code, self.signature.name, arrays, stages, steps)
+        arguments = (*self.signature.inputs, *self.signature.outputs)
         rows_of = [
             [(a[k] if step else a)[: g.size] for k in range(stages)]
             for a, step, g in zip(arrays, steps, arguments, strict=True)
         ]
-        return _interpret(self._code, len(self._signature.inputs), stages, rows_of)
+        return _interpret(self._code, len(self.signature.inputs), stages, rows_of)
 
 
 class BatchKernel(StageKernel):
@@ -133,11 +179,10 @@ class BatchKernel(StageKernel):
             super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)
             return
         self._layout = PipelineLayout.of(pipeline)
-        self._signature = Signature(
+        self.signature = Signature(
             pipeline.name,
-            1,
-            tuple(Argument(name, (size,), None) for name, (size, _) in self._layout.inputs.items()),
-            tuple(Argument(name, (len(entries),), None) for name, entries in self._layout.outputs.items()),
+            tuple(Argument(name, (size,)) for name, (size, _) in self._layout.inputs.items()),
+            tuple(Argument(name, (len(entries),)) for name, entries in self._layout.outputs.items()),
         )
         self._libraries = load_pipeline(pipeline, compiler, progress)
         self.compiled = True
@@ -148,15 +193,16 @@ class BatchKernel(StageKernel):
         Raises:
             InputError: a name is missing or unknown, an array does not fit, or one that is written is also read.
         """
-        for result in self._signature.output_names:
-            for given in self._signature.input_names:
+        for result in self.signature.output_names:
+            for given in self.signature.input_names:
                 if given in memory and result in memory and np.may_share_memory(memory[given], memory[result]):
                     raise InputError(result, f"memory of '{given}'", "memory of its own (a StageKernel shares memory)")
         return super().bind(stages, **memory)
 
-    def _bind(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
+    def evaluator(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
+        """Return the call, as :meth:`StageKernel.evaluator` does."""
         if not self._libraries:
-            return super()._bind(stages, arrays, steps)
+            return super().evaluator(stages, arrays, steps)
         return bind_pipeline(self._layout, self._libraries, stages, arrays, steps)
 
 
@@ -194,3 +240,26 @@ def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[lis
         return 0
 
     return call
+
+
+def densify_function(function: casadi.Function) -> casadi.Function:
+    """Return the function with dense inputs and outputs (itself if they are dense)."""
+    inputs, outputs = range(function.n_in()), range(function.n_out())
+    if all(function.sparsity_in(i).is_dense() for i in inputs) and all(
+        function.sparsity_out(i).is_dense() for i in outputs
+    ):
+        return function
+    # An SX function remains one flat list of scalar operations; any other is called from a wrapper.
+    symbol: Any = casadi.SX.sym if function.is_a("SXFunction") else casadi.MX.sym
+    names = function.name_in()
+    arguments = [symbol(names[i], *function.size_in(i)) for i in inputs]
+    results: list[Any] = function.call([casadi.project(a, function.sparsity_in(i)) for i, a in enumerate(arguments)])
+    return casadi.Function(function.name(), arguments, [casadi.densify(r) for r in results], names, function.name_out())
+
+
+def index_of(what: str, name: str, names: tuple[str, ...]) -> int:
+    """Return the index of a name among names; an InputError lists them if it is none of them."""
+    try:
+        return names.index(name)
+    except ValueError:
+        raise InputError(what, repr(name), "one of its names", names) from None

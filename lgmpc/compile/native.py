@@ -1,4 +1,4 @@
-"""A CasADi function as machine code: its C source, its library in the cache, calls of it."""
+"""Machine code: the C source of a CasADi function, libraries in the cache, calls of them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ import numpy as np
 
 from lgmpc.compile.bodies import BODIES_IDENTITY, write_in_parts
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
-from lgmpc.compile.compiler import Compiler
-from lgmpc.compile.function import Signature
+from lgmpc.compile.compiler import Compiler, compiler_for_functions
 from lgmpc.compile.lanes import LANES_IDENTITY, SCALAR_TRIGONOMETRY, generate_lanes
 from lgmpc.errors import CompileError
 from lgmpc.typing import Array
@@ -30,6 +29,8 @@ __all__ = [
     "Progress",
     "aligned_zeros",
     "bind_library",
+    "compile_programme",
+    "compile_source",
     "generate_source",
     "load_library",
 ]
@@ -74,12 +75,7 @@ def generate_source(function: casadi.Function) -> str:
     Raises:
         CompileError: CasADi cannot write some part of it in C.
     """
-    generator = casadi.CodeGenerator(f"{function.name()}.c", {"with_header": False})
-    try:
-        generator.add(function)
-        code = str(generator.dump())
-    except RuntimeError as error:
-        raise CompileError(function.name(), "CasADi code generation", str(error)) from error
+    code = _casadi_code(function.name(), function)
     missing = _NOT_C.search(code)
     if missing is not None:
         raise CompileError(function.name(), "CasADi code generation", f"{missing[1]} has no C code")
@@ -90,6 +86,16 @@ def generate_source(function: casadi.Function) -> str:
         start, end = runtime.span(1)
         code = f"{code[:start]}{_FAST}{code[start:end]}#pragma GCC pop_options\n{code[end:]}"
     return write_in_parts(code) + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
+
+
+def _casadi_code(name: str, *functions: casadi.Function) -> str:
+    generator = casadi.CodeGenerator(f"{name}.c", {"with_header": False})
+    try:
+        for function in functions:
+            generator.add(function)
+        return str(generator.dump())
+    except RuntimeError as error:
+        raise CompileError(name, "CasADi code generation", str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -183,26 +189,23 @@ def aligned_zeros(size: int) -> Array:
 
 
 def bind_library(
-    library: ctypes.CDLL,
-    signature: Signature,
-    memory: Sequence[Array],
-    stages: int | None = None,
-    steps: Sequence[int] | None = None,
+    library: ctypes.CDLL, name: str, memory: Sequence[Array], stages: int, steps: Sequence[int]
 ) -> Callable[[], int]:
-    """Return the call that evaluates the library's function on this memory (inputs, then outputs).
+    """Return the call that evaluates a library's function.
 
-    ``stages`` and ``steps`` (each array's numbers from one stage to the next) are the signature's unless given.
+    Args:
+        library: of :func:`load_library`.
+        name: of the function.
+        memory: of its inputs, then outputs.
+        stages: how often it is evaluated.
+        steps: each array's numbers from one stage to the next.
     """
-    name = signature.name
     sizes = [ctypes.c_longlong() for _ in range(4)]
     library[f"{name}_work"](*(ctypes.byref(size) for size in sizes))
     n_arg, n_res, n_iw, n_w = (size.value for size in sizes)
     base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
-    if steps is None:
-        arguments = (*signature.inputs, *signature.outputs)
-        steps = [0 if argument.stages is None else argument.size for argument in arguments]
     slot = library[f"{name}_checkout"]()
-    plan = np.array([signature.stages if stages is None else stages, slot, *steps], dtype=np.int64)
+    plan = np.array([stages, slot, *steps], dtype=np.int64)
     arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
     iw, w = np.zeros(n_iw, dtype=np.int64), aligned_zeros(n_w)
     parts = (base, plan, arg, res, iw, w)
@@ -211,3 +214,51 @@ def bind_library(
     frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
     weakref.finalize(frame, library[f"{name}_release"], slot)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
+
+
+def compile_programme(solver: casadi.Function, *, progress: Progress | None = None) -> Path | None:
+    """Compile the functions of a solver made by ``casadi.nlpsol``, or find them in the cache.
+
+    Args:
+        solver: made from expressions; its name and options determine its functions.
+        progress: called with a description of what is being compiled, if anything is.
+
+    Returns:
+        A library to pass to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
+        be compiled.
+
+    Raises:
+        CompileError: the compiler failed.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+    name = solver.name()
+    source = _casadi_code(name, solver.oracle(), *(solver.get_function(part) for part in solver.get_function()))
+    return compile_source(name, source, progress=progress)
+
+
+def compile_source(name: str, source: str, *, progress: Progress | None = None) -> Path | None:
+    """Compile a C source into a library, or find it in the cache.
+
+    Args:
+        name: a C identifier, part of the file's name.
+        source: one C file; its entry points need default visibility.
+        progress: called with a description of what is being compiled, if anything is.
+
+    Returns:
+        The library; None without a compiler, or with ``LGMPC_JIT=0``.
+
+    Raises:
+        CompileError: the compiler failed.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+    compiler = compiler_for_functions()
+    if compiler is None:
+        return None
+    folder = cache_folder()
+    key = request_key("source", casadi.CasadiMeta.version(), compiler.identity, source)
+    entry = find_entry(folder, name, key)
+    if entry is None:
+        if progress is not None:
+            progress(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+        entry = make_entry(folder, name, key, (source,), lambda c, so: compiler.build(c, so, name), lambda: None)
+    return entry

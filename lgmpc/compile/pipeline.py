@@ -20,8 +20,7 @@ import numpy as np
 
 from lgmpc.compile.compiler import Compiler, thread_count
 from lgmpc.compile.lanes import SQUARES
-from lgmpc.compile.native import LANES, Progress, aligned_zeros, load_library
-from lgmpc.compile.programme import compile_source
+from lgmpc.compile.native import LANES, Progress, aligned_zeros, compile_source, load_library
 from lgmpc.errors import CompileError
 from lgmpc.typing import Array
 

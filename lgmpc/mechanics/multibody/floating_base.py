@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from lgmpc.compile import compile_functions
+from lgmpc.compile import compile_function
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
 from lgmpc.lie.symbolic import se3
@@ -96,7 +96,7 @@ class FloatingBaseDynamics:
     def __init__(self, model: pin.Model) -> None:
         self.body = ArticulatedBody.from_model(model)
         self.nq, self.nv = int(model.nq), int(model.nv)
-        self._terms, self._inverse = compile_functions(_expressions(self.body))
+        self._terms, self._inverse = map(compile_function, _expressions(self.body))
 
     def equations(self, q: ArrayLike, v: ArrayLike) -> EquationsOfMotion:
         """Return the terms of the equations of motion.

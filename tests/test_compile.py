@@ -22,6 +22,8 @@ import pytest
 
 from lgmpc.compile import (
     BatchKernel,
+    StageKernel,
+    aligned_zeros,
     cache_folder,
     compile_function,
     compile_map,
@@ -239,6 +241,28 @@ def test_call_names_what_does_not_fit(arguments: tuple, words: str, monkeypatch:
     monkeypatch.setenv("LGMPC_JIT", "0")
     with pytest.raises(InputError, match=words):
         compile_function(shift_function())(*arguments)
+
+
+@pytest.mark.parametrize("bad", [None, "text", np.nan, np.zeros(3), [], {}], ids=lambda bad: type(bad).__name__)
+def test_arguments_of_other_types_are_named(bad: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LGMPC_JIT", "0")
+    function, x, y = shift_function(), np.zeros((2, 2)), np.zeros((2, 2))
+    kernel = StageKernel(function)
+    for call, name in (
+        (lambda: compile_function(bad), "function"),
+        (lambda: StageKernel(bad), "function"),
+        (lambda: BatchKernel(bad), "function"),
+        (lambda: densify_function(bad), "function"),
+        (lambda: compile_map(function, bad), "stages"),
+        (lambda: kernel.bind(bad, x=x, y=y), "stages"),
+        (lambda: kernel.bind(2, x=bad, y=y), "x"),
+        (lambda: compile_function(function).bind(x=bad), "x"),
+        (lambda: aligned_zeros(bad), "size"),
+    ):
+        with pytest.raises(InputError, match=f"^{name}: got "):
+            call()
+    with pytest.raises(InputError, match="shared"):
+        compile_map(function, 2, shared=3)
 
 
 def test_errors_of_unknown_names_list_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from lgmpc.compile.kernel import Argument, StageKernel, index_of
+from lgmpc.compile.kernel import Argument, StageKernel, check_array, check_stages, index_of
 from lgmpc.compile.native import Progress
 from lgmpc.errors import InputError, SolverError
 from lgmpc.typing import Array
@@ -54,11 +54,13 @@ def compile_map(
         CompileError: the function has no C code, or the compiler failed on it.
         InputError: ``stages`` is not positive, a name in ``shared`` is no input, or the environment is unusable.
     """
-    if stages < 1:
-        raise InputError("stages", stages, "at least one")
+    check_stages(stages, 1)
+    if not isinstance(shared, Sequence):
+        raise InputError("shared", f"{shared!r:.80}", "names of inputs")
+    kernel = StageKernel(function, progress)
     for name in shared:
-        index_of(f"shared input of '{function.name()}'", name, tuple(function.name_in()))
-    return CompiledFunction(StageKernel(function, progress), stages, shared)
+        index_of(f"shared input of '{kernel.signature.name}'", name, kernel.signature.input_names)
+    return CompiledFunction(kernel, stages, shared)
 
 
 class CompiledFunction:
@@ -170,6 +172,7 @@ class CompiledFunction:
         arrays = list(self._memory)
         for name, array in memory.items():
             place = index_of(f"argument of '{self.name}'", name, names)
+            check_array(name, array)
             size = arrays[place].size
             if array.dtype != np.float64 or array.size != size or not array.flags.c_contiguous:
                 raise InputError(name, f"{array.dtype} of shape {array.shape}", f"float64, contiguous, {size} numbers")

@@ -19,7 +19,16 @@ from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["Argument", "BatchKernel", "Signature", "StageKernel", "densify_function", "index_of"]
+__all__ = [
+    "Argument",
+    "BatchKernel",
+    "Signature",
+    "StageKernel",
+    "check_array",
+    "check_stages",
+    "densify_function",
+    "index_of",
+]
 
 K = TypeVar("K", bound="StageKernel")
 
@@ -127,10 +136,12 @@ class StageKernel:
         Raises:
             InputError: a name is missing or unknown, or an array does not fit.
         """
+        check_stages(stages)
         arguments = (*self.signature.inputs, *self.signature.outputs)
         names = tuple(argument.name for argument in arguments)
-        for name in memory:
+        for name, array in memory.items():
             index_of(f"argument of '{self.signature.name}'", name, names)
+            check_array(name, array)
         arrays, steps = [], []
         for index, argument in enumerate(arguments):
             if argument.name not in memory:
@@ -244,6 +255,8 @@ def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[lis
 
 def densify_function(function: casadi.Function) -> casadi.Function:
     """Return the function with dense inputs and outputs (itself if they are dense)."""
+    if not isinstance(function, casadi.Function):
+        raise InputError("function", f"{function!r:.80}", "a casadi.Function")
     inputs, outputs = range(function.n_in()), range(function.n_out())
     if all(function.sparsity_in(i).is_dense() for i in inputs) and all(
         function.sparsity_out(i).is_dense() for i in outputs
@@ -255,6 +268,18 @@ def densify_function(function: casadi.Function) -> casadi.Function:
     arguments = [symbol(names[i], *function.size_in(i)) for i in inputs]
     results: list[Any] = function.call([casadi.project(a, function.sparsity_in(i)) for i, a in enumerate(arguments)])
     return casadi.Function(function.name(), arguments, [casadi.densify(r) for r in results], names, function.name_out())
+
+
+def check_stages(stages: object, least: int = 0) -> None:
+    """Raise an InputError unless ``stages`` is a whole number of at least ``least``."""
+    if not isinstance(stages, (int, np.integer)) or stages < least:
+        raise InputError("stages", f"{stages!r:.80}", f"a whole number, at least {least}")
+
+
+def check_array(name: str, array: object) -> None:
+    """Raise an InputError unless the argument is an array."""
+    if not isinstance(array, np.ndarray):
+        raise InputError(name, f"{array!r:.80}", "a float64 array, which the call reads or writes")
 
 
 def index_of(what: str, name: str, names: tuple[str, ...]) -> int:

@@ -19,7 +19,7 @@ from lgmpc.compile.bodies import BODIES_IDENTITY, write_in_parts
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler, compiler_for_functions
 from lgmpc.compile.lanes import LANES_IDENTITY, SCALAR_TRIGONOMETRY, generate_lanes
-from lgmpc.errors import CompileError
+from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
 __all__ = [
@@ -183,6 +183,8 @@ def load_library(
 
 def aligned_zeros(size: int) -> Array:
     """Return work memory (size,) at an address that is a multiple of the vectors' size."""
+    if not isinstance(size, (int, np.integer)) or size < 0:
+        raise InputError("size", f"{size!r:.80}", "a whole number, at least 0")
     work = np.zeros(size + _ALIGNMENT)
     start = -(work.ctypes.data // work.itemsize) % _ALIGNMENT
     return work[start : start + size]

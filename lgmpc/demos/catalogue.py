@@ -39,6 +39,6 @@ def load_demo(name: str) -> Demo:
     Raises:
         InputError: there is none of this name; the nearest are named.
     """
-    if name not in SUMMARIES:
+    if not isinstance(name, str) or name not in SUMMARIES:
         raise InputError("demo", name, "a demonstration", NAMES)
     return Demo(name, SUMMARIES[name], import_module(f"lgmpc.demos.{name.replace('-', '_')}").run)

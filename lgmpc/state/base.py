@@ -95,6 +95,10 @@ class State(ABC):
         Raises:
             InputError: bounds of the wrong shape, crossed, or infinite where the space is unbounded.
         """
+        if not isinstance(rng, np.random.Generator):
+            raise InputError("rng", f"{rng!r:.80}", "a numpy.random.Generator")
+        if bounds is not None and not (isinstance(bounds, (tuple, list)) and len(bounds) == 2):
+            raise InputError("bounds", f"{bounds!r:.80}", f"two arrays ({self.ndx},)")
         lower, upper = (self.lower, self.upper) if bounds is None else _frozen_bounds(self.ndx, *bounds)
         return self.integrate(self.neutral(), self._sample(rng, lower, upper))
 
@@ -122,6 +126,9 @@ class State(ABC):
         return rng.uniform(lower, upper)
 
     def _check_shapes(self, x: Array, other: Array, size: int, names: tuple[str, str]) -> None:
+        for name, given in zip(names, (x, other), strict=True):
+            if not isinstance(given, np.ndarray):
+                raise InputError(name, f"{given!r:.80}", f"an array (..., {self.nx if given is x else size})")
         if x.shape[-1:] != (self.nx,):
             raise InputError(names[0], f"shape {x.shape}", f"shape (..., {self.nx})")
         if other.shape[-1:] != (size,) or other.shape[:-1] != x.shape[:-1]:

@@ -59,6 +59,8 @@ class StateMultibody(State):
     """
 
     def __init__(self, model: pin.Model) -> None:
+        if not isinstance(model, pin.Model):
+            raise InputError("model", f"{model!r:.80}", "a pinocchio.Model")
         self.model = model
         self.nq: int = model.nq
         self.nv: int = model.nv

@@ -29,8 +29,8 @@ class ProductState(State):
     """
 
     def __init__(self, *states: State) -> None:
-        if not states:
-            raise InputError("states", "none", "at least one state")
+        if not states or not all(isinstance(state, State) for state in states):
+            raise InputError("states", f"{states!r:.80}" if states else "none", "at least one State")
         super().__init__(
             sum(state.nx for state in states),
             sum(state.ndx for state in states),

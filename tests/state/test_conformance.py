@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.state import State
+from lgmpc.state import ProductState, State, StateMultibody
 
 SYMBOLS = pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
 
@@ -230,3 +230,19 @@ def test_check_names_what_is_wrong(state) -> None:
         state.check_tangent(np.zeros(state.ndx + 1))
     with pytest.raises(InputError, match="dx: got nan"):
         state.check_tangent(np.full(state.ndx, np.nan))
+
+
+@pytest.mark.parametrize("bad", [None, "text", np.nan, [0.0], {}], ids=lambda bad: type(bad).__name__)
+def test_arguments_of_other_types_are_named(state: State, bad: object) -> None:
+    x, dx = state.neutral(), np.zeros(state.ndx)
+    for function, second in ((state.integrate, dx), (state.diff, x), (state.Jintegrate, dx), (state.Jdiff, x)):
+        for arguments in ((bad, second), (x, bad)):
+            with pytest.raises(InputError, match="x|dx|x0|x1"):
+                function(*arguments)
+    with pytest.raises(InputError, match="rng: got"):
+        state.random(bad)
+    with pytest.raises(InputError, match="bounds: got"):
+        state.random(np.random.default_rng(0), bad if bad is not None else 1)
+    for make, name in ((StateMultibody, "model"), (ProductState, "states")):
+        with pytest.raises(InputError, match=name):
+            make(bad)

@@ -14,7 +14,7 @@ import numpy as np
 from lgmpc.lie import so3
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
+from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen, typed
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3, SO3
 from lgmpc.mechanics.reduction.terms import Advected, Expression
@@ -119,6 +119,7 @@ def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEu
     )
 
 
+@typed
 def free_body(
     inertia: SpatialInertia,
     gravity: float = 0.0,

@@ -24,7 +24,7 @@ from scipy import special
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
-from lgmpc.mechanics.checks import check_positive, check_vector, frozen
+from lgmpc.mechanics.checks import check_positive, check_vector, frozen, typed
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3
 from lgmpc.mechanics.reduction.terms import Expression, Symbols
@@ -203,6 +203,7 @@ class UnderwaterVehicle:
         )
 
 
+@typed
 def terminal_speed(force: float, linear: float, quadratic: float) -> float:
     """Return the speed (m/s) at which damping ``linear v + quadratic v^2`` balances a force (N).
 
@@ -212,6 +213,7 @@ def terminal_speed(force: float, linear: float, quadratic: float) -> float:
     return float(2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic)))
 
 
+@typed
 def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float, quadratic: float) -> Array:
     """Return the speeds (m/s) from rest by ``mass v' = force - linear v - quadratic v^2``, in closed form.
 
@@ -231,6 +233,7 @@ def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float
     return speeds
 
 
+@typed
 def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0) -> Array:
     """Return (6,) the added mass of a prolate spheroid about its centre, its long axis x, kg and kg.m2.
 

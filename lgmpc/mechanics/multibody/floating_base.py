@@ -23,7 +23,7 @@ from lgmpc.compile import compile_function
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
 from lgmpc.lie.symbolic import se3
-from lgmpc.mechanics.checks import check_vector
+from lgmpc.mechanics.checks import check_vector, typed
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody
 from lgmpc.typing import Array
 
@@ -93,6 +93,7 @@ class FloatingBaseDynamics:
         ModelError: another kind of joint.
     """
 
+    @typed
     def __init__(self, model: pin.Model) -> None:
         self.body = ArticulatedBody.from_model(model)
         self.nq, self.nv = int(model.nq), int(model.nv)

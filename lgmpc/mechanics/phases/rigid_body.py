@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.mechanics.checks import typed
 from lgmpc.mechanics.tops.torque_free import EulerTop
 from lgmpc.typing import Array
 
@@ -42,6 +43,7 @@ class RigidBodyPhase:
         return self.dynamic - self.solid_angle
 
 
+@typed
 def rigid_body_phase(top: EulerTop, nodes: int = 2000) -> RigidBodyPhase:
     """Evaluate Montgomery's formula: the solid angle by quadrature along the orbit of the body momentum.
 

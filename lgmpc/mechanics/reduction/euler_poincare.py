@@ -30,7 +30,7 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.mechanics.checks import frozen
+from lgmpc.mechanics.checks import frozen, typed
 from lgmpc.mechanics.reduction import momentum_maps
 from lgmpc.mechanics.reduction.groups import LieGroup
 from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols, state_of
@@ -218,6 +218,7 @@ class EulerPoincare(ABC):
     def _rollouts(self) -> dict[Method, Rollout]:
         return {}
 
+    @typed
     def simulate(
         self,
         pose: Array,

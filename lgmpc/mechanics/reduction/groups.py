@@ -21,6 +21,7 @@ from lgmpc.lie.checks import checked
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import sek3 as symbolic_sek3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
+from lgmpc.mechanics.checks import typed
 from lgmpc.typing import Array
 
 __all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "SymbolicGroup", "extended_poses", "translations"]
@@ -110,6 +111,7 @@ SE3 = LieGroup("se3", 6, 4, se3, symbolic_se3, checks.placement)
 """Placements; algebra: twist, linear first; dual: [linear; angular] momentum."""
 
 
+@typed
 def extended_poses(k: int) -> LieGroup:
     """SE_k(3): a rotation and k columns; tangent (rotation, then one 3-vector a column).
 
@@ -128,6 +130,7 @@ Marsden, Ratiu, Weinstein, "Semidirect products and reduction in mechanics", Tra
 """
 
 
+@typed
 def translations(n: int) -> LieGroup:
     """R^n as the matrices ``[[I, x], [0, 1]]``, (n + 1, n + 1): every bracket is zero.
 

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.mechanics.checks import typed
 from lgmpc.mechanics.reduction.groups import SE3, SO3, LieGroup, extended_poses
 from lgmpc.mechanics.rollout import Rollout, runge_kutta4
 from lgmpc.typing import Array
@@ -191,6 +192,7 @@ SE3_DUAL = LiePoisson(SE3, (("l . k", lambda mu: ca.dot(mu[:3], mu[3:])), ("|l|^
 """se(3)*: [linear l; angular k] body momentum; generic leaves have dimension 4 (chapter 4.10.6)."""
 
 
+@typed
 def extended_poses_dual(k: int) -> LiePoisson:
     """The dual of SE_k(3)'s algebra, (pi, Gamma_1, ..., Gamma_k): so(3)* with k advected vectors.
 

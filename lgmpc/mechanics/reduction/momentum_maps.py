@@ -18,6 +18,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
+from lgmpc.mechanics.checks import typed
 from lgmpc.mechanics.reduction.groups import LieGroup
 from lgmpc.typing import Array
 
@@ -27,6 +28,7 @@ CONSERVED = 1e-9
 """Tolerance of conserved components, relative to the largest momentum along the motion."""
 
 
+@typed
 def spatial_momentum(group: LieGroup, pose: Array, body: Array) -> Array:
     """Return the momentum map of left translation, ``Ad*_{g^-1} mu`` (..., dim): on SE(3), [p; L] about the origin.
 
@@ -42,6 +44,7 @@ def spatial_momentum(group: LieGroup, pose: Array, body: Array) -> Array:
     return _transposed(back, checks.tangent(group.dim)("body", body))
 
 
+@typed
 def body_momentum(group: LieGroup, pose: Array, spatial: Array) -> Array:
     """Return the momentum map of right translation, ``Ad*_g nu`` (..., dim): the inverse of :func:`spatial_momentum`.
 
@@ -69,6 +72,8 @@ def conserved_dimension(momenta: Sequence[Array], tolerance: float = CONSERVED) 
     Raises:
         InputError: not tables of finite numbers, or none.
     """
+    if not isinstance(momenta, Sequence):
+        raise InputError("momenta", f"{momenta!r:.80}", "one table (n, dim) a motion, n at least 2")
     tables = [checks.finite("momenta", table) for table in momenta]
     if not tables or any(t.ndim != 2 or len(t) < 2 or t.shape[1] != tables[0].shape[1] for t in tables):
         raise InputError("momenta", [t.shape for t in tables], "one table (n, dim) a motion, n at least 2")

@@ -23,7 +23,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.mechanics.checks import check_inertia, check_positive
+from lgmpc.mechanics.checks import check_inertia, check_positive, typed
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top
@@ -101,6 +101,7 @@ class LagrangeTop:
         """The equations of motion; the initial advected direction is ``rotation.T @ UP``."""
         return heavy_top(self.inertia, np.array([0.0, 0.0, self.weight]), 1.0)
 
+    @typed
     def start(self, tilt: float, spin: float, precession: float = 0.0) -> tuple[Array, Array]:
         """Return rotation (3, 3) and body angular velocity (3,) of a top at a turning point of its tilt.
 
@@ -112,6 +113,7 @@ class LagrangeTop:
         rotation = so3.exp(np.array([tilt, 0.0, 0.0]))
         return rotation, np.array([0.0, precession * math.sin(tilt), spin])
 
+    @typed
     def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
         """Return the slow and the fast rate of precession at a constant tilt, rad/s; the fast one may be infinite.
 
@@ -177,11 +179,13 @@ class LagrangeTop:
         """Spin above which the upright top is stable, ``2 sqrt(m g l I1) / I3``, rad/s."""
         return 2.0 * math.sqrt(self.weight * self.transverse) / self.axial
 
+    @typed
     def sleeping_growth(self, spin: float) -> float:
         """Return the growth rate of a small tilt of the upright top, 1/s: zero from the critical spin on."""
         square = self.weight / self.transverse - (self.axial * spin / (2.0 * self.transverse)) ** 2
         return math.sqrt(max(0.0, square))
 
+    @typed
     def fall(self, spin: float) -> float:
         """Return the largest tilt of an upright top after an infinitesimal disturbance, rad: 0 above the critical spin.
 

@@ -71,7 +71,7 @@ class Compiler:
 
     @property
     def identity(self) -> str:
-        """All that determines the machine code of a given source."""
+        """Command, version, flags and processor: they determine the machine code of a given source."""
         return "\n".join((*self.command, self.version, *self.flags, self.cpu))
 
     def build(
@@ -136,7 +136,7 @@ def jit_enabled() -> bool:
 
 
 def thread_count() -> int:
-    """Return how many threads evaluate a horizon: ``LGMPC_THREADS``, 1 unless set.
+    """Return the number of threads that evaluate a horizon: ``LGMPC_THREADS``, 1 unless set.
 
     Raises:
         InputError: it is not a number from 1 to 63.
@@ -245,7 +245,7 @@ def _version(command: tuple[str, ...]) -> str | None:
 
 @functools.lru_cache(maxsize=1)
 def _cpu() -> str:
-    """Return what ``-march=native`` depends on: machines that share a home folder must not share machine code."""
+    """Return the processor's identity, on which ``-march=native`` depends: machines that share a home folder must not share machine code."""
     identifying = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
     lines: dict[str, str] = {}
     try:

@@ -74,7 +74,7 @@ def write_content(value: Any, name_of: Callable[[ctypes.CDLL], str] | None = Non
 
 
 def read_content(data: bytes, library: Callable[[str], ctypes.CDLL], originals: list[Any] | None = None) -> Any:
-    """Return what was written.
+    """Return the value that data describe.
 
     Args:
         data: of :class:`Content`.

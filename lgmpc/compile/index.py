@@ -147,7 +147,7 @@ def _changed() -> bool:
 
 
 def _read(entry: Path) -> list[Any]:
-    """Return what an entry holds, as a list of one; an empty list if there is none that can be used."""
+    """Return the value of an entry, as a list of one; an empty list if there is none that can be used."""
     data = read_private(entry) or b""
     try:
         if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:

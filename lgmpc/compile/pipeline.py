@@ -100,7 +100,7 @@ class Pipeline:
 
     @property
     def places(self) -> dict[str, int]:
-        """Where each column begins in a memory that holds all of them."""
+        """Start of each column in a memory that holds all of them."""
         sizes = self.sizes
         return dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
 
@@ -112,7 +112,7 @@ class Pipeline:
         return [places[column] + index for column, index in chosen]
 
     def advances(self, step: PipelineStep) -> list[int]:
-        """Return how far an argument moves from one repetition to the next, for all arguments of a step."""
+        """Return the distance from one repetition to the next, for all arguments of a step."""
         sizes, lengths = self.sizes, [step.function.numel_in(i) for i in range(step.function.n_in())]
         return [
             length if step.repeats > 1 and sizes[name] == step.repeats * length else 0
@@ -163,7 +163,7 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
 
 @dataclass(frozen=True)
 class PipelineLayout:
-    """All that a call of a pipeline's libraries depends on; its expressions are not needed any more.
+    """Places and sizes of a pipeline's columns, for calls of its libraries without its expressions.
 
     Attributes:
         name: in messages.

@@ -31,7 +31,7 @@ class Row:
 
     @property
     def agrees(self) -> bool:
-        """Whether prediction and measurement agree; NaN never agrees."""
+        """Agreement of prediction and measurement; NaN never agrees."""
         return bool(math.isfinite(self.measured) and abs(self.measured - self.predicted) <= self.tolerance)
 
 
@@ -155,7 +155,7 @@ class Outcome:
 
     @property
     def agrees(self) -> bool:
-        """Whether all predictions agree."""
+        """Agreement of all predictions."""
         return all(row.agrees for row in self.rows)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import types
 from collections.abc import Callable
 from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
@@ -33,6 +34,7 @@ __all__ = [
     "skew",
     "tangent",
     "twist_matrix",
+    "typed",
 ]
 
 P = ParamSpec("P")
@@ -85,6 +87,41 @@ def checked(*checks: Check) -> Callable[[Callable[P, R]], Checked[P, R]]:
         return cast(Checked[P, R], result)
 
     return decorate
+
+
+def typed(function: Callable[P, R]) -> Callable[P, R]:
+    """Check the arguments of a function that are annotated as numbers or by classes, before it runs.
+
+    Raises:
+        InputError: by the function, for an argument of another type or a number that is not finite.
+    """
+    signature = inspect.signature(function)
+
+    @functools.cache
+    def kinds() -> dict[str, Any]:
+        hints = inspect.get_annotations(function, eval_str=True)
+        return {name: kind for name, kind in hints.items() if isinstance(kind, (type, types.UnionType))}
+
+    @functools.wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            kind = kinds().get(name)
+            if kind is float:
+                if finite(name, value).ndim:
+                    raise InputError(name, _brief(value), "one real number")
+            elif kind is not None and not _is_a(value, kind):
+                expected = {int: "a whole number", str: "a text"}.get(kind, f"a {getattr(kind, '__name__', kind)}")
+                raise InputError(name, _brief(value), expected)
+        return function(*args, **kwargs)
+
+    return wrapper
+
+
+def _is_a(value: object, kind: Any) -> bool:
+    try:
+        return isinstance(value, (int, np.integer) if kind is int else kind)
+    except TypeError:  # a union with generic types, such as arrays
+        return True
 
 
 def finite(name: str, value: object) -> Array:

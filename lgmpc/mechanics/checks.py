@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,11 +16,7 @@ __all__ = [
     "check_positive_definite",
     "check_vector",
     "frozen",
-    "typed",
 ]
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 _TOLERANCE = 1e-9
 
@@ -98,35 +89,6 @@ def check_inertia(name: str, value: object) -> Array:
         got = f"principal moments {_listed(np.array([low, middle, high]))}"
         raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
     return array
-
-
-def typed(function: Callable[P, R]) -> Callable[P, R]:
-    """Check the arguments of a function that are annotated as numbers or by a class, before it runs.
-
-    Raises:
-        InputError: by the function, for an argument of another type or a number that is not finite.
-    """
-    signature = inspect.signature(function)
-
-    @functools.lru_cache(maxsize=1)
-    def kinds() -> dict[str, object]:
-        parameters = inspect.signature(function, eval_str=True).parameters.values()
-        kinds = {each.name: each.annotation for each in parameters}
-        return {
-            name: kind for name, kind in kinds.items() if isinstance(kind, type) and kind is not inspect.Parameter.empty
-        }
-
-    @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name, value in signature.bind(*args, **kwargs).arguments.items():
-            kind = kinds().get(name)
-            if kind is float:
-                check_number(name, value, "real")
-            elif isinstance(kind, type) and not isinstance(value, (kind, np.integer) if kind is int else kind):
-                raise InputError(name, f"{value!r:.80}", "a whole number" if kind is int else f"a {kind.__name__}")
-        return function(*args, **kwargs)
-
-    return wrapper
 
 
 def frozen(value: ArrayLike) -> Array:

@@ -24,7 +24,8 @@ from scipy import special
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, so3
-from lgmpc.mechanics.checks import check_positive, check_vector, frozen, typed
+from lgmpc.lie.checks import typed
+from lgmpc.mechanics.checks import check_positive, check_vector, frozen
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SE3
 from lgmpc.mechanics.reduction.terms import Expression, Symbols

@@ -16,6 +16,7 @@ from lgmpc.costs import CostItem
 from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import CoMPosition, CoMVelocity, ContactControlGravity, FrictionCone, StateError
 from lgmpc.errors import InputError
+from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.kinematics import com_positions, contact_positions
 from lgmpc.problems.reactions import reactions
@@ -55,6 +56,7 @@ class ComCircleSettings(ProblemSettings):
     weights: ComCircleWeights = Field(default=ComCircleWeights(), description="Weights of the cost.")
 
 
+@typed
 def build_com_circle(robot: Robot, settings: ComCircleSettings | None = None) -> Scenario:
     """Return the problem for a robot that stands in its reference posture, at rest.
 

@@ -18,6 +18,7 @@ from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
+from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
@@ -71,6 +72,7 @@ class FlightSettings(ProblemSettings):
     weights: FlightWeights = Field(default=FlightWeights(), description="Weights of the cost.")
 
 
+@typed
 def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     """Return the problem for a vehicle that hovers at the start; its thrust limits are bounds on the controls.
 

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from lgmpc.costs import CostItem, Parameter, Residual, StageSymbols
+from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, Footsteps
@@ -85,6 +86,7 @@ class _Apex(Residual):
         return s.com[2] + ca.if_else(rate > 0.0, rate, 0.0) ** 2 / (2.0 * self._gravity) - s["reference"]
 
 
+@typed
 def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> Scenario:
     """Return the problem of a jump of free durations.
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field
 
+from lgmpc.errors import InputError
+from lgmpc.lie.checks import typed
 from lgmpc.problems.com_circle import ComCircleSettings, build_com_circle
 from lgmpc.problems.flight import FlightSettings, build_flight
 from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
@@ -45,10 +47,15 @@ else:
     """The settings of one kind of problem, selected by the key ``kind``."""
 
 
+@typed
 def build_problem(robot: Robot, settings: ProblemSettings) -> Scenario:
     """Return the problem that ``settings`` describe.
 
     Raises:
         InputError: for a key of ``settings``, or for ``robot``, that this problem cannot use.
     """
-    return _KINDS[type(settings)](robot, settings)
+    build = _KINDS.get(type(settings))
+    if build is None:
+        names = tuple(kind.__name__ for kind in _KINDS)
+        raise InputError("settings", type(settings).__name__, "settings of one kind of problem", names)
+    return build(robot, settings)

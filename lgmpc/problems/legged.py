@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
@@ -22,6 +23,7 @@ from lgmpc.typing import Array
 __all__ = ["build_gait", "build_jump", "build_legged", "check_legged", "reference_states", "resting_guess"]
 
 
+@typed
 def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
     """Return the problem of a gait at a commanded velocity. Figures: :class:`LeggedFigures`.
 
@@ -39,6 +41,7 @@ def build_gait(robot: Robot, settings: GaitSettings) -> Scenario:
     return build_legged(s.pattern or "gait", robot, gait, path, s)
 
 
+@typed
 def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
     """Return the problem of a jump. Figures: :class:`LeggedFigures`.
 
@@ -57,6 +60,7 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
     return build_legged("jump", robot, s.gait(robot), leap, s)
 
 
+@typed
 def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
     """Return the problem of any gait along any motion of the base.
 

@@ -15,6 +15,7 @@ from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import Control, ControlGravity, FrameRotation, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
+from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
 from lgmpc.problems.kinematics import frame_placements
@@ -56,6 +57,7 @@ class ReachSettings(ProblemSettings):
     weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
 
 
+@typed
 def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     """Return the problem for a robot that begins at rest in its reference posture.
 

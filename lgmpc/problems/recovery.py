@@ -18,6 +18,7 @@ from lgmpc.actions import MultibodyAction, RungeKutta4
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.lie import attitude, so3
+from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, thrust_figures, turning_guess
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
@@ -63,6 +64,7 @@ class RecoverySettings(ProblemSettings):
     weights: RecoveryWeights = Field(default=RecoveryWeights(), description="Weights of the cost.")
 
 
+@typed
 def build_recovery(robot: Robot, settings: RecoverySettings) -> Scenario:
     """Return the problem; thrust limits are bounds on the controls, and the guess turns evenly for half of the time.
 

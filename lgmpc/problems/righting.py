@@ -21,6 +21,7 @@ from lgmpc.costs import ConstraintItem, CostItem, Parameter, Residual, StageSymb
 from lgmpc.costs.library import Control, FrameRotationMatrix
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
+from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.free_flight import refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.kinematics import com_positions, joint_limit_violation
@@ -93,6 +94,7 @@ class JointMotion(Residual):
         return ca.vertcat(s.q[s.robot.nq - nu :], s.v[s.robot.nv - nu :]) - s["reference"]
 
 
+@typed
 def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     """Return the problem; limits of torques, joint positions and joint rates are hard constraints.
 

@@ -27,6 +27,7 @@ from lgmpc.costs.library import (
 )
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
+from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
 from lgmpc.problems.contact_gains import ContactGains, gains_of_contacts
@@ -117,6 +118,7 @@ class Scaled(Residual):
         return self._residual.expression(s) / self._unit
 
 
+@typed
 def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scenario:
     """Return the problem for a robot that stands at rest in its reference posture, on soles at its contact frames.
 

@@ -126,7 +126,7 @@ class ArticulatedBody:
 
     @property
     def floating(self) -> bool:
-        """Whether the base is free."""
+        """True for a free base."""
         return self.base_inertia is not None
 
     @property

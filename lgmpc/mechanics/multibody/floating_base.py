@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike
 from lgmpc.compile import compile_function
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
+from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3
-from lgmpc.mechanics.checks import check_vector, typed
+from lgmpc.mechanics.checks import check_vector
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody
 from lgmpc.typing import Array
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.checks import typed
+from lgmpc.lie.checks import typed
 from lgmpc.mechanics.tops.torque_free import EulerTop
 from lgmpc.typing import Array
 

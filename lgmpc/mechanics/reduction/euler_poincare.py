@@ -30,7 +30,8 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.mechanics.checks import frozen, typed
+from lgmpc.lie.checks import typed
+from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.reduction import momentum_maps
 from lgmpc.mechanics.reduction.groups import LieGroup
 from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols, state_of

@@ -17,11 +17,10 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import Group, checks, se3, sek3, so3
-from lgmpc.lie.checks import checked
+from lgmpc.lie.checks import checked, typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import sek3 as symbolic_sek3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.checks import typed
 from lgmpc.typing import Array
 
 __all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "SymbolicGroup", "extended_poses", "translations"]

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.checks import typed
+from lgmpc.lie.checks import typed
 from lgmpc.mechanics.reduction.groups import SE3, SO3, LieGroup, extended_poses
 from lgmpc.mechanics.rollout import Rollout, runge_kutta4
 from lgmpc.typing import Array

@@ -18,7 +18,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.mechanics.checks import typed
+from lgmpc.lie.checks import typed
 from lgmpc.mechanics.reduction.groups import LieGroup
 from lgmpc.typing import Array
 

@@ -23,7 +23,8 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.mechanics.checks import check_inertia, check_positive, typed
+from lgmpc.lie.checks import typed
+from lgmpc.mechanics.checks import check_inertia, check_positive
 from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
 from lgmpc.mechanics.reduction.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top

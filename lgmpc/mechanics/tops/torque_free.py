@@ -75,7 +75,7 @@ class EulerTop:
 
     @property
     def steady(self) -> bool:
-        """Whether the body rotates steadily (stably or not) about a principal axis."""
+        """True for a steady rotation, stable or not, about a principal axis."""
         torque = np.cross(self.inertia @ self.velocity, self.velocity)
         return bool(np.linalg.norm(torque) <= _STEADY * self.momentum * np.linalg.norm(self.velocity))
 

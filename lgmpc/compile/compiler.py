@@ -245,7 +245,7 @@ def _version(command: tuple[str, ...]) -> str | None:
 
 @functools.lru_cache(maxsize=1)
 def _cpu() -> str:
-    """Return the processor's identity, on which ``-march=native`` depends: machines that share a home folder must not share machine code."""
+    """Return the processor's identity: machines that share a home folder must not share machine code."""
     identifying = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
     lines: dict[str, str] = {}
     try:

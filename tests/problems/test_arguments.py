@@ -19,6 +19,8 @@ BUILDERS = [getattr(problems, name) for name in problems.__all__ if name.startsw
 class _Own(ProblemSettings):
     """Settings that no builder takes."""
 
+    kind: str = "own"
+
 
 @pytest.mark.parametrize("bad", [None, "text", math.nan, np.zeros(3), [], {}], ids=lambda bad: type(bad).__name__)
 @pytest.mark.parametrize("build", BUILDERS, ids=lambda build: build.__name__)

@@ -1,15 +1,72 @@
-"""Array types of annotations, and the acceleration of gravity, throughout the package."""
+"""Array types of annotations, the acceleration of gravity, and checks of arguments, throughout the package."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import reprlib
 
-__all__ = ["GRAVITY", "Array", "BoolArray", "IntArray"]
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lgmpc.errors import InputError
+
+__all__ = ["GRAVITY", "Array", "BoolArray", "IntArray", "identifier", "instance", "numbers"]
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-
 GRAVITY = 9.81
 """Acceleration of gravity on Earth, m/s2."""
+
+
+def numbers(name: str, value: ArrayLike, *shapes: tuple[int, ...], finite: bool = False) -> Array:
+    """Return a value as an array of float64.
+
+    Args:
+        name: of the argument, in messages.
+        value: what the user gave.
+        shapes: that it can have; any unless given.
+        finite: whether NaN and infinity are errors.
+
+    Raises:
+        InputError: no numbers, rows of different lengths, another shape, or not finite.
+    """
+    expected = " or ".join(f"shape {shape}" if shape else "a number" for shape in shapes)
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf":
+            raise TypeError
+    except (TypeError, ValueError):
+        detail = expected or "in rows of the same length"
+        raise InputError(name, reprlib.repr(value), f"numbers, {detail}") from None
+    if shapes and array.shape not in shapes:
+        raise InputError(name, f"shape {array.shape}", expected)
+    if finite and not np.isfinite(array).all():
+        raise InputError(name, "NaN or infinity", "finite values")
+    return array.astype(np.float64, copy=False)
+
+
+def identifier(name: str, value: object) -> None:
+    """Raise if a name is no C identifier.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not (isinstance(value, str) and value.isidentifier() and value.isascii()):
+        raise InputError(name, reprlib.repr(value), "letters, digits and underscores, no digit first")
+
+
+def instance(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
+    """Raise if an argument is not of the expected type.
+
+    Args:
+        name: of the argument, in messages.
+        value: what the user gave.
+        kind: type, or several.
+        expected: description.
+
+    Raises:
+        InputError: it is of another type; a bool is no number.
+    """
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        got = value if isinstance(value, str | bool | int | float | None) else type(value).__name__
+        raise InputError(name, value.__name__ if isinstance(value, type) else got, expected)

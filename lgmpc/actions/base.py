@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -20,7 +20,7 @@ from lgmpc.compile import cached
 from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.state.base import State
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 __all__ = ["Action", "Stage", "StageValue"]
 
@@ -81,8 +81,10 @@ class Action(ABC):
         state: the space of x.
         nu: dimension of the control.
         parameters: layout of p.
+        smooth: whether derivatives of any order exist, as of expressions.
     """
 
+    smooth: ClassVar[bool] = True
     name: str
     state: State
     nu: int
@@ -231,9 +233,19 @@ class Action(ABC):
             x: (nx,) state.
             u: (nu,) control.
             p: (np,) parameters.
+
+        Raises:
+            InputError: wrong shapes.
         """
+        x, u, p = self._arguments(x, u, p)
         x_next, cost, value, lower, upper = (np.asarray(v.full()[:, 0]) for v in self.value_function(x, u, p))
         return StageValue(x_next, float(cost[0]), value, lower, upper)
+
+    def _arguments(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Return the arguments of :meth:`evaluate` as arrays; CasADi would repeat scalars and cut what is too long."""
+        sizes = {"x": self.state.nx, "u": self.nu, "p": self.parameters.size}
+        x, u, p = (numbers(name, value, (sizes[name],)) for name, value in (("x", x), ("u", u), ("p", p)))
+        return x, u, p
 
 
 def _path_rows(action: Action, progress: None) -> int:

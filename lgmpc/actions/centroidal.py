@@ -38,6 +38,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 from lgmpc.state.vector import StateVector
+from lgmpc.typing import instance
 
 __all__ = ["CentroidalAction"]
 
@@ -57,8 +58,10 @@ class CentroidalAction(Action):
     """
 
     def __init__(self, contacts: int, facets: int = 8) -> None:
+        instance("contacts", contacts, (int, np.integer), "a whole number")
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one contact point")
+        instance("facets", facets, (int, np.integer), "a whole number")
         check_facets(facets)
         self.contacts = contacts
         self.facets = facets

@@ -15,6 +15,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import quaternion, so3
 from lgmpc.robot.names import frame_index
 from lgmpc.robot.symbolic import Factored, LdlFactor, MassFactor, SymbolicModel
+from lgmpc.typing import instance, numbers
 
 __all__ = ["Contact", "ContactSet"]
 
@@ -47,8 +48,12 @@ class Contact:
     frame_axes: tuple[Axis, ...] = ()
 
     def __post_init__(self) -> None:
+        instance("frame", self.frame, str, "the name of a frame")
+        instance("size", self.size, (int, np.integer), "1 or 2 for some axes, 3 for a point, 6 for a surface")
         if self.size not in (1, 2, 3, 6):
             raise InputError("size", self.size, "1 or 2 for some axes, 3 for a point, 6 for a surface")
+        for name in ("axes", "frame_axes"):
+            instance(name, getattr(self, name), (tuple, list, np.ndarray), "a list of directions of three numbers")
         given = len(self.axes) + len(self.frame_axes)
         if given == 0:
             object.__setattr__(self, "axes", _AXES.get(self.size, ()))
@@ -77,7 +82,7 @@ class Contact:
 
 
 def _unit_vectors(name: str, axes: Sequence[Axis]) -> tuple[Axis, ...]:
-    vectors = [np.asarray(axis, dtype=np.float64) for axis in axes]
+    vectors = [numbers(name, axis) for axis in axes]
     lengths = [float(np.linalg.norm(vector)) for vector in vectors]
     if any(vector.shape != (3,) or not 0.0 < length < np.inf for vector, length in zip(vectors, lengths, strict=True)):
         raise InputError(name, axes, "directions of three numbers, of a length above zero")
@@ -107,7 +112,11 @@ class ContactSet:
     """
 
     def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
+        instance("model", model, pin.Model, "a pinocchio.Model")
+        instance("contacts", contacts, (tuple, list), "a list of frames' names and contacts")
         self.contacts = tuple(Contact(c) if isinstance(c, str) else c for c in contacts)
+        for i, contact in enumerate(self.contacts):
+            instance(f"contacts[{i}]", contact, Contact, "a frame's name, or a Contact")
         if not self.contacts:
             raise InputError("contacts", "none", "at least one (without contacts use FreeForwardDynamics)")
         for i, contact in enumerate(self.contacts):
@@ -166,8 +175,8 @@ class ContactSet:
             moved = contact.along(robot.frame_acceleration(q, v, a, contact.frame), placement.rotation)
             if contact.frame_axes:
                 # The axes' own rates: d(n . v)/dt = n . a + (omega x n) . v
-                turning = so3.hat(rate[3:]) @ contact.directions(placement.rotation)
-                moved += ca.vertcat(ca.SX(len(contact.axes), 1), turning[:, len(contact.axes) :].T @ rate[:3])
+                own = placement.rotation @ ca.DM(np.array(contact.frame_axes).T)
+                moved += ca.vertcat(ca.SX(len(contact.axes), 1), (so3.hat(rate[3:]) @ own).T @ rate[:3])
             rows.append(moved + stiffness * error + damping * contact.along(rate, placement.rotation))
         return ca.vertcat(*rows)
 
@@ -178,8 +187,8 @@ class ContactSet:
         apart = placement.translation - values["contact_points"][3 * i : 3 * i + 3]
         if contact.size >= 3:
             return apart
-        free = ca.SX(len(contact.frame_axes), 1)
-        return ca.vertcat(contact.along(apart, placement.rotation)[: len(contact.axes)], free)
+        held = ca.DM(np.array(contact.axes).reshape(-1, 3))
+        return ca.vertcat(held @ apart, ca.SX(len(contact.frame_axes), 1))
 
     def flags(self, values: Mapping[str, Any]) -> Any:
         """Return (nf,) the flag of each force component."""

@@ -13,6 +13,7 @@ from lgmpc.actions.implicit import Unknowns
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import StateMultibody
+from lgmpc.typing import instance
 
 __all__ = ["Dynamics", "Motion", "actuated"]
 
@@ -54,6 +55,7 @@ class Dynamics(ABC):
     """
 
     def __init__(self, model: pin.Model, nu: int, parameters: tuple[Parameter, ...]) -> None:
+        instance("model", model, pin.Model, "a pinocchio.Model")
         self.model = model
         self.robot = SymbolicModel(model)
         self.state = StateMultibody(model)
@@ -75,5 +77,6 @@ class Dynamics(ABC):
 
 def actuated(model: pin.Model) -> slice:
     """Entries of the velocity that are actuated: all but the free-flyer's, if the model begins with one."""
+    instance("model", model, pin.Model, "a pinocchio.Model")
     floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
     return slice(6 if floating else 0, int(model.nv))

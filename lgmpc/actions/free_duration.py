@@ -29,6 +29,7 @@ from lgmpc.costs import (
 )
 from lgmpc.errors import InputError
 from lgmpc.state import ProductState, State, StateVector
+from lgmpc.typing import instance
 
 __all__ = ["ChooseStretch", "Stretched"]
 
@@ -49,6 +50,7 @@ class Stretched(ItemAction):
     """
 
     def __init__(self, action: ItemAction) -> None:
+        instance("action", action, ItemAction, "an action made of items")
         self.base = action
         self.name = f"{action.name}_stretched"
         self.robot, self.nu = action.robot, action.nu

@@ -17,6 +17,7 @@ from lgmpc.actions.loads import Load
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3
+from lgmpc.typing import instance, numbers
 
 __all__ = ["ContactForwardDynamics", "ContactInverseDynamics", "FreeForwardDynamics", "FreeInverseDynamics"]
 
@@ -52,6 +53,9 @@ class ContactForwardDynamics(Dynamics):
         actuation: ArrayLike | None = None,
     ) -> None:
         self.contacts = ContactSet(model, contacts)
+        instance("loads", loads, (tuple, list), "a list of loads")
+        for i, load in enumerate(loads):
+            instance(f"loads[{i}]", load, Load, "a Load, such as ExternalWrench(model)")
         self.loads = tuple(loads)
         self.actuation = _actuation(model, actuation)
         parameters = [*self.contacts.parameters, *self.contacts.anchors]
@@ -100,8 +104,9 @@ class FreeForwardDynamics(Dynamics):
     """
 
     def __init__(self, model: pin.Model, actuation: ArrayLike | None = None, submerged: bool = False) -> None:
-        nv = int(model.nv)
-        if submerged and actuated(model).start == 0:
+        floating, nv = actuated(model).start > 0, int(model.nv)
+        instance("submerged", submerged, bool, "True or False")
+        if submerged and not floating:
             raise InputError("submerged", "a model with a fixed base", "a model whose first joint is a free-flyer")
         self.actuation = _actuation(model, actuation)
         self.submerged = submerged
@@ -232,8 +237,8 @@ class ContactInverseDynamics(Dynamics):
 
 def _actuation(model: pin.Model, actuation: ArrayLike | None) -> ca.DM:
     """Return (nv, nu) B; the identity on the actuated joints unless given."""
-    nv = int(model.nv)
-    matrix = np.eye(nv)[:, actuated(model)] if actuation is None else np.asarray(actuation, dtype=np.float64)
+    joints, nv = actuated(model), int(model.nv)
+    matrix = np.eye(nv)[:, joints] if actuation is None else numbers("actuation", actuation)
     if matrix.ndim != 2 or matrix.shape[0] != nv or not np.isfinite(matrix).all():
         raise InputError("actuation", f"shape {matrix.shape}", f"a finite matrix of shape ({nv}, nu)")
     return ca.sparsify(ca.DM(matrix))

@@ -8,6 +8,7 @@ from typing import Any
 import pinocchio as pin
 
 from lgmpc.actions.base import Stage
+from lgmpc.actions.dynamics import actuated
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import ConstraintItem, Cost, CostItem, StageSymbols, constraint_of
@@ -45,6 +46,7 @@ class HoldAction(ItemAction):
         costs: Sequence[CostItem] = (),
         constraints: Sequence[ConstraintItem] = (),
     ) -> None:
+        actuated(model)  # checks its type
         super().__init__(name, SymbolicModel(model), StateMultibody(model), 0, (), costs, constraints)
 
     def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:

@@ -31,6 +31,7 @@ from lgmpc.costs import (
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import State, StateMultibody
+from lgmpc.typing import identifier, instance, numbers
 
 Item = TypeVar("Item", CostItem, ConstraintItem)
 
@@ -66,8 +67,7 @@ class ItemAction(Action):
         costs: Sequence[CostItem],
         constraints: Sequence[ConstraintItem],
     ) -> None:
-        if not (name.isidentifier() and name.isascii()):
-            raise InputError("name", repr(name), "letters, digits and underscores, no digit first")
+        identifier("name", name)
         self.name = name
         self.robot = robot
         self.state = state
@@ -141,9 +141,8 @@ class MultibodyAction(ItemAction):
         integrator: Integrator | None = None,
     ) -> None:
         for what, given, base in (("dynamics", dynamics, Dynamics), ("integrator", integrator, Integrator)):
-            if given is not None and not isinstance(given, base):
-                got = given.__name__ if isinstance(given, type) else type(given).__name__
-                raise InputError(what, got, f"an object of a class of {base.__name__}")
+            if given is not None or what == "dynamics":
+                instance(what, given, base, f"an object of a class of {base.__name__}")
         self.dynamics = dynamics
         self.integrator = SemiImplicitEuler() if integrator is None else integrator
         parameters = (Parameter("duration", 1, "length of the interval, s", 0.01, "positive"), *dynamics.parameters)
@@ -230,14 +229,14 @@ def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, dra
     """
     if actuated(model).start == 0:
         raise InputError("model", f"{model.name}, whose base is fixed", "a model whose first joint is a free-flyer")
-    points, axes = np.asarray(positions, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    points = numbers("positions", positions, finite=True)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError("positions", f"shape {points.shape}", "shape (n, 3)")
-    if axes.shape != points.shape:
-        raise InputError("directions", f"shape {axes.shape}", f"shape {points.shape}, as the positions")
+    axes = numbers("directions", directions, points.shape)
+    ratio = numbers("drag_ratio", drag_ratio, (), (len(points),), finite=True)
     if not np.allclose(np.linalg.norm(axes, axis=1), 1.0, rtol=0, atol=1e-9):
         raise InputError("directions", "vectors of other lengths", "unit vectors")
     matrix = np.zeros((int(model.nv), len(points)))
     matrix[:3] = axes.T
-    matrix[3:6] = (np.cross(points, axes) + np.broadcast_to(drag_ratio, len(points))[:, None] * axes).T
+    matrix[3:6] = (np.cross(points, axes) + np.broadcast_to(ratio, len(points))[:, None] * axes).T
     return matrix

@@ -21,6 +21,7 @@ from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
+from lgmpc.typing import instance
 
 __all__ = ["PenalizedAction", "penalty_parameters"]
 
@@ -39,6 +40,7 @@ class PenalizedAction(ItemAction):
     """
 
     def __init__(self, action: Action) -> None:
+        instance("action", action, Action, "an action")
         self.base = action
         self.ng = action.path_rows
         self.name = f"{action.name}_penalized"

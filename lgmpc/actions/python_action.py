@@ -74,6 +74,8 @@ class PythonAction(Action):
     Gauss and Newton. The sizes of all results are those at the neutral state, zero control and default parameters.
     """
 
+    smooth = False
+
     @abstractmethod
     def step(self, x: Array, u: Array, p: Array) -> Array:
         """Return the state (nx,) at the end of the interval."""
@@ -127,6 +129,7 @@ class PythonAction(Action):
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
         """Evaluate the action at one point."""
+        x, u, p = self._arguments(x, u, p)
         r = self._residual(x, u, p)
         return StageValue(self._step(x, u, p), 0.5 * float(r @ r), *self._limits(x, u, p))
 
@@ -375,7 +378,10 @@ class Watch:
 
 
 class _Callback(ca.Callback):
-    """A function of columns that calls Python; its results are NaN where Python raises, as ``watch`` reports."""
+    """A function of columns that calls Python; its results are NaN where Python raises, as ``watch`` reports.
+
+    They are NaN without a call where a state or control is not finite, and where Python's numbers overflow.
+    """
 
     def __init__(
         self, name: str, inputs: dict[str, int], outputs: dict[str, tuple[int, int]], function: Any, watch: Watch
@@ -404,11 +410,18 @@ class _Callback(ca.Callback):
         return ca.Sparsity.dense(*self._outputs[i][1])
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
-        try:
-            found = self._function(*(argument.full()[:, 0] for argument in arguments))
-        except Exception as error:  # of any kind: it is the user's code
-            self._watch.note(error)
-            found = [np.full(shape, np.nan) for _, shape in self._outputs]
+        columns = [argument.full()[:, 0] for argument in arguments]
+        found = [np.full(shape, np.nan) for _, shape in self._outputs]
+        # A trial roll-out that diverges has no results (parameters, such as bounds, may be infinite).
+        if all(
+            np.isfinite(column).all() for (name, _), column in zip(self._inputs, columns, strict=True) if name != "p"
+        ):
+            try:
+                found = self._function(*columns)
+            except OverflowError:
+                pass
+            except Exception as error:  # of any kind: it is the user's code
+                self._watch.note(error)
         self._watch.calls += 1
         return [
             ca.DM(np.asarray(value, dtype=np.float64).reshape(shape))

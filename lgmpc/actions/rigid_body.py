@@ -15,7 +15,7 @@ from lgmpc.actions.multibody import MultibodyAction
 from lgmpc.actions.variational import Variational
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.errors import InputError
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, instance, numbers
 
 __all__ = ["RigidBody", "RigidBodyAction"]
 
@@ -54,16 +54,16 @@ class RigidBody(FreeForwardDynamics):
         actuation: ArrayLike | None = None,
         gravity: ArrayLike = _EARTH,
     ) -> None:
-        if not 0.0 < mass < math.inf:
+        if not 0.0 < float(numbers("mass", mass, ())) < math.inf:
             raise InputError("mass", mass, "a finite number above 0 kg")
         tensor = _inertia(inertia)
         model = pin.Model()
         model.name = "rigid_body"
         root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-        spatial = pin.Inertia(mass, _vector("center_of_mass", center_of_mass), tensor)
+        spatial = pin.Inertia(mass, numbers("center_of_mass", center_of_mass, (3,), finite=True), tensor)
         model.appendBodyToJoint(root, spatial, pin.SE3.Identity())
         model.addBodyFrame("body", root, pin.SE3.Identity(), 0)
-        model.gravity = pin.Motion(_vector("gravity", gravity), np.zeros(3))
+        model.gravity = pin.Motion(numbers("gravity", gravity, (3,), finite=True), np.zeros(3))
         super().__init__(model, np.eye(6) if actuation is None else actuation)
 
 
@@ -90,18 +90,12 @@ class RigidBodyAction(MultibodyAction):
         constraints: Sequence[ConstraintItem] = (),
         integrator: Integrator | None = None,
     ) -> None:
+        instance("body", body, RigidBody, "a RigidBody")
         super().__init__(name, body, costs, constraints, Variational() if integrator is None else integrator)
 
 
-def _vector(name: str, value: ArrayLike) -> Array:
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise InputError(name, f"shape {array.shape}: {array}", "3 finite numbers")
-    return array
-
-
 def _inertia(value: ArrayLike) -> Array:
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers("inertia", value)
     tensor: Array = np.diag(array) if array.shape == (3,) else array
     if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
         raise InputError("inertia", f"shape {array.shape}", "finite, shape (3, 3), or (3,) principal moments")

@@ -13,6 +13,7 @@ from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.costs import Parameter
 from lgmpc.errors import InputError
+from lgmpc.typing import instance, numbers
 
 __all__ = ["Squashed"]
 
@@ -39,17 +40,20 @@ class Squashed(Dynamics):
     """
 
     def __init__(self, dynamics: Dynamics, lower: ArrayLike, upper: ArrayLike, smoothness: float = 0.05) -> None:
-        low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), dynamics.nu) for b in (lower, upper))
+        instance("dynamics", dynamics, Dynamics, "an object of a class of Dynamics")
+        shapes = (), (dynamics.nu,)
+        bounds = numbers("lower", lower, *shapes), numbers("upper", upper, *shapes)
+        low, high = (np.broadcast_to(bound, dynamics.nu) for bound in bounds)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
             raise InputError("lower, upper", f"{low.tolist()}, {high.tolist()}", "finite bounds, lower below upper")
-        if not 0.0 < smoothness < np.inf:
+        if not 0.0 < float(numbers("smoothness", smoothness, ())) < np.inf:
             raise InputError("smoothness", smoothness, "a finite number above 0")
         self.base, self.smoothness = dynamics, smoothness
-        bounds = (
+        parameters = (
             Parameter("squash_lower", dynamics.nu, "lower bounds of the saturated control", low),
             Parameter("squash_upper", dynamics.nu, "upper bounds of the saturated control", high),
         )
-        super().__init__(dynamics.model, dynamics.nu, (*dynamics.parameters, *bounds))
+        super().__init__(dynamics.model, dynamics.nu, (*dynamics.parameters, *parameters))
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return the motion under the saturated control."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from lgmpc.actions.dynamics import Dynamics, Motion
 from lgmpc.actions.full_body import FreeForwardDynamics
@@ -15,6 +16,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3, so3
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state.configuration import BlockKind, configuration_blocks
+from lgmpc.typing import instance
 
 __all__ = ["Variational"]
 
@@ -47,6 +49,7 @@ class Variational(Integrator):
     """
 
     def __init__(self, iterations: int = 4) -> None:
+        instance("iterations", iterations, (int, np.integer), "a whole number")
         if iterations < 1:
             raise InputError("iterations", iterations, "at least one")
         self.iterations = iterations

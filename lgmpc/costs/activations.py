@@ -16,6 +16,7 @@ import numpy as np
 
 from lgmpc.costs.parameters import Parameter
 from lgmpc.errors import InputError
+from lgmpc.typing import numbers
 
 __all__ = [
     "Activation",
@@ -64,8 +65,8 @@ class Activation(ABC):
         size = 1 if self.joint else size
         found = []
         for field in fields(self):
-            values = np.asarray(getattr(self, field.name), dtype=np.float64)
             name = f"{prefix}_{field.name}"
+            values = numbers(name, getattr(self, field.name))
             if values.shape not in ((), (size,)):
                 expected = "a number" if self.joint else f"a number or shape {(size,)}"
                 raise InputError(name, f"shape {values.shape}", expected)

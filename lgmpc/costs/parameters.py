@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, IntArray
+from lgmpc.typing import Array, IntArray, identifier, instance, numbers
 
 __all__ = ["Parameter", "ParameterLayout"]
+
+
+_SIGNS = ("any", "not negative", "positive")
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,17 @@ class Parameter:
     default: ArrayLike = 0.0
     sign: Literal["any", "not negative", "positive"] = "any"
     part: int = 1
+
+    def __post_init__(self) -> None:
+        """Raise for wrong types."""
+        identifier("name", self.name)
+        for name in ("size", "part"):
+            instance(f"{name} of '{self.name}'", getattr(self, name), (int, np.integer), "a whole number")
+        if self.size < 0 or self.part < 1:
+            raise InputError(f"size, part of '{self.name}'", f"{self.size}, {self.part}", "at least 0 and 1")
+        if str(self.sign) not in _SIGNS:
+            raise InputError(f"sign of '{self.name}'", str(self.sign), "a sign", _SIGNS)
+        numbers(self.name, self.default)
 
     def check_sign(self, values: Array, where: str = "") -> None:
         """Check values of the parameter.
@@ -82,6 +96,8 @@ class ParameterLayout(Mapping[str, slice]):
     """
 
     def __init__(self, *parameters: Parameter) -> None:
+        for parameter in parameters:
+            instance("parameters", parameter, Parameter, "a Parameter")
         self.parameters = parameters
         self._slices: dict[str, slice] = {}
         start = 0
@@ -125,8 +141,8 @@ class ParameterLayout(Mapping[str, slice]):
         """
         try:
             return self._slices[name]
-        except KeyError:
-            raise InputError("parameter", name, "a parameter of the action", tuple(self._slices)) from None
+        except (KeyError, TypeError):  # or a name that is no text
+            raise InputError("parameter", str(name), "a parameter of the action", tuple(self._slices)) from None
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name.
@@ -149,5 +165,6 @@ class ParameterLayout(Mapping[str, slice]):
 
     def view(self, p: Array, name: str) -> Array:
         """Return a writable view (..., size) of one parameter in an array (..., np) of parameter vectors."""
+        instance("p", p, np.ndarray, "an array (..., np)")
         view: Array = p[..., self[name]]
         return view

@@ -36,6 +36,7 @@ from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
 from lgmpc.costs.terms import Bounded, Cost, CostTerm
 from lgmpc.errors import InputError, LgmpcError
+from lgmpc.typing import identifier
 
 __all__ = ["ConstraintItem", "CostItem", "Residual", "constraint_of", "cost_of"]
 
@@ -64,8 +65,7 @@ class _Item:
     sign: ClassVar[Literal["any", "not negative"]] = "any"
 
     def __post_init__(self) -> None:
-        if not (self.name.isidentifier() and self.name.isascii()):
-            raise InputError("name", repr(self.name), "letters, digits and underscores, no digit first")
+        identifier("name", self.name)
         if not isinstance(self.residual, Residual):
             is_class = isinstance(self.residual, type)
             got = self.residual.__name__ if is_class else type(self.residual).__name__

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import InputError
+from lgmpc.typing import instance
 
 __all__ = ["read_arrays", "write_arrays"]
 
@@ -33,6 +34,7 @@ def write_arrays(path: str | Path, schema: str, arrays: Mapping[str, Any]) -> Pa
     Raises:
         InputError: it cannot be written.
     """
+    instance("path", path, (str, os.PathLike), "a path")
     path = Path(path)
     partial = path.parent / f".{path.name}-{secrets.token_hex(4)}"
     try:
@@ -54,6 +56,7 @@ def read_arrays(path: str | Path, schema: str, names: Iterable[str]) -> dict[str
     Raises:
         InputError: it cannot be read, contains something else, or lacks an array.
     """
+    instance("path", path, (str, os.PathLike), "a path")
     expected = f"a file with '{schema}'"
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:

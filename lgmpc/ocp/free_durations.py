@@ -11,7 +11,7 @@ from lgmpc.actions import Action, ChooseStretch, Stretched
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.errors import InputError
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
-from lgmpc.typing import Array, BoolArray, IntArray
+from lgmpc.typing import Array, BoolArray, IntArray, instance, numbers
 
 __all__ = ["FreeDurations", "FreePhase"]
 
@@ -34,6 +34,9 @@ class FreePhase:
     upper: float
 
     def __post_init__(self) -> None:
+        instance("start", self.start, (int, np.integer), "the number of an interval")
+        for name in ("lower", "upper"):
+            numbers(name, getattr(self, name), ())
         if not 0.0 < self.lower <= self.upper < np.inf:
             raise InputError("phase", f"[{self.lower:g}, {self.upper:g}]", "0 < lower <= upper, ratios of durations")
 
@@ -55,6 +58,10 @@ class FreeDurations:
     """
 
     def __init__(self, problem: ShootingProblem, phases: Sequence[FreePhase]) -> None:
+        instance("problem", problem, ShootingProblem, "a ShootingProblem")
+        instance("phases", phases, (tuple, list), "a list of FreePhase")
+        for i, phase in enumerate(phases):
+            instance(f"phases[{i}]", phase, FreePhase, "a FreePhase")
         starts = [phase.start for phase in phases]
         if starts[:1] != [0] or sorted(set(starts)) != starts or starts[-1] >= problem.nodes:
             raise InputError("phases", f"starts {starts}", f"increasing, from 0, below {problem.nodes}")

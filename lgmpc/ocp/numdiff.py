@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.actions import Action
 from lgmpc.errors import InputError
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance, numbers
 
 __all__ = ["DerivativeCheck", "DerivativeReport", "check_derivatives"]
 
@@ -117,16 +117,23 @@ def check_derivatives(
     Raises:
         InputError: parameters or a trajectory of the wrong shape; no point, or a step that is not positive.
     """
+    instance("subject", subject, (Action, ShootingProblem), "an action, or a ShootingProblem")
+    instance("points", points, (int, np.integer), "a whole number")
+    for name, value in (("spread", spread), ("step", step), ("tolerance", tolerance)):
+        numbers(name, value, (), finite=True)
+    if rng is not None:
+        instance("rng", rng, np.random.Generator, "a numpy.random.Generator")
     if points < 1:
         raise InputError("points", points, "at least 1")
+    if not spread >= 0.0:
+        raise InputError("spread", spread, "at least 0")
     if not step > 0.0:
         raise InputError("step", step, "a positive number")
     random = np.random.default_rng(0) if rng is None else rng
     checks: list[DerivativeCheck] = []
     if isinstance(subject, Action):
-        p = subject.parameters.default if parameters is None else np.asarray(parameters, dtype=np.float64)
-        if p.shape != (subject.parameters.size,):
-            raise InputError("parameters", f"shape {p.shape}", f"shape {(subject.parameters.size,)}")
+        given_p = subject.parameters.default if parameters is None else parameters
+        p = numbers("parameters", given_p, (subject.parameters.size,))
         for k in range(points):
             x, u = _near(subject, subject.state.neutral(), random, spread)
             checks += _stage(subject, k, x, u, p, step) + _end(subject, k, x, p, step)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.state import StateMultibody
-from lgmpc.typing import Array
+from lgmpc.typing import Array, identifier, numbers
 
 __all__ = ["ShootingProblem", "Trajectory"]
 
@@ -105,11 +104,7 @@ class ShootingProblem:
                 expected = f"an action on states of nx = {self.state.nx}, ndx = {self.state.ndx}, as at node 0"
                 got = f"'{other.name}' on nx = {other.state.nx}, ndx = {other.state.ndx}"
                 raise InputError(f"actions[{k}]" if k < self.nodes else "terminal", got, expected)
-            if not (other.name.isidentifier() and other.name.isascii()):
-                expected = "letters, digits and underscores, no digit first"
-                raise InputError(
-                    f"actions[{k}].name" if k < self.nodes else "terminal.name", repr(other.name), expected
-                )
+            identifier(f"actions[{k}].name" if k < self.nodes else "terminal.name", other.name)
         self.nu = max(action.nu for action in self.actions)
         self.parameters: Array = np.zeros((self.nodes + 1, max(action.parameters.size for action in every)))
         for k, each in enumerate(every):
@@ -149,7 +144,13 @@ class ShootingProblem:
         return self.terminal
 
     def action_at(self, node: int) -> Action:
-        """The action of a node, 0 to N."""
+        """Return the action of a node.
+
+        Raises:
+            InputError: no node from 0 to N.
+        """
+        if not isinstance(node, (int, np.integer)) or not 0 <= node <= self.nodes:
+            raise InputError("node", node, f"a node, 0 to {self.nodes}")
         return self.terminal if node == self.nodes else self.actions[node]
 
     def view(self, name: str) -> Array:
@@ -180,7 +181,7 @@ class ShootingProblem:
         """
         chosen = self._having(name) if nodes is None else self._nodes_of(nodes)
         places = [self.action_at(k).parameters[name] for k in chosen]
-        array = _numbers(name, value)
+        array = numbers(name, value)
         actions = {id(action): action.parameters.parameter(name) for action in map(self.action_at, chosen)}
         shapes = set.intersection(*(set(parameter.shapes) for parameter in actions.values())) if actions else {()}
         each = {(len(chosen), *shape) for shape in shapes if shape}
@@ -205,12 +206,7 @@ class ShootingProblem:
         Raises:
             InputError: wrong shape, or not finite.
         """
-        array = _numbers("x0", x0)
-        if array.shape != self.x0.shape:
-            raise InputError("x0", f"shape {array.shape}", f"shape {self.x0.shape}")
-        if not np.isfinite(array).all():
-            raise InputError("x0", "NaN or infinity", "finite values")
-        self.x0[:] = array
+        self.x0[:] = numbers("x0", x0, self.x0.shape, finite=True)
 
     def evaluate(self, node: int, x: Array, u: Array) -> StageValue:
         """Evaluate the action of one interval (interpreted: for inspection and tests, not for loops).
@@ -218,10 +214,16 @@ class ShootingProblem:
         Args:
             node: 0 to N-1.
             x: (nx,) state.
-            u: (nu,) control; what the action does not use is ignored.
+            u: (nu,) control; what the action does not use is ignored, or (n,) of the action's own.
+
+        Raises:
+            InputError: no such interval, or wrong shapes.
         """
+        if not isinstance(node, (int, np.integer)) or not 0 <= node < self.nodes:
+            raise InputError("node", node, f"an interval, 0 to {self.nodes - 1}")
         action = self.actions[node]
-        return action.evaluate(x, u[: action.nu], self.parameters[node, : action.parameters.size])
+        control = numbers("u", u, *{(self.nu,), (action.nu,)})
+        return action.evaluate(x, control[: action.nu], self.parameters[node, : action.parameters.size])
 
     def first_violation(self) -> tuple[int, float] | None:
         """Return the row of the first node's path constraint that the first state violates most, and by how much.
@@ -265,13 +267,10 @@ class ShootingProblem:
         Raises:
             InputError: wrong shape, or not finite.
         """
-        states = np.array(xs, dtype=np.float64)
-        if states.shape not in ((self.nodes, self.state.nx), (self.nodes + 1, self.state.nx)):
-            raise InputError("xs", f"shape {states.shape}", f"shape {(self.nodes, self.state.nx)}, or one row more")
-        if not np.isfinite(states).all():
-            raise InputError("xs", "NaN or infinity", "finite values")
+        nx = self.state.nx
+        states = numbers("xs", xs, (self.nodes, nx), (self.nodes + 1, nx), finite=True).copy()
         if isinstance(self.state, StateMultibody):
-            states[:, self.state.nx - self.state.ndx // 2 :] = 0.0
+            states[:, nx - self.state.ndx // 2 :] = 0.0
         us = np.zeros((self.nodes, self.nu))
         for k, action in enumerate(self.actions):
             p = self.parameters[k, : action.parameters.size]
@@ -284,9 +283,7 @@ class ShootingProblem:
         Raises:
             InputError: wrong shape.
         """
-        controls = np.array(us, dtype=np.float64)
-        if controls.shape != (self.nodes, self.nu):
-            raise InputError("us", f"shape {controls.shape}", f"shape {(self.nodes, self.nu)}")
+        controls = numbers("us", us, (self.nodes, self.nu)).copy()
         xs = np.empty((self.nodes + 1, self.x0.size))
         xs[0] = self.x0
         for k in range(self.nodes):
@@ -302,16 +299,8 @@ class ShootingProblem:
         if not isinstance(guess, Trajectory):
             raise InputError("guess", type(guess).__name__, "a Trajectory(xs, us), or a solution")
         self._check_signs()
-        arrays = []
-        for name, value, shape in (
-            ("xs", guess.xs, (self.nodes + 1, self.state.nx)),
-            ("us", guess.us, (self.nodes, self.nu)),
-        ):
-            array = _numbers(name, value)
-            if array.shape != shape:
-                raise InputError(name, f"shape {array.shape}", f"shape {shape}")
-            arrays.append(array)
-        return Trajectory(*arrays)
+        xs = numbers("xs", guess.xs, (self.nodes + 1, self.state.nx))
+        return Trajectory(xs, numbers("us", guess.us, (self.nodes, self.nu)))
 
     def _check_signs(self) -> None:
         """Check what was written without :meth:`set`; NaN is left to the solvers' explanations."""
@@ -361,13 +350,6 @@ def _holding_control(action: Action, x: Array, p: Array) -> Array:
         least, best = distance, u
         u = u - np.linalg.lstsq(found["B"].full(), gap, rcond=1e-10)[0]
     return best
-
-
-def _numbers(name: str, value: ArrayLike) -> Array:
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(name, reprlib.repr(value), "numbers, in rows of the same length") from None
 
 
 def _one_each(action: Action | Sequence[Action], nodes: int | None) -> tuple[Action, ...]:

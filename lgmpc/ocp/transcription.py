@@ -137,7 +137,7 @@ def transcribe(problem: ShootingProblem) -> MultipleShooting:
     bounds = ca.Function("bounds", [data], [ca.vertcat(*lower), ca.vertcat(*upper)])
     programme = {"x": z, "p": data, "f": cost, "g": ca.vertcat(*rows)}
     ng = tuple(action.path_rows for action in problem.actions)
-    differences = any(isinstance(action, PythonAction) for action in (*problem.actions, terminal))
+    differences = not all(action.smooth for action in (*problem.actions, terminal))
     return MultipleShooting(programme, bounds, state, tuple(action.nu for action in problem.actions), ng, differences)
 
 

@@ -1,8 +1,7 @@
 """Solvers of optimal control problems: FDDP, SQP on structured quadratic programmes, ipopt and fatrop."""
 
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.box_fddp import BoxFddp
-from lgmpc.solvers.fddp import Fddp
+from lgmpc.solvers.fddp import BoxFddp, Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings

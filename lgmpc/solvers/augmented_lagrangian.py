@@ -30,7 +30,7 @@ from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Positive
 from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
-from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status
 
@@ -51,7 +51,7 @@ class AugmentedLagrangianSettings(SolverSettings):
         default="al_fddp", description="FDDP on an augmented Lagrangian; any constraints, from poor guesses."
     )
     max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
-        default=1000, description="Largest number of iterations, those of FDDP."
+        default=3000, description="Largest number of iterations, those of FDDP."
     )
     tolerance: Positive = Field(
         default=1e-6,
@@ -74,6 +74,9 @@ class AugmentedLagrangianFddp(IterativeSolver):
         problem: the problem; its data are read at every solve.
         settings: tolerance and penalties.
         progress: called with a description of what is being compiled.
+
+    Attributes:
+        updates: how often the multipliers were updated in this solve.
     """
 
     name = "augmented-Lagrangian FDDP"
@@ -86,7 +89,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
-        self.settings = AugmentedLagrangianSettings() if settings is None else settings
+        self.settings = settings_of(problem, settings, AugmentedLagrangianSettings)
         made: dict[int, Action] = {}
         for action in problem.actions:
             if id(action) not in made:
@@ -105,7 +108,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         if self._known is not None and self._known.multipliers.shape == self._multipliers.shape:
             self._multipliers[...] = np.nan_to_num(self._known.multipliers)
         self._violation, self._accuracy, self._measured = np.inf, np.inf, np.inf
-        self._penalty, self._before, self._stayed = 1.0, np.inf, 0
+        self._penalty, self._before, self._stayed, self.updates = 1.0, np.inf, 0, 0
         self._write()
         status = self._fddp._begin(guess)
         self._measure()
@@ -148,8 +151,19 @@ class AugmentedLagrangianFddp(IterativeSolver):
         self._multipliers[...] = self._estimate
         self._violation = self._measured
         self._accuracy = max(0.1 * self._accuracy, 1e-12) if self._measured > tolerance else 0.0
+        self.updates += 1
         self._restart()
         return None
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of the constraints, when the multipliers were last updated."""
+        return self._violated
+
+    def current(self) -> Solution:
+        """Return trajectory and multipliers between two iterations, which can continue."""
+        found = self._fddp._finish(Status.STOPPED, 0, time.perf_counter())
+        return replace(found, multipliers=self._multipliers.copy())
 
     def _measure(self) -> None:
         """Evaluate the constraints at the current trajectory, and the multipliers with which it is stationary."""
@@ -202,10 +216,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
     def _restart(self) -> None:
         """Continue FDDP from the current trajectory with the current multipliers and penalty."""
         self._write()
-        inner = self._fddp
-        inner._fresh = False
-        inner._regularization = inner.settings.regularization[0]
-        inner._least = np.inf
+        self._fddp._begin_again()
 
     def _cost(self) -> float:
         """Return the cost without the penalties of the last measurement."""

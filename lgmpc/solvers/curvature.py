@@ -12,13 +12,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.ocp import OcpQp, SubproblemFunctions
+from lgmpc.ocp import LagrangianHessians, OcpQp, SubproblemFunctions
 from lgmpc.solvers.qp import ActiveSetSolver, QpSolver
-from lgmpc.solvers.sweep import penalised_feedback
+from lgmpc.solvers.solution import Solution
+from lgmpc.solvers.sweep import BackwardSweep, Expansion, penalised_feedback
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["CURVATURES", "Hessians", "is_convex", "solve_curved"]
+__all__ = ["CURVATURES", "Hessians", "is_convex", "is_minimum", "solve_curved"]
 
 Hessians = Annotated[
     Literal["gauss_newton", "exact"],
@@ -31,6 +32,10 @@ Hessians = Annotated[
 
 CURVATURES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125, 0.0)
 """Parts of the difference between exact and Gauss-Newton Hessians, tried in this order until the model is convex."""
+
+_ACTIVE = 1e-9  # multiplier of a row that is at its bound
+_FLAT = 1e-9  # curvature that counts as none, relative to the largest
+_HELD = 1e6  # penalty of active rows, relative to the largest curvature
 
 Solve = Callable[[], tuple[Status, float]]
 
@@ -78,3 +83,37 @@ def solve_curved(
 def is_convex(qp: OcpQp) -> bool:
     """Return whether the cost is strictly convex along the dynamics, by a backward sweep."""
     return len(penalised_feedback(qp)) > 0
+
+
+def is_minimum(solution: Solution) -> bool:
+    """Return whether the second-order necessary conditions hold at a stationary point.
+
+    They can only fail where a stage's Gauss-Newton Hessian is indefinite, as with a negative weight. There the
+    Lagrangian's exact Hessian (Gauss-Newton's, with actions of Python) must have no negative curvature along the
+    dynamics and the rows with multipliers.
+    """
+    problem, (n, nu), ndx = solution.problem, solution.us.shape, solution.problem.state.ndx
+    jacobian, hessian = np.zeros((n, ndx + nu, ndx)), np.tile(np.eye(ndx + nu), (n, 1, 1))
+    last, held = solution.last_hessian(), np.zeros_like(hessian)
+    for k, action in enumerate(problem.actions):
+        m, own = solution.derivatives(k), ndx + action.nu
+        jacobian[k, :own] = np.hstack([m["A"], m["B"]]).T
+        hessian[k, :own, :own] = np.block([[m["Q"], m["S"].T], [m["S"], m["R"]]])
+        rows = np.hstack([m["C"], m["D"]])
+        active = (np.abs(solution.multipliers[k, : len(rows)]) > _ACTIVE) | (m["lower"] == m["upper"])[:, 0]
+        rows = rows[active] / np.maximum(np.linalg.norm(rows[active], axis=1, keepdims=True), _ACTIVE)
+        held[k, :own, :own] = rows.T @ rows
+    scale = 1.0 + max(float(np.abs(hessian).max()), float(np.abs(last).max(initial=0.0)))
+    stages = min(float(np.linalg.eigvalsh(hessian).min()), float(np.linalg.eigvalsh(last).min(initial=0.0)))
+    if not stages < -_FLAT * scale:
+        return True
+    if all(action.smooth for action in (*problem.actions, problem.terminal)):
+        exact = LagrangianHessians(problem, solution.xs.copy(), solution.us.copy())
+        exact.costates[...], exact.multipliers[...] = solution.costates, solution.multipliers
+        exact.evaluate()
+        hessian, last = exact.hessian, exact.last_hessian
+    hessian = hessian + _HELD * scale * held
+    gradient, gaps = np.zeros((n, ndx + nu)), np.zeros((n + 1, ndx))
+    gains = np.zeros((n, nu, ndx)), np.zeros((n, nu))
+    model = Expansion(jacobian, hessian, gradient, gaps, last, np.zeros(ndx), *gains, compiled=False)
+    return BackwardSweep(model).run(_FLAT * scale, closed=True)

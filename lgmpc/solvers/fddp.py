@@ -1,4 +1,4 @@
-"""Feasibility-driven differential dynamic programming, for problems without path constraints.
+"""Feasibility-driven differential dynamic programming, without path constraints or with bounds on controls.
 
 The guess may be infeasible. A step of length alpha keeps ``1 - alpha`` of each gap of the dynamics, as in multiple
 shooting, and the states are those of a roll-out under the sweep's feedback, as in differential dynamic programming.
@@ -9,6 +9,10 @@ An increase of the cost, which closing gaps may require, is bounded by that of t
 trial's own states grows with a trial that diverges. A solution must also be stationary (see
 :class:`~lgmpc.solvers.FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or
 two more.
+
+With bounds on the controls: Mastalli, Merkt, Marti-Saumell, Ferrolho, Sola, Mansard, Vijayakumar, "A feasibility-driven
+approach to control-limited DDP", Autonomous Robots 46, 2022, with another sweep: see
+:class:`~lgmpc.solvers.box.BoxSweep`.
 """
 
 from __future__ import annotations
@@ -16,24 +20,62 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, LagrangianHessians, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.solvers.box import BoxSweep
+from lgmpc.solvers.box import BoxSweep, control_bounds
 from lgmpc.solvers.curvature import CURVATURES
 from lgmpc.solvers.fddp_settings import FddpSettings
-from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["Fddp", "check_unconstrained"]
+__all__ = ["BoxFddp", "Fddp", "check_unconstrained"]
 
 _UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
+
+
+@dataclass(frozen=True)
+class _Decrease:
+    """The decrease of the cost that a model expects of a step: ``alpha (slope + alpha / 2 curvature)``."""
+
+    slope: float
+    curvature: float
+
+    def of_step(self, alpha: float) -> float:
+        """Return that of a step of length alpha."""
+        return alpha * (self.slope + 0.5 * alpha * self.curvature)
+
+    def along(self, gaps: float) -> _Decrease:
+        """Return that along the states of a roll-out, of which the gaps have a part."""
+        return _Decrease(self.slope + gaps, self.curvature - 2.0 * gaps)
+
+
+class _Regularization:
+    """A multiple of the identity in the sweeps, which grows where steps fail and falls where they are long."""
+
+    def __init__(self, settings: FddpSettings) -> None:
+        self._factor, (self.lowest, self.highest) = settings.regularization_factor, settings.regularization
+        self.value = self.lowest
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether it cannot grow."""
+        return self.value >= self.highest
+
+    def increase(self) -> None:
+        """Multiply it by the factor."""
+        self.value = min(self.value * self._factor, self.highest)
+
+    def decrease(self) -> None:
+        """Divide it by the factor."""
+        self.value = max(self.value / self._factor, self.lowest)
 
 
 class Fddp(IterativeSolver):
@@ -62,13 +104,13 @@ class Fddp(IterativeSolver):
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
-        self.settings = FddpSettings() if settings is None else settings
+        self.settings = settings_of(problem, settings, FddpSettings)
         self._check_constraints()
         self.functions = ShootingFunctions(problem, progress)
         self.sweep = self._make_sweep(progress)
         f = self.functions
         self._exact = LagrangianHessians(problem, f.xs, f.us, progress) if self.settings.hessian == "exact" else None
-        self._clock = [0.0, 0.0, 0.0]
+        self._clock, self._regularization = [0.0, 0.0, 0.0], _Regularization(self.settings)
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
         self._finite = self._curved = False  # whether the expansion is, and whether exact Hessians were tried in it
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
@@ -80,7 +122,7 @@ class Fddp(IterativeSolver):
         return BackwardSweep(self.functions, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
-        f = self.functions
+        f, start = self.functions, self.settings.initial_regularization
         f.xs[...] = guess.xs
         f.xs[0] = self.problem.x0
         f.us[...] = guess.us
@@ -88,8 +130,7 @@ class Fddp(IterativeSolver):
         f.feedback[...] = 0.0
         f.feedforward[...] = 0.0
         self._clock = [0.0, 0.0, 0.0]
-        start = self.settings.initial_regularization
-        self._regularization = self.settings.regularization[0] if start is None else start
+        self._regularization.value = self._regularization.lowest if start is None else start
         self._accepted, self._step_length, self._was_closed = False, 1.0, False
         self._cost = self._criterion = np.nan
         self._expand()
@@ -100,7 +141,28 @@ class Fddp(IterativeSolver):
         return None if self._finite else Status.NOT_FINITE
 
     def _iterate(self) -> Status | None:
-        f, s = self.functions, self.settings
+        status = self._compute_direction()
+        if status is not None:
+            return status
+        model = self._model()
+        # A closed trajectory is that of a roll-out: its gaps are rounding errors.
+        if self._closed and abs(model.of_step(1.0)) < self.settings.tolerance:
+            status = self._test_convergence()
+            if status is not None:
+                return status
+            if not self._sweep():
+                return Status.STALLED
+            model = self._model()
+        expected, diverged = self._search(model)
+        if self._cost < -self._bottom:
+            return Status.UNBOUNDED
+        status = self._regulate(diverged)
+        if status is None:
+            self._criterion = abs(expected.of_step(1.0))
+        return status
+
+    def _compute_direction(self) -> Status | None:
+        """Expand and sweep; return to the last trajectory, regularised, where derivatives are not finite."""
         if not self._fresh:
             self._expand()
         swept = self._sweep()
@@ -108,83 +170,91 @@ class Fddp(IterativeSolver):
             if not self._take_back():
                 return Status.DIVERGED
             swept = self._sweep()
-        if not swept:
-            return Status.STALLED
-        slope, curvature = self.sweep.expected(closed=self._closed)
-        # A closed trajectory is that of a roll-out: its gaps are rounding errors.
-        if self._closed and abs(slope + 0.5 * curvature) < s.tolerance:
-            status = self._stationary_status()
-            if status is not None:
-                return status
-            if not self._sweep():
-                return Status.STALLED
-            slope, curvature = self.sweep.expected(closed=True)
-        self._accepted = False
+        return None if swept else Status.STALLED
+
+    def _model(self) -> _Decrease:
+        return _Decrease(*self.sweep.expected(closed=self._closed))
+
+    def _search(self, model: _Decrease) -> tuple[_Decrease, bool]:
+        """Take the first step length whose roll-out is accepted, if any.
+
+        Returns:
+            The decrease expected along the last roll-out that did not diverge, and whether all diverged.
+        """
+        expected, diverged = _Decrease(math.nan, math.nan), True
         # The model is convex along the step: it rises by at most a step length's share of what the full step does.
-        ascent = max(-(slope + 0.5 * curvature), 0.0)
-        d0 = d1 = np.nan
-        diverged = True
-        for alpha in s.step_lengths:
+        ascent, self._accepted = max(-model.of_step(1.0), 0.0), False
+        for alpha in self.settings.step_lengths:
             self._step_length = alpha
             cost = self._try(alpha)
             if not math.isfinite(cost):
                 continue
             diverged = False
-            correction = 0.0 if self._closed else self._expected_from_gaps()
-            d0, d1 = slope + correction, curvature - 2.0 * correction
-            expected = alpha * (d0 + 0.5 * alpha * d1)
-            gained = self._cost - cost
-            if expected >= 0.0:
-                rounding = s.least_slope * (1.0 + abs(self._cost))
-                flat = abs(d0) < s.least_slope and gained >= -rounding
-                accept = flat or gained > s.acceptance * expected
-            else:  # gaps are closed at this cost: without them the sweep's step decreases its model
-                accept = gained > s.ascent_acceptance * max(expected, -alpha * ascent)
-            if accept:
-                self._last_xs[...], self._last_us[...], self._was_closed = f.xs, f.us, self._closed
-                f.accept()
-                self._cost = cost
-                self._closed = self._closed or alpha == 1.0
-                self._accepted, self._fresh = True, False
+            expected = model if self._closed else model.along(self._expected_from_gaps())
+            if self._accepts(alpha, self._cost - cost, expected, ascent):
+                self._take_step(alpha, cost)
                 break
-        if self._cost < -self._bottom:
-            return Status.UNBOUNDED
-        self._swept = False
-        if self._step_length > s.decrease_above:
-            self._regularization = max(self._regularization / s.regularization_factor, s.regularization[0])
-        if self._step_length <= s.increase_below:
-            self._increase()
-            if self._regularization >= s.regularization[1]:
-                return Status.DIVERGED if diverged else Status.STALLED
-        self._criterion = abs(d0 + 0.5 * d1)
-        return None
+        return expected, diverged
 
-    def _stationary_status(self) -> Status | None:
+    def _accepts(self, alpha: float, gained: float, expected: _Decrease, ascent: float) -> bool:
+        """Return whether a decrease ``gained`` is enough of the expected one, or an increase not too much of it."""
+        s, decrease = self.settings, expected.of_step(alpha)
+        if decrease >= 0.0:
+            rounding = s.least_slope * (1.0 + abs(self._cost))
+            flat = abs(expected.slope) < s.least_slope and gained >= -rounding
+            return flat or gained > s.acceptance * decrease
+        # Gaps are closed at this cost: without them the sweep's step decreases its model.
+        return gained > s.ascent_acceptance * max(decrease, -alpha * ascent)
+
+    def _take_step(self, alpha: float, cost: float) -> None:
+        f = self.functions
+        self._last_xs[...], self._last_us[...], self._was_closed = f.xs, f.us, self._closed
+        f.accept()
+        self._cost, self._closed = cost, self._closed or alpha == 1.0
+        self._accepted, self._fresh = True, False
+
+    def _regulate(self, diverged: bool) -> Status | None:
+        """Decrease the regularisation after a long step, increase it after a short one or none."""
+        self._swept = False
+        if self._step_length > self.settings.decrease_above:
+            self._regularization.decrease()
+        if self._step_length > self.settings.increase_below:
+            return None
+        self._regularization.increase()
+        if not self._regularization.exhausted:
+            return None
+        return Status.DIVERGED if diverged else Status.STALLED
+
+    def _begin_again(self) -> None:
+        """Continue from the current trajectory, where the cost has changed."""
+        self._fresh, self._regularization.value, self._least = False, self._regularization.lowest, np.inf
+
+    def _test_convergence(self) -> Status | None:
         """Return the status if the trajectory, whose expected reduction is small, is stationary or cannot become so."""
-        lowest = self.settings.regularization[0]
-        before = self._regularization
-        if before > lowest:  # a large regularisation makes any step and its expected reduction small
-            self._regularization, self._swept = lowest, False
+        regularization, before = self._regularization, self._regularization.value
+        if before > regularization.lowest:  # a large one makes any step and its expected reduction small
+            regularization.value, self._swept = regularization.lowest, False
             if not self._sweep():
                 return Status.STALLED
-        slope, curvature = self.sweep.expected(closed=True)
-        self._criterion = abs(slope + 0.5 * curvature)
+        self._criterion = abs(self._model().of_step(1.0))
         costates, multipliers, rest = self._stationarity()
         largest = max(float(np.abs(costates).max()), float(np.abs(multipliers).max(initial=0.0)))
         residual = float(np.abs(rest).max()) / (1.0 + largest)
-        minimum = self._regularization <= lowest and self._criterion < self.settings.tolerance
-        if residual <= self.settings.stationarity and minimum:
+        convex, stationary = regularization.value <= regularization.lowest, residual <= self.settings.stationarity
+        if stationary and convex and self._criterion < self.settings.tolerance:
             return Status.CONVERGED
-        if before > self._regularization and not self._accepted:  # no step without it: the sweep was a test
-            self._regularization, self._swept = before, False
+        if before > regularization.value and not self._accepted:  # no step without it: the sweep was a test
+            regularization.value, self._swept = before, False
         self._patience = _PATIENCE if residual < 0.5 * self._least else self._patience - 1
         self._least = min(self._least, residual)
         rounding = np.finfo(np.float64).eps * (1.0 + abs(self._cost))
-        return Status.PRECISION_LIMIT if self._patience <= 0 and self._criterion < rounding else None
+        if self._patience > 0 or not self._criterion < rounding:
+            return None
+        return Status.SADDLE if stationary and not convex else Status.PRECISION_LIMIT
 
     def _progress(self, iteration: int, elapsed: float) -> Progress:
         return Progress(
-            iteration, self._cost, self._criterion, self._gap, self._step_length, self._regularization,
+            iteration, self._cost, self._criterion, self._gap, self._step_length, self._regularization.value,
             self._accepted, elapsed, Iterate.of(self.functions.xs, self.functions.us, self.functions.feedback),
         )  # fmt: skip
 
@@ -247,12 +317,12 @@ class Fddp(IterativeSolver):
         if self._swept or not self._finite:
             return self._swept
         start = time.perf_counter()
-        self._swept = self.sweep.run(self._regularization, closed=self._closed)
+        self._swept = self.sweep.run(self._regularization.value, closed=self._closed)
         if not self._swept:
             self._finite = self._all_finite()
-        while self._finite and not self._swept and self._regularization < self.settings.regularization[1]:
-            self._increase()
-            self._swept = self.sweep.run(self._regularization, closed=self._closed)
+        while self._finite and not self._swept and not self._regularization.exhausted:
+            self._regularization.increase()
+            self._swept = self.sweep.run(self._regularization.value, closed=self._closed)
         if self._swept and self._exact is not None and not self._curved:
             self._swept = self._curve(self._exact)
         self._clock[1] += time.perf_counter() - start
@@ -272,7 +342,7 @@ class Fddp(IterativeSolver):
         for part in CURVATURES:
             f.hessian[...] = convex + part * (exact.hessian - convex)
             f.last_hessian[...] = last + part * (exact.last_hessian - last)
-            if self.sweep.run(self._regularization, closed=self._closed):
+            if self.sweep.run(self._regularization.value, closed=self._closed):
                 return True
         return False
 
@@ -296,18 +366,53 @@ class Fddp(IterativeSolver):
         f = self.functions
         f.xs[...], f.us[...], self._closed = self._last_xs, self._last_us, self._was_closed
         self._expand()
-        self._increase()
-        return self._regularization < self.settings.regularization[1]
-
-    def _increase(self) -> None:
-        s = self.settings
-        self._regularization = min(self._regularization * s.regularization_factor, s.regularization[1])
+        self._regularization.increase()
+        return not self._regularization.exhausted
 
     def _expected_from_gaps(self) -> float:
         """Return the gaps' part of the expected decrease along the last roll-out."""
         f = self.functions
         f.measure_move()
         return -bilinear(f.gaps, self.sweep.value_hessian, f.moved)
+
+
+class BoxFddp(Fddp):
+    """Feasibility-driven DDP whose controls stay within bounds: every constraint row bounds one control.
+
+    The bounds are those of the actions' path constraints and may depend on parameters. The sweep minimises over the
+    boxes of all nodes together (:class:`~lgmpc.solvers.box.BoxSweep`), with and without gaps, and the roll-out clips
+    to them.
+
+    Raises:
+        InputError: a path constraint that is not a bound on a control.
+    """
+
+    name = "box FDDP"
+
+    def _check_constraints(self) -> None:
+        self._bounds = control_bounds(self.problem)
+
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
+        self._box = BoxSweep(self.functions, progress)
+        return self._box
+
+    def _begin(self, guess: Trajectory) -> Status | None:
+        f = self.functions
+        self._bounds.write(self.problem.parameters, f.u_lower, f.u_upper)
+        self._box.held[...] = 0
+        if not (f.u_lower <= f.u_upper).all():
+            super()._begin(guess)
+            nan = np.isnan(f.u_lower).any() or np.isnan(f.u_upper).any()
+            return Status.NOT_FINITE if nan else Status.INFEASIBLE
+        return super()._begin(Trajectory(guess.xs, np.clip(guess.us, f.u_lower, f.u_upper)))
+
+    def _split(self, gradient: Array) -> tuple[Array, Array]:
+        f = self.functions
+        held = ((f.us <= f.u_lower) & (gradient > 0.0)) | ((f.us >= f.u_upper) & (gradient < 0.0))
+        return self._bounds.multipliers(np.where(held, -gradient, 0.0)), np.where(held, 0.0, gradient)
+
+    def _expected_from_gaps(self) -> float:
+        return 0.0  # the sweep's own roll-out has accounted for them
 
 
 def check_unconstrained(problem: ShootingProblem) -> None:

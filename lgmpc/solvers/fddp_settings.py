@@ -16,7 +16,7 @@ _StepLength = Annotated[float, Field(strict=True, gt=0.0, le=1.0, allow_inf_nan=
 
 
 class FddpSettings(SolverSettings):
-    """Tolerances and schedules of :class:`Fddp` and ``BoxFddp``; the defaults are Crocoddyl's.
+    """Tolerances and schedules of FDDP and box FDDP; the defaults are Crocoddyl's.
 
     A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
     is independent of the scaling of states and controls, but insensitive to directions in which the cost hardly varies.

@@ -14,8 +14,10 @@ constraints are inconsistent, a step removes a part of the gaps and violations o
 nonlinearly constrained optimization calculations", Lecture Notes in Mathematics 630, 1978).
 
 Where this fails, far from a solution, or makes no progress for long, an augmented Lagrangian takes over once a solve
-(:class:`~lgmpc.solvers.AugmentedLagrangianFddp`), whose roll-outs follow the dynamics; its trajectory and multipliers
-are where the SQP continues. If it finds a stationary point of the violation, the problem is infeasible.
+(:class:`~lgmpc.solvers.AugmentedLagrangianFddp`), whose roll-outs follow the dynamics but which converges slowly. Its
+trajectory and multipliers are where the SQP continues: as an attempt whenever they violate the constraints ten times
+less than at the last attempt, and when it has ended. If it finds a stationary point of the violation, the problem is
+infeasible.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -32,8 +35,8 @@ from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, 
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Count
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.curvature import Hessians, solve_curved
-from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings
+from lgmpc.solvers.curvature import Hessians, is_minimum, solve_curved
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.qp import (
     ActiveSetSettings,
     ActiveSetSolver,
@@ -52,6 +55,9 @@ _KEPT = (0.0, 0.5, 0.9, 0.99)  # fractions of gaps and violations kept by relaxe
 _LEAST_TOLERANCE = 1e-13  # smallest decrease that exceeds rounding errors
 _ROUNDING = 1e-13  # of the penalty function
 _IDLE = 30  # steps that do not halve the least residual, after which the augmented Lagrangian takes over
+_ATTEMPT = 8  # the same after a return from it to steps, before it has ended
+_ATTEMPT_BELOW = 1e-2  # largest violation of its minima from which steps are attempted
+_NEARER = 0.1  # factor of the violation until the next attempt
 _PATIENCE = 6  # most steps that do not halve the residual
 
 
@@ -59,6 +65,9 @@ class LineSearchSqpSettings(SolverSettings):
     """Tolerances of :class:`LineSearchSqp` and of its search."""
 
     method: Literal["sqp"] = Field(default="sqp", description="SQP with a line search; any constraints.")
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
+        default=2000, description="Largest number of iterations, those of the augmented Lagrangian included."
+    )
     tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = Field(
         default=1e-6, description="Largest residual of the optimality conditions of a solution."
     )
@@ -105,17 +114,15 @@ class LineSearchSqp(IterativeSolver):
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
-        self.settings = LineSearchSqpSettings() if settings is None else settings
+        self.settings = settings_of(problem, settings, LineSearchSqpSettings)
         self._exact = self.settings.hessian == "exact"
         self.functions = SubproblemFunctions(problem, progress, exact=self._exact)
         self._report = progress
         self._globaliser: AugmentedLagrangianFddp | None = None  # made when it is first needed
         self._global = self._was_global = False  # whether it is working, and whether it has been in this solve
         qp = self.functions.qp
-        if isinstance(qp_solver, str):
+        if qp_solver is not None:
             self.qp_solver = make_qp_solver(qp_solver, qp, progress)
-        elif qp_solver is not None:
-            self.qp_solver = qp_solver(qp)
         else:
             own = ActiveSetSettings(1e-2 * self.settings.tolerance)
             self.qp_solver = ActiveSetSolver(qp, own, riccati=DenseRiccati(qp, progress), progress=progress)
@@ -133,7 +140,8 @@ class LineSearchSqp(IterativeSolver):
         self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._least, self._patience, self._nonmonotone = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
-        self._global = self._was_global = self._near = False
+        self._global = self._was_global = self._near = self._attempted = False
+        self._attempt_below = _ATTEMPT_BELOW
         self._best, self._idle = np.inf, 0
         self._take_over(False)
         self._start = Trajectory(f.xs.copy(), f.us.copy())
@@ -157,18 +165,33 @@ class LineSearchSqp(IterativeSolver):
 
     def _iterate(self) -> Status | None:
         if self._global:
-            assert self._globaliser is not None
-            return self._return_to_steps(self._globaliser._iterate())
+            return self._global_iteration()
         status = self._step()
         lost = status in (Status.STALLED, Status.INFEASIBLE, Status.FAILED, Status.UNBOUNDED)
         better = self._kkt.largest < 0.5 * self._best
         self._best, self._idle = (self._kkt.largest, 0) if better else (self._best, self._idle + 1)
+        if self._attempted and (lost or (status is None and self._idle >= _ATTEMPT)):
+            self._global, self._attempted = True, False  # it continues where it was
+            return None
         if (lost or (status is None and self._idle >= _IDLE)) and not self._was_global:
             if self._start_globaliser():
                 return None
             return self._step() if status is Status.FAILED else status
         if status is Status.STALLED and self._was_global and self._near:
             return Status.ACCEPTABLE
+        return status
+
+    def _global_iteration(self) -> Status | None:
+        """Take one iteration of the augmented Lagrangian, and return to steps where it has ended or come near."""
+        inner = self._globaliser
+        assert inner is not None
+        updates = inner.updates
+        status = inner._iterate()
+        if status is not None:
+            return self._return_to_steps(status)
+        if inner.updates > updates and inner.violation <= self._attempt_below:
+            self._attempt_below = _NEARER * inner.violation
+            status, self._attempted = self._return_to_steps(Status.STOPPED, attempt=True), True
         return status
 
     def _start_globaliser(self) -> bool:
@@ -188,24 +211,22 @@ class LineSearchSqp(IterativeSolver):
         if isinstance(self.qp_solver, ActiveSetSolver):
             self.qp_solver.may_take_over = allowed or not self.qp_solver.available
 
-    def _return_to_steps(self, status: Status | None) -> Status | None:
-        """Continue with steps of the SQP when the augmented Lagrangian has ended with a status."""
-        if status is None:
-            return None
-        self._take_global_point()
+    def _return_to_steps(self, status: Status, attempt: bool = False) -> Status | None:
+        """Continue with steps of the SQP where the augmented Lagrangian has ended with a status, or has not yet."""
+        self._take_global_point(attempt)
         if not self._finite or status in (Status.INFEASIBLE, Status.UNBOUNDED):
             return status if self._finite else Status.NOT_FINITE
-        self._near = status.solved
+        self._near, self._best, self._idle = status.solved, np.inf, 0
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
         self._last.clear()
         self._least, self._patience, self._nonmonotone = np.inf, _PATIENCE, True
         return Status.CONVERGED if self._kkt.largest <= self.settings.tolerance else None
 
-    def _take_global_point(self) -> None:
+    def _take_global_point(self, attempt: bool = False) -> None:
         """Take trajectory and multipliers of the augmented Lagrangian."""
         assert self._globaliser is not None
-        self._global, f = False, self.functions
-        found = self._globaliser._finish(Status.STOPPED, 0, time.perf_counter())
+        self._global, f, now = False, self.functions, time.perf_counter()
+        found = self._globaliser.current() if attempt else self._globaliser._finish(Status.STOPPED, 0, now)
         f.xs[...], f.us[...] = found.xs, found.us
         self._costates, self._multipliers = found.costates.copy(), found.multipliers.copy()
         self._linearize(0)
@@ -303,11 +324,14 @@ class LineSearchSqp(IterativeSolver):
         feedback = np.zeros((0, s.nu, s.ndx))
         if isinstance(self.qp_solver, ActiveSetSolver) and status is not Status.NOT_FINITE:
             feedback = self.qp_solver.feedback(self._multipliers)
-        return Solution(
+        solution = Solution(
             self.problem.copy(), f.xs.copy(), f.us.copy(), feedback, np.zeros((0, s.nu)),
             self._costates.copy(), self._multipliers.copy(), status, iterations, self._cost, gaps, kkt,
             Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
         )  # fmt: skip
+        # Gains exist where the model is convex along the active rows.
+        minimum = not status.solved or len(feedback) > 0 or is_minimum(solution)
+        return solution if minimum else replace(solution, status=Status.SADDLE)
 
     def _subproblem(self) -> tuple[Status, float]:
         """Solve the subproblem, relaxed by a fraction of gaps and violations where it is infeasible."""

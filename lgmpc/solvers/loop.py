@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,9 +16,22 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.settings import Positive, Settings
 from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance
 
-__all__ = ["Callback", "History", "Iterate", "IterativeSolver", "PrintProgress", "Progress", "SolverSettings"]
+__all__ = [
+    "Callback",
+    "History",
+    "Iterate",
+    "IterativeSolver",
+    "PrintProgress",
+    "Progress",
+    "SolverSettings",
+    "check_limits",
+    "settings_of",
+]
+
+
+K = TypeVar("K", bound="SolverSettings")
 
 
 class SolverSettings(Settings):
@@ -104,6 +117,9 @@ class History:
     """
 
     def __init__(self, *others: Callback) -> None:
+        for other in others:
+            if not callable(other):
+                raise InputError("others", type(other).__name__, "functions of the Progress")
         self.reports: list[Progress] = []
         self._others = others
 
@@ -119,8 +135,8 @@ class History:
             InputError: no such quantity.
         """
         known = tuple(f.name for f in fields(Progress) if f.name != "iterate")
-        if name not in known:
-            raise InputError("name", name, "a quantity of Progress", known)
+        if not isinstance(name, str) or name not in known:
+            raise InputError("name", str(name), "a quantity of Progress", known)
         return np.array([getattr(report, name) for report in self.reports], dtype=np.float64)
 
 
@@ -143,6 +159,37 @@ class PrintProgress:
             f"{progress.step_length if progress.accepted else 0.0:8.4f}  {progress.regularization:10.1e} "
             f"{1e3 * progress.elapsed:6.1f}"
         )
+
+
+def settings_of(problem: object, settings: K | None, kind: type[K]) -> K:
+    """Return a solver's settings, the standard ones unless given.
+
+    Raises:
+        InputError: the problem is none, or settings of another solver.
+    """
+    instance("problem", problem, ShootingProblem, "a ShootingProblem")
+    if settings is None:
+        return kind()
+    instance("settings", settings, kind, f"{kind.__name__}(...)")
+    return settings
+
+
+def check_limits(max_iterations: object, time_limit: object, callback: object) -> None:
+    """Check the limits of a solve, each None or a value.
+
+    Raises:
+        InputError: of a wrong type, or negative.
+    """
+    if max_iterations is not None:
+        instance("max_iterations", max_iterations, (int, np.integer), "a whole number, at least 0")
+        if int(max_iterations) < 0:  # type: ignore[call-overload]
+            raise InputError("max_iterations", max_iterations, "at least 0")
+    if time_limit is not None:
+        instance("time_limit", time_limit, (int, float, np.number), "a number, s")
+        if not float(time_limit) >= 0.0:  # type: ignore[arg-type]
+            raise InputError("time_limit", time_limit, "at least 0 s")
+    if callback is not None and not callable(callback):
+        raise InputError("callback", type(callback).__name__, "a function of the Progress")
 
 
 class IterativeSolver(ABC):
@@ -182,12 +229,9 @@ class IterativeSolver(ABC):
             InputError: a guess of the wrong shape, or negative limits.
             SolverError: no solution, with ``throw``; the message contains the remedy and the explanation.
         """
+        check_limits(max_iterations, time_limit, callback)
         max_iterations = self.settings.max_iterations if max_iterations is None else max_iterations
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
-        if max_iterations < 0:
-            raise InputError("max_iterations", max_iterations, "at least 0")
-        if time_limit is not None and not time_limit >= 0.0:
-            raise InputError("time_limit", time_limit, "at least 0 s")
         self._known = guess if isinstance(guess, Solution) else None
         start = guess.trajectory if isinstance(guess, Solution) else guess
         checked = self.problem.check(self.problem.hold() if start is None else start)

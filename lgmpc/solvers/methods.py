@@ -14,13 +14,13 @@ from pydantic import Discriminator, Tag
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box import control_bounds
-from lgmpc.solvers.box_fddp import BoxFddp
-from lgmpc.solvers.fddp import Fddp, check_unconstrained
+from lgmpc.solvers.fddp import BoxFddp, Fddp, check_unconstrained
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Callback, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.solution import Solution
+from lgmpc.typing import instance
 
 __all__ = ["AnySolverSettings", "Solver", "check_method", "make_solver"]
 
@@ -61,6 +61,8 @@ def check_method(problem: ShootingProblem, settings: SolverSettings) -> None:
     Raises:
         InputError: the method does not support the problem's path constraints.
     """
+    instance("problem", problem, ShootingProblem, "a ShootingProblem")
+    instance("settings", settings, SolverSettings, "settings of a solver, as FddpSettings()")
     if settings.method in _CONSTRAINTS:
         _CONSTRAINTS[settings.method](problem)
 
@@ -78,6 +80,7 @@ def make_solver(
     Raises:
         InputError: the method does not support the problem's path constraints.
     """
+    instance("settings", settings, SolverSettings, "settings of a solver, as FddpSettings()")
     _, kind = _METHODS[settings.method]
     return kind(problem, settings, progress=progress)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import casadi as ca
@@ -20,7 +21,8 @@ from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
 from lgmpc.settings import Positive
 from lgmpc.settings import problem as problem_with
-from lgmpc.solvers.loop import Callback, Progress, SolverSettings
+from lgmpc.solvers.curvature import is_minimum
+from lgmpc.solvers.loop import Callback, Progress, SolverSettings, check_limits, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
 
@@ -76,7 +78,7 @@ class NlpSolver:
         compiled: bool = False,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.settings = NlpSettings() if settings is None else settings
+        self.settings = settings_of(problem, settings, NlpSettings)
         self.name: str = self.settings.method
         self.problem = problem
         self._shooting = transcribe(problem)
@@ -124,10 +126,7 @@ class NlpSolver:
         for name, value in (("max_iterations", max_iterations), ("time_limit", time_limit), ("callback", callback)):
             if self.name != "ipopt" and value is not None:
                 raise InputError(name, "one for fatrop", "none: fatrop cannot be interrupted")
-        if max_iterations is not None and max_iterations < 0:
-            raise InputError("max_iterations", max_iterations, "at least 0")
-        if time_limit is not None and not time_limit >= 0.0:
-            raise InputError("time_limit", time_limit, "at least 0 s")
+        check_limits(max_iterations, time_limit, callback)
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
@@ -196,7 +195,10 @@ class NlpSolver:
             multipliers, status, int(stats["iter_count"]), float(found["f"]), np.full((n + 1, ndx), np.nan),
             KktResidual.unknown(), Timings(elapsed),
         )  # fmt: skip
-        return unmeasured if status is Status.NOT_FINITE else unmeasured.measured()
+        if status is Status.NOT_FINITE:
+            return unmeasured
+        measured = unmeasured.measured()
+        return replace(measured, status=Status.SADDLE) if status.solved and not is_minimum(measured) else measured
 
 
 class _Watch(ca.Callback):

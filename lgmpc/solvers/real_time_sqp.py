@@ -18,14 +18,14 @@ from collections.abc import Callable
 import numpy as np
 
 from lgmpc.compile import BatchKernel, StageKernel, cached
-from lgmpc.errors import InputError
 from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
+from lgmpc.solvers.loop import check_limits
 from lgmpc.solvers.qp import QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.state import State
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance, numbers
 
 __all__ = ["RealTimeSqp"]
 
@@ -58,15 +58,14 @@ class RealTimeSqp:
         qp_solver: str | Callable[[OcpQp], QpSolver] = "active_set",
         progress: Callable[[str], None] | None = None,
     ) -> None:
+        instance("problem", problem, ShootingProblem, "a ShootingProblem")
         self.problem = problem
         state = problem.action.state  # controls and multipliers are shifted: all nodes have the same
         f = self._functions = SubproblemFunctions(problem, progress)
         self.xs: Array = f.xs
         self.us: Array = f.us
         self.qp = f.qp
-        self.qp_solver = (
-            make_qp_solver(qp_solver, self.qp, progress) if isinstance(qp_solver, str) else qp_solver(self.qp)
-        )
+        self.qp_solver = make_qp_solver(qp_solver, self.qp, progress)
         self._kkt = KktConditions(self.qp, progress)
         move, subtract = cached(_compile, state, progress=progress)
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
@@ -85,11 +84,9 @@ class RealTimeSqp:
         Raises:
             InputError: wrong shapes.
         """
-        for name, mine, given in (("xs", self.xs, trajectory.xs), ("us", self.us, trajectory.us)):
-            if np.shape(given) != mine.shape:
-                raise InputError(name, f"shape {np.shape(given)}", f"shape {mine.shape}")
-        self.xs[:] = trajectory.xs
-        self.us[:] = trajectory.us
+        instance("trajectory", trajectory, Trajectory, "a Trajectory(xs, us)")
+        self.xs[:] = numbers("xs", trajectory.xs, self.xs.shape)
+        self.us[:] = numbers("us", trajectory.us, self.us.shape)
         self.qp_solver.reset()
 
     def shift(self, fraction: float) -> None:
@@ -98,7 +95,7 @@ class RealTimeSqp:
         States are moved along the line from each node to the next; controls and multipliers likewise; the end stays.
         """
         self._functions.xs_base[...] = self.xs
-        self._fraction[0] = fraction
+        self._fraction[0] = fraction if type(fraction) is float else numbers("fraction", fraction, ())
         self._move()
         point = self.qp_solver.solution
         for array in (self.us, point.costates, point.multipliers):
@@ -132,8 +129,9 @@ class RealTimeSqp:
         Raises:
             InputError: a negative number of iterations.
         """
-        if max_iterations < 0:
-            raise InputError("max_iterations", max_iterations, "at least 0")
+        instance("max_iterations", max_iterations, (int, np.integer), "a whole number, at least 0")
+        check_limits(max_iterations, None, None)
+        numbers("tolerance", tolerance, ())
         start = time.perf_counter()
         preparation = 0.0
         inner = taken = 0

@@ -17,7 +17,7 @@ from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance, numbers
 
 __all__ = ["Solution", "Timings"]
 
@@ -149,6 +149,7 @@ class Solution:
         """
         more = ("cost", "criterion", "iterations", "kkt", "timings", "x0", "parameters", "status", "actions")
         found = read_arrays(path, _SCHEMA, (*_ARRAYS, *more))
+        instance("problem", problem, ShootingProblem, "the ShootingProblem that was solved")
         mine = problem.copy()
         names = _action_names(mine)
         if found["actions"].tolist() != names or found["parameters"].shape != mine.parameters.shape:
@@ -166,6 +167,10 @@ class Solution:
 
     def control(self, node: int, x: Array) -> Array:
         """Return the control (nu,) at a node for a state x (nx,) near the node's: with feedback, if there is any."""
+        instance("node", node, (int, np.integer), f"an interval, 0 to {len(self.us) - 1}")
+        if not 0 <= node < len(self.us):
+            raise InputError("node", node, f"an interval, 0 to {len(self.us) - 1}")
+        x = numbers("x", x, self.xs[node].shape)
         u: Array = self.us[node]
         return u - self.feedback[node] @ self.problem.state.diff(self.xs[node], x) if len(self.feedback) else u.copy()
 
@@ -189,7 +194,7 @@ class Solution:
         problem, ndx = self.problem, self.problem.state.ndx
         out = np.zeros((problem.nodes + 1, ndx + problem.nu))
         for k in range(problem.nodes):
-            action, m = problem.actions[k], self._derivatives(k)
+            action, m = problem.actions[k], self.derivatives(k)
             mu = self.multipliers[k, : m["C"].shape[0]]
             out[k, :ndx] += m["q"][:, 0] + m["A"].T @ self.costates[k] + m["C"].T @ mu
             out[k, ndx : ndx + action.nu] = m["r"][:, 0] + m["B"].T @ self.costates[k] + m["D"].T @ mu
@@ -200,13 +205,19 @@ class Solution:
         out[0, :ndx] = 0.0
         return out
 
-    def _derivatives(self, node: int) -> dict[str, Array]:
-        """Return the first derivatives of a node; see :attr:`lgmpc.actions.Action.quadratic_function`."""
+    def derivatives(self, node: int) -> dict[str, Array]:
+        """Return the expansion of a node; see :attr:`lgmpc.actions.Action.quadratic_function`."""
         action = self.problem.actions[node]
         p = self.problem.parameters[node, : action.parameters.size]
         u = self.us[node, : action.nu]
         found = action.quadratic_function(x=self.xs[node], u=u, x_next=self.xs[node + 1], p=p)
-        return {name: found[name].full() for name in _DERIVATIVES}
+        return {name: value.full() for name, value in found.items()}
+
+    def last_hessian(self) -> Array:
+        """Return the Gauss-Newton Hessian (ndx, ndx) of the terminal cost."""
+        terminal, p = self.problem.terminal, self.problem.parameters[-1]
+        found = terminal.terminal_quadratic_function(x=self.xs[-1], p=p[: terminal.parameters.size])
+        return np.asarray(found["Q"].full(), dtype=np.float64)
 
     def complementarity(self) -> Array:
         """Recompute each node's (N,) largest complementarity residual; see :class:`~lgmpc.ocp.KktResidual`."""
@@ -341,8 +352,8 @@ class Solution:
             for name, value in parts.items():
                 if not np.isfinite(value).all():
                     return f"The {name} of node {k} ('{problem.actions[k].name}') contains NaN or infinity."
-            found = self._derivatives(k)
-            bad = [MEANINGS[name] for name, matrix in found.items() if not np.isfinite(matrix).all()]
+            found = self.derivatives(k)
+            bad = [MEANINGS[name] for name in _DERIVATIVES if not np.isfinite(found[name]).all()]
             if failed and bad:
                 name = problem.actions[k].name
                 return f"The derivatives of node {k} ('{name}'), {bad[0]}, contain NaN or infinity."

@@ -17,6 +17,7 @@ FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 CONTACTS = {
     "points": FEET,
     "surface": (Contact(FEET[0], 6), FEET[3]),
+    "skate": (Contact(FEET[0], 1, frame_axes=((0.0, 1.0, 0.0),)), FEET[3]),
     "axes": (
         Contact(FEET[0], 1),
         Contact(FEET[1], 2, axes=((1.0, 0.0, 0.5),), frame_axes=((0.0, 1.0, 0.2),)),

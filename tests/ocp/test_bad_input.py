@@ -103,6 +103,19 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: Fddp(arm()).solve((np.zeros((4, 12)), np.zeros((3, 6)))),  # type: ignore[arg-type]
         r"guess: got tuple; expected a Trajectory\(xs, us\)",
     ),
+    "scalar state": (lambda: arm().evaluate(0, 0.0, np.zeros(6)), r"x: got shape \(\); expected shape \(12,\)"),  # type: ignore[arg-type]
+    "empty state": (lambda: arm().evaluate(0, np.zeros(0), np.zeros(6)), r"x: got shape \(0,\); expected shape"),
+    "long state": (lambda: arm().evaluate(0, np.zeros(13), np.zeros(6)), r"x: got shape \(13,\); expected shape"),
+    "long control": (
+        lambda: arm().evaluate(0, np.zeros(12), np.zeros(7)),
+        r"u: got shape \(7,\); expected shape \(6,\)",
+    ),
+    "scalar control": (lambda: arm().evaluate(0, np.zeros(12), 0.0), r"u: got shape \(\); expected shape \(6,\)"),  # type: ignore[arg-type]
+    "last node": (lambda: arm().evaluate(3, np.zeros(12), np.zeros(6)), "node: got 3; expected an interval, 0 to 2"),
+    "scalar parameters": (
+        lambda: arm().action.evaluate(np.zeros(12), np.zeros(6), 0.0),  # type: ignore[arg-type]
+        r"p: got shape \(\); expected shape",
+    ),
     "terminal": (
         lambda: ShootingProblem(MultibodyAction("arm", DYNAMICS), 3, terminal="arm"),  # type: ignore[arg-type]
         "terminal: got str; expected an action",

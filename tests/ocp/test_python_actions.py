@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -268,3 +269,37 @@ def test_rows_that_are_no_bounds_and_solvers_without_differences_are_named() -> 
         BoxFddp(problem_of(Curved()))
     with pytest.raises(InputError, match="method: got fatrop; expected ipopt, FDDP or SQP"):
         NlpSolver(problem_of(Python()), NlpSettings(method="fatrop"))
+
+
+class Runaway(PythonAction):
+    """A body whose speed overflows where it is pushed hard, as a simulator's may in trial roll-outs."""
+
+    name, nu, parameters = "runaway", 4, LAYOUT
+
+    def __init__(self, raises: bool) -> None:
+        self.state, self.raises = ball(), raises
+
+    def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        v = x[7:] + DT * np.array([u[0], u[1], u[2], u[3], 0.0, u[3]])
+        fast = float(np.abs(v).max())
+        if fast > 20.0 and self.raises:
+            math.exp(1e3 * fast)  # OverflowError
+        v = np.full(6, np.inf) if fast > 20.0 else v
+        return self.state.integrate(x, np.concatenate([DT * v, v - x[7:]]))
+
+    def residual(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return 1e-3 * u
+
+    def terminal_residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[:3] - 8.0, x[7:]])
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_trial_steps_that_overflow_are_shortened(raises: bool) -> None:
+    """Eight metres in half a second: the first full steps are faster than the body can be simulated."""
+    problem = ShootingProblem(Runaway(raises), 5)
+    steps: list[float] = []
+    with np.errstate(invalid="ignore"):
+        solution = Fddp(problem).solve(max_iterations=20, callback=lambda now: steps.append(now.step_length))
+    assert min(steps) < 1.0 and np.isfinite(solution.cost)
+    assert solution.status is not Status.NOT_FINITE

@@ -5,10 +5,21 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 from samples import Constrained
 
-from lgmpc.actions import Action, Bounded, LeastSquares, ParameterLayout
+from lgmpc.actions import (
+    Action,
+    Bounded,
+    FreeForwardDynamics,
+    HoldAction,
+    LeastSquares,
+    MultibodyAction,
+    ParameterLayout,
+)
+from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
+from lgmpc.costs.library import Control, FrameTranslation, JointPosition, StateError
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, NlpSolver, Progress, Status
@@ -235,3 +246,60 @@ def test_a_solution_as_the_guess_brings_its_multipliers(cart: ShootingProblem) -
     assert sweeps[True][0] < sweeps[False][0]  # factorisations of the first quadratic programme
     assert found[True].status is found[False].status is Status.CONVERGED
     np.testing.assert_allclose(found[True].us, found[False].us, atol=1e-6)
+
+
+class Speed(Residual):
+    """Speeds of the joints."""
+
+    nr = 7
+
+    def expression(self, s: StageSymbols) -> object:
+        return s.v
+
+
+def hard_arm(seed: int) -> ShootingProblem:
+    """A random arm of seven joints whose hand reaches a place in a second, and rests there, all limits hard."""
+    rng, model, parent = np.random.default_rng(seed), pin.Model(), 0
+    for _ in range(7):
+        axis = rng.standard_normal(3)
+        turn = pin.exp3(0.5 * rng.standard_normal(3))
+        place = pin.SE3(turn, np.array([0, 0, rng.uniform(0.1, 0.35)]) + 0.05 * rng.standard_normal(3))
+        joint = pin.JointModelRevoluteUnaligned(axis / np.linalg.norm(axis))
+        parent = model.addJoint(parent, joint, place, f"joint_{parent}")
+        inertia = pin.Inertia(rng.uniform(0.5, 3.0), np.array([0, 0, 0.1]), 0.02 * rng.uniform(0.5, 2.0) * np.eye(3))
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+    model.addBodyFrame("hand", parent, pin.SE3(np.eye(3), np.array([0, 0, 0.15])), 0)
+    start = rng.uniform(-1.2, 1.2, 7)
+    end, data = start + rng.uniform(-1.2, 1.2, 7), model.createData()
+    pin.framesForwardKinematics(model, data, end)
+    goal = FrameTranslation("hand", data.oMf[model.getFrameId("hand")].translation.copy())
+    loads = [np.abs(pin.computeGeneralizedGravity(model, data, q)) for q in (start, end)]
+    most, x0 = 1.6 * np.maximum(*loads) + 2.0, np.concatenate([start, np.zeros(7)])
+    dynamics = FreeForwardDynamics(model)
+    costs = [
+        CostItem("x", StateError(dynamics.state, x0), np.repeat([1e-3, 1e-2], 7)),
+        CostItem("u", Control(7), 1e-3),
+    ]
+    limits = [
+        ConstraintItem("effort", Control(7), -most, most),
+        ConstraintItem("speed", Speed(), -3.0, 3.0),
+        ConstraintItem("position", JointPosition(7), np.minimum(start, end) - 0.15, np.maximum(start, end) + 0.15),
+    ]
+    reach = MultibodyAction("reach", dynamics, costs, limits)
+    arrive = HoldAction("arrive", model, [], [ConstraintItem("hand", goal), ConstraintItem("rest", Speed())])
+    problem = ShootingProblem([reach] * 50 + [arrive], terminal=reach)
+    problem.set("duration", 0.02, range(50))
+    problem.set_initial_state(x0)
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("seed", "cost"),  # by ipopt from the same guess, which takes ten times as long
+    [(1006, 1.63247), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1000, 1.77188), (1008, 3.28152)))],
+)
+def test_hard_constrained_arms_are_solved_with_default_settings(seed: int, cost: float) -> None:
+    """From rest at the beginning, which violates the constraint at the end; SQP steps alone do not converge."""
+    solution = LineSearchSqp(hard_arm(seed)).solve()
+    assert solution.status is Status.CONVERGED, solution.explain()
+    assert solution.residual().largest <= 1.01e-6
+    assert solution.cost == pytest.approx(cost, rel=1e-5)

@@ -1,18 +1,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import ContactForwardDynamics, FreeForwardDynamics, MultibodyAction
-from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.actions import Action, ContactForwardDynamics, FreeForwardDynamics, MultibodyAction
+from lgmpc.costs import Bounded, ConstraintItem, Cost, CostItem, CostTerm, Parameter, ParameterLayout
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import RobotSpec, load_robot
-from lgmpc.solvers import BoxFddp, History, LineSearchSqp, Progress, Solution, Status
+from lgmpc.solvers import (
+    AugmentedLagrangianFddp,
+    BoxFddp,
+    History,
+    LineSearchSqp,
+    NlpSolver,
+    Progress,
+    Solution,
+    Status,
+)
+from lgmpc.state import StateVector
 
 
 @pytest.fixture
@@ -170,3 +182,33 @@ def test_quasi_static_efforts_carry_a_robot_on_its_feet() -> None:
     there = problem.evaluate(0, robot.x_reference, us[0]).x_next
     np.testing.assert_allclose(problem.state.diff(robot.x_reference, there), 0.0, atol=1e-10)
     assert np.abs(us).max() > 0.1
+
+
+class Rewarded(Action):
+    """An integrator whose control is rewarded: the origin is stationary, and the worst of all points."""
+
+    name, nu, state = "rewarded", 1, StateVector(1)
+    parameters = ParameterLayout(Parameter("weight", 1, "of the control", -1.0))
+
+    def step(self, x: Any, u: Any, p: Any) -> Any:
+        return x + u
+
+    def cost(self, x: Any, u: Any, p: Any) -> Cost:
+        return Cost((CostTerm(u, weight=p), CostTerm(x)))
+
+    def terminal_cost(self, x: Any, p: Any) -> Cost:
+        return Cost((CostTerm(x, weight=0.1),))
+
+    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
+        return Bounded(u, ca.SX(-2), ca.SX(2))
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("kind", [LineSearchSqp, NlpSolver, AugmentedLagrangianFddp, BoxFddp])
+def test_a_stationary_point_that_is_no_minimum_is_called_a_saddle(kind: Any) -> None:
+    problem = ShootingProblem(Rewarded(), 3)
+    solution = kind(problem).solve()
+    assert solution.status is Status.SADDLE and not solution.status.solved
+    assert "negative weight" in solution.explain()
+    problem.set("weight", 1.0)
+    assert kind(problem).solve().status is Status.CONVERGED

@@ -11,6 +11,7 @@ from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.state.base import State
+from lgmpc.typing import instance
 
 __all__ = [
     "CentroidalMomentum",
@@ -34,6 +35,7 @@ class StateError(Residual):
     """
 
     def __init__(self, state: State, reference: ArrayLike | None = None) -> None:
+        instance("state", state, State, "a State, as of a dynamics")
         self.nr = state.ndx
         self._state = state
         default = state.neutral() if reference is None else reference

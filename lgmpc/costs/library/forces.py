@@ -14,6 +14,7 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
+from lgmpc.typing import instance, numbers
 
 __all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "WrenchCone"]
 
@@ -56,8 +57,9 @@ class FrictionCone(Residual):
     """
 
     def __init__(self, frame: str, facets: int = 8, friction: float = 0.7, normal: ArrayLike = UP) -> None:
+        instance("facets", facets, (int, np.integer), "a whole number, at least 3")
         check_facets(facets)
-        if np.shape(normal) != (3,) or not abs(float(np.linalg.norm(normal)) - 1.0) < 1e-9:
+        if not abs(float(np.linalg.norm(numbers("normal", normal, (3,)))) - 1.0) < 1e-9:
             raise InputError("normal", normal, "a unit vector (3,)")
         self.frame, self.facets, self.nr = frame, facets, facets + 1
         self.parameters = (

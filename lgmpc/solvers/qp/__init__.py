@@ -13,6 +13,7 @@ from lgmpc.solvers.qp.piqp import Cascade, PiqpSettings, PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
 from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
 from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
+from lgmpc.typing import instance
 
 __all__ = [
     "LARGE_STAGE",
@@ -48,11 +49,13 @@ QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
 """Names that :func:`make_qp_solver` accepts."""
 
 
-def make_qp_solver(name: str, qp: OcpQp, progress: Callable[[str], None] | None = None) -> QpSolver:
-    """Make a solver with its standard settings, by the name that a config has.
+def make_qp_solver(
+    solver: str | Callable[[OcpQp], QpSolver], qp: OcpQp, progress: Callable[[str], None] | None = None
+) -> QpSolver:
+    """Make a solver with its standard settings, by the name that a config has, or by a function.
 
     Args:
-        name: one of :data:`QP_SOLVERS`.
+        solver: one of :data:`QP_SOLVERS`, or a function that makes one.
         qp: the problem.
         progress: called with a description of what is being compiled, if anything is.
 
@@ -60,8 +63,9 @@ def make_qp_solver(name: str, qp: OcpQp, progress: Callable[[str], None] | None 
         InputError: no such solver; names the nearest.
         MissingDependencyError: its package is not installed.
     """
-    try:
-        maker = _MAKERS[name]
-    except KeyError:
-        raise InputError("qp_solver", name, "a solver of quadratic programmes", QP_SOLVERS) from None
-    return maker(qp, progress)
+    instance("qp", qp, OcpQp, "an OcpQp")
+    if callable(solver):
+        return solver(qp)
+    if not isinstance(solver, str) or solver not in _MAKERS:
+        raise InputError("qp_solver", str(solver), "a solver of quadratic programmes", QP_SOLVERS)
+    return _MAKERS[solver](qp, progress)

@@ -41,7 +41,7 @@ from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
 from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
 from lgmpc.solvers.sweep import all_finite, penalised_feedback
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 __all__ = ["LARGE_STAGE", "ActiveSetSettings", "ActiveSetSolver", "riccati_for"]
 
@@ -70,7 +70,7 @@ class ActiveSetSettings:
 
     def __post_init__(self) -> None:
         """Check the tolerance."""
-        if not self.tolerance > 0.0:
+        if not float(numbers("tolerance", self.tolerance, ())) > 0.0:
             raise InputError("tolerance", self.tolerance, "above 0")
 
 

@@ -50,8 +50,8 @@ class PiqpSettings:
 
     def __post_init__(self) -> None:
         """Raise for an unknown linear solver."""
-        if self.kkt_solver not in KKT_SOLVERS:
-            raise InputError("kkt_solver", self.kkt_solver, "a linear solver of PIQP", KKT_SOLVERS)
+        if str(self.kkt_solver) not in KKT_SOLVERS:
+            raise InputError("kkt_solver", str(self.kkt_solver), "a linear solver of PIQP", KKT_SOLVERS)
 
 
 class PiqpSolver(GeneralQpSolver):

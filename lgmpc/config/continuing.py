@@ -65,6 +65,8 @@ def run_from(
         RunFolderError: the folder is not a complete run of a closed loop.
         LgmpcError: as from :func:`run_config`.
     """
+    if not isinstance(run, (str, Path, FinishedRun)):
+        raise InputError("run", type(run).__name__, "a run folder, or the value of run_config")
     recorded = RunFolder.load(run.folder.path if isinstance(run, FinishedRun) else run)
     if (recorded.path / DEPLOYMENT_FILE).is_file():
         raise InputError(

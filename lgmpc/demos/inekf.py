@@ -12,9 +12,9 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
+from lgmpc.demos.simulated_trot import DOWN, SimulatedTrot, simulate_trot
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
 from lgmpc.estimation.invariant_ekf import LEFT, MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
-from lgmpc.estimation.simulated_trot import DOWN, SimulatedTrot, simulate_trot
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 

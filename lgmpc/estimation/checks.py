@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = ["duration_of", "three"]
+__all__ = ["duration_of", "instance", "number", "three", "whole"]
 
 _THREE = checks.tangent(3)
 
@@ -25,12 +27,50 @@ def three(name: str, value: object) -> Array:
     return vector
 
 
-def duration_of(name: str, value: float) -> float:
+def duration_of(name: str, value: object) -> float:
     """Return a positive number of seconds.
 
     Raises:
         InputError: wrong shape, not finite, or not positive.
     """
-    if not 0.0 < value < math.inf:
-        raise InputError(name, value, "a positive number of seconds")
-    return float(value)
+    return number(name, value, "a positive number of seconds", above=0.0)
+
+
+def number(
+    name: str, value: object, expected: str, least: float = -math.inf, *, above: float = -math.inf, finite: bool = True
+) -> float:
+    """Return one number.
+
+    Args:
+        name: name of the argument.
+        value: the argument.
+        expected: the values accepted, in words.
+        least: lowest value.
+        above: highest value that is too low.
+        finite: whether it must be finite; NaN is refused in any case.
+
+    Raises:
+        InputError: no number, or one that is not accepted.
+    """
+    if isinstance(value, (int, float, np.integer, np.floating)):
+        given = float(value)
+        if given >= least and (given > above or above == -math.inf) and (math.isfinite(given) or not finite):
+            return given
+    raise InputError(name, value, expected)
+
+
+def whole(name: str, value: object, expected: str, least: int = 0, below: float = math.inf) -> int:
+    """Return a whole number from ``least`` to ``below``, exclusive; arguments and errors as of :func:`number`."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value < below:
+        return int(value)
+    raise InputError(name, value, expected)
+
+
+def instance(name: str, value: object, kind: type) -> None:
+    """Check the type of an argument.
+
+    Raises:
+        InputError: another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(name, type(value).__name__, f"a {kind.__name__}")

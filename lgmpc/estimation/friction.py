@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from lgmpc.errors import InputError
+from lgmpc.estimation.checks import number
 from lgmpc.typing import Array
 
 __all__ = ["FrictionMonitor"]
@@ -60,8 +60,7 @@ class FrictionMonitor:
             "least": least,
         }
         for name, value in numbers.items():
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(name, value, "a positive number")
+            number(name, value, "a positive number", above=0.0)
         self._nominal, self._least = nominal, min(least, nominal)
         self._sliding_speed_squared = sliding_speed**2
         self._fall = math.exp(-period / fall_time)

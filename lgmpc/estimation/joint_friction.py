@@ -12,7 +12,7 @@ from pydantic import Field
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of
+from lgmpc.estimation.checks import duration_of, instance, number
 from lgmpc.robot import Robot
 from lgmpc.settings import Fraction, Positive, Settings
 from lgmpc.typing import Array, BoolArray
@@ -75,6 +75,9 @@ class JointFrictionEstimator:
         self, robot: Robot, period: float, settings: JointFrictionSettings | None = None, delay: float = 0.0
     ) -> None:
         self.settings = s = JointFrictionSettings() if settings is None else settings
+        instance("robot", robot, Robot)
+        instance("settings", s, JointFrictionSettings)
+        number("delay", delay, "a number of seconds that is not negative", 0.0)
         self._period = duration_of("period", period)
         self._legs = _legs(robot)
         self._keep = np.exp(-period / s.memory_s)

@@ -14,11 +14,11 @@ from pydantic import Field
 
 from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of
+from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing
-from lgmpc.lie import quaternion, so3
+from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, lever
 from lgmpc.robot.scaling import normal_force_range
@@ -165,8 +165,10 @@ class LeggedEstimator:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         settings = LeggedEstimatorSettings() if settings is None else settings
-        start = np.asarray(robot.q_reference[:7] if start is None else start, dtype=np.float64)
-        if start.shape != (7,) or not np.isfinite(start).all():
+        instance("robot", robot, Robot)
+        instance("settings", settings, LeggedEstimatorSettings)
+        start = checks.finite("start", robot.q_reference[:7] if start is None else start)
+        if start.shape != (7,):
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
         self.legs = LegSensing(robot, period, settings.encoder_noise_rad, settings.foot_noise_m, progress)
         self.ekf = InvariantEkf(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import casadi as ca
@@ -12,10 +11,10 @@ import pinocchio as pin
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of
+from lgmpc.estimation.checks import duration_of, instance, number
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, lever
-from lgmpc.robot.joint_friction import joint_friction_torque
+from lgmpc.robot.friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["ContactDetector", "LegSensing"]
@@ -64,13 +63,12 @@ class LegSensing:
         foot_noise: float,
         progress: Callable[[str], None] | None = None,
     ) -> None:
+        instance("robot", robot, Robot)
         if not robot.floating_base or robot.nq - 7 != robot.nu or robot.nc == 0:
             expected = "a robot with a floating base, joints of one coordinate each, and contact frames"
             raise InputError("robot", robot.name, expected)
-        if not (math.isfinite(encoder_noise) and encoder_noise >= 0.0):
-            raise InputError("encoder_noise", encoder_noise, "an angle that is not negative")
-        if not (math.isfinite(foot_noise) and foot_noise > 0.0):
-            raise InputError("foot_noise", foot_noise, "a positive length")
+        number("encoder_noise", encoder_noise, "an angle that is not negative", 0.0)
+        number("foot_noise", foot_noise, "a positive length", above=0.0)
         self._rate = 1.0 / duration_of("period", period)
         kernel = StageKernel.of(_leg_function, robot, progress=progress)
         memory = {name: np.zeros(size) for name, size in kernel.input_sizes.items()}
@@ -198,9 +196,9 @@ class ContactDetector:
     """
 
     def __init__(self, feet: int, touch_force: float, release_force: float) -> None:
-        if feet < 1:
-            raise InputError("feet", feet, "at least one")
-        if not 0.0 <= release_force <= touch_force < math.inf:
+        feet = whole("feet", feet, "at least one", 1)
+        number("touch_force", touch_force, "a force that is not negative, N", 0.0)
+        if number("release_force", release_force, "a force from 0 to touch_force, N", 0.0) > touch_force:
             got = f"{release_force} with touch_force {touch_force}"
             raise InputError("release_force", got, "a force from 0 to touch_force, N")
         self._touch, self._release = touch_force, release_force

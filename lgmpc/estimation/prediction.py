@@ -10,7 +10,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.control.interface import RobotState
-from lgmpc.estimation.checks import duration_of
+from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.robot import Robot
 from lgmpc.settings import Settings
 from lgmpc.typing import Array
@@ -52,6 +52,8 @@ class StatePredictor:
     """
 
     def __init__(self, robot: Robot, period: float, delays: DelaySettings) -> None:
+        instance("robot", robot, Robot)
+        instance("delays", delays, DelaySettings)
         self._model = robot.model
         self._period = duration_of("period", period)
         self._lead, self._total = delays.command_s, duration_of("delays", delays.total_s)

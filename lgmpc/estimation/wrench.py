@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
-from lgmpc.errors import InputError
+from lgmpc.estimation.checks import duration_of, number
 from lgmpc.typing import Array
 
 __all__ = ["WrenchObserver"]
@@ -55,13 +55,10 @@ class WrenchObserver:
         noise_force: float = math.inf,
     ) -> None:
         for name, value in (("period", period), ("time_constant", time_constant)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(name, value, "a positive number")
+            duration_of(name, value)
         for name, value in (("force_limit", force_limit), ("noise_force", noise_force)):
-            if not value > 0:
-                raise InputError(name, value, "a positive number")
-        if not 0.0 <= delay < math.inf:
-            raise InputError("delay", delay, "a number of seconds that is not negative")
+            number(name, value, "a positive number", above=0.0, finite=False)
+        number("delay", delay, "a number of seconds that is not negative", 0.0)
         # An interval between two measurements overlaps those of at most two commands.
         whole, part = divmod(round(delay / period, 6), 1.0)
         self._rates = np.full((int(whole) + (2 if part else 1), 6), math.nan)  # r of the commands, the newest first

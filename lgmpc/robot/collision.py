@@ -147,6 +147,10 @@ def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionSha
     Raises:
         InputError: no such frame; names the nearest.
     """
+    if not isinstance(shape, (Sphere, Box, Capsule)):
+        raise InputError("shape", type(shape).__name__, "a Sphere, Box or Capsule")
+    if not isinstance(model, pin.Model):
+        raise InputError("model", type(model).__name__, "a pin.Model")
     frame = model.frames[frame_index(model, shape.link)]
     return CollisionShape(
         f"{shape.kind} on {shape.link}", int(frame.parentJoint), frame.placement * _local(shape), shape

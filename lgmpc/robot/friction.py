@@ -1,4 +1,4 @@
-"""The friction pyramid, which approximates the friction cone by linear conditions.
+"""Friction of contacts and joints: the pyramid that approximates the friction cone, and smoothed Coulomb torques.
 
 The regular pyramid with n facets inscribed in the cone of coefficient mu,
 
@@ -12,12 +12,24 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["check_facets", "facet_normals", "friction_margins", "friction_pyramid", "pyramid_half_width"]
+__all__ = [
+    "FULL_SPEED",
+    "check_facets",
+    "facet_normals",
+    "friction_margins",
+    "friction_pyramid",
+    "joint_friction_torque",
+    "pyramid_half_width",
+]
+
+FULL_SPEED = 0.1
+"""rad/s (m/s): where a joint reverses, its friction is smoothed over some of this; noise of speeds is well below it."""
 
 _ROUNDING = 1e-15  # largest rounding error of cosines and sines that are zero
 
@@ -59,3 +71,16 @@ def friction_margins(force: Any, half_width: Any, facets: int) -> list[Any]:
     # Entries that differ from zero by rounding only are omitted, so that the rows stay sparse.
     normals = np.where(np.abs(facet_normals(facets)) < _ROUNDING, 0.0, facet_normals(facets)).tolist()
     return [half_width * force[2] - x * force[0] - y * force[1] for x, y in normals]
+
+
+def joint_friction_torque(friction: ca.SX, rates: ca.SX) -> ca.SX:
+    r"""Return the torques (nu,) that overcome Coulomb friction, ``f_c tanh(v / v_s)``.
+
+    Coulomb friction is discontinuous where a joint reverses. The smoothed magnitude stays below that of the joint, so
+    that its compensation does not move a joint at rest.
+
+    Args:
+        friction: (nu,) f_c, N.m.
+        rates: (nu,) v, rad/s.
+    """
+    return friction * ca.tanh(rates / FULL_SPEED)

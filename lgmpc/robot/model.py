@@ -211,7 +211,7 @@ class Robot:
         Raises:
             InputError: no moving link has this name; the nearest are named.
         """
-        if name not in self.body_names:
+        if not isinstance(name, str) or name not in self.body_names:
             raise InputError("body", name, f"a moving link of {self.name}", self.body_names)
         return int(self.model.getFrameId(name, pin.BODY))
 

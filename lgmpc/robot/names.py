@@ -17,9 +17,10 @@ def frame_index(model: pin.Model, name: str, key: str = "frame") -> int:
     Raises:
         InputError: there is none; the nearest are named.
     """
-    for index, frame in enumerate(model.frames):
-        if frame.name == name:
-            return index
+    if isinstance(name, str):
+        for index, frame in enumerate(model.frames):
+            if frame.name == name:
+                return index
     raise InputError(key, name, f"a frame of {model.name}", tuple(frame.name for frame in model.frames))
 
 

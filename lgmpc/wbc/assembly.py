@@ -26,8 +26,7 @@ from lgmpc.compile import StageKernel
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP
-from lgmpc.robot.friction import friction_pyramid
-from lgmpc.robot.joint_friction import joint_friction_torque
+from lgmpc.robot.friction import friction_pyramid, joint_friction_torque
 from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc.settings import WholeBodySettings

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
+from lgmpc.demos.simulated_trot import simulate_trot
 from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf
-from lgmpc.estimation.simulated_trot import simulate_trot
 from lgmpc.lie import so3
 
 NOISE = ImuNoise(

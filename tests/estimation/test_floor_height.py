@@ -10,11 +10,11 @@ import pytest
 from samples import jacobian, retracted
 from scipy.stats import chi2
 
+from lgmpc.demos.simulated_trot import simulate_trot
 from lgmpc.errors import InputError
 from lgmpc.estimation import InvariantEkf
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, RIGHT, ErrorForm
-from lgmpc.estimation.simulated_trot import simulate_trot
 from lgmpc.lie import sek3
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -9,11 +9,11 @@ import pytest
 from samples import error_between, jacobian, retracted
 from scipy.stats import chi2
 
+from lgmpc.demos.simulated_trot import SimulatedTrot, simulate_trot
 from lgmpc.errors import InputError
 from lgmpc.estimation import InvariantEkf
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, LEFT, RIGHT, ErrorForm
-from lgmpc.estimation.simulated_trot import SimulatedTrot, simulate_trot
 from lgmpc.lie import sek3, so3
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -262,6 +262,32 @@ def test_landmarks_of_unknown_position_give_no_information_about_yaw_and_positio
     ekf.correct_known_landmark(np.array([1.0, 2.0, 3.0]), SEEN, SPREAD)
     with_known = np.diag(shift.T @ np.linalg.solve(ekf.covariance, shift))
     assert (with_known[1:] > 2.0 * after[1:]).all()  # unlike one whose position is known
+
+
+def test_the_left_form_gains_false_information_about_yaw_and_position() -> None:
+    """The same shifts and turns of the world, in the left-invariant error of the present estimate."""
+    rng = np.random.default_rng(9)
+    ekf = InvariantEkf(4, ImuNoise(**dict.fromkeys(ImuNoise.model_fields, 0.0)), landmarks=M, slip=0.0, form=LEFT)
+    ekf.reset(sek3.exp(rng.normal(size=9)), np.full(15, 0.3))
+    for i in range(4):
+        ekf.begin_contact(i, rng.normal(size=3), 1e-4 * np.eye(3))
+    for i in range(M):
+        ekf.add_landmark(i, rng.normal(size=3), SPREAD)
+
+    def information() -> np.ndarray:
+        shift = np.zeros((SIZE, 4))
+        shift[2, 0] = 1.0
+        shift[6:-6, 1:] = np.tile(np.eye(3), (1 + 4 + M, 1))
+        shift[:-6] = sek3.adjoint(sek3.inverse(ekf.pose)) @ shift[:-6]
+        return np.diag(shift.T @ np.linalg.solve(ekf.covariance, shift))
+
+    before = information()
+    for k in range(100):
+        ekf.predict(rng.normal(size=3), rng.normal(size=3) + [0.0, 0.0, 9.81], 0.01)
+        i = k % M
+        seen = relative(ekf.pose, ekf.landmark_positions[:, i]) + 0.05 * rng.normal(size=3)
+        ekf.correct_landmark(i, seen, SPREAD)
+    assert (information() > 1.05 * before).any()
 
 
 @pytest.mark.parametrize(

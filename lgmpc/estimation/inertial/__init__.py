@@ -14,8 +14,7 @@ from lgmpc.estimation.inertial.kinematics import (
     propagate,
     vector_field,
 )
-from lgmpc.estimation.inertial.noise import ImuNoise
-from lgmpc.estimation.inertial.preintegration import Preintegration
+from lgmpc.estimation.inertial.preintegration import ImuNoise, Preintegration
 
 __all__ = [
     "ImuNoise",

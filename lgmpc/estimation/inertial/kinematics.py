@@ -12,12 +12,10 @@ depends on the measurements alone and is the result of preintegration.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import three
+from lgmpc.estimation.checks import number, three, whole
 from lgmpc.lie import checks, so3
 from lgmpc.typing import Array
 
@@ -62,8 +60,7 @@ def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Arra
     Raises:
         InputError: gravity is no finite 3-vector, or fewer than 2 columns.
     """
-    if columns < 2:
-        raise InputError("columns", columns, "at least 2: velocity and position")
+    whole("columns", columns, "at least 2: velocity and position", 2)
     gravity, duration = three("gravity", gravity), _time("duration", duration)
     result = np.eye(3 + columns)
     result[:3, 3] = duration * gravity
@@ -103,8 +100,7 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
     Raises:
         InputError: gravity is no finite 3-vector, or fewer than 2 columns.
     """
-    if columns < 2:
-        raise InputError("columns", columns, "at least 2: velocity and position")
+    whole("columns", columns, "at least 2: velocity and position", 2)
     result = np.zeros((3 + 3 * columns, 3 + 3 * columns))
     result[3:6, :3] = so3.hat(three("gravity", gravity))
     result[6:9, 3:6] = np.eye(3)
@@ -113,8 +109,9 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
 
 def flow_differential(duration: float, columns: int = 2) -> Array:
     """Return the differential of :func:`free_flow` at the identity: ``phi_t(exp(x)) = exp(F x)``."""
+    whole("columns", columns, "at least 2: velocity and position", 2)
     result = np.eye(3 + 3 * columns)
-    result[6:9, 3:6] = duration * np.eye(3)
+    result[6:9, 3:6] = _time("duration", duration) * np.eye(3)
     return result
 
 
@@ -125,7 +122,5 @@ def _extended(name: str, value: Array) -> Array:
     return pose
 
 
-def _time(name: str, value: float) -> float:
-    if not math.isfinite(value):
-        raise InputError(name, value, "a finite number of seconds")
-    return float(value)
+def _time(name: str, value: object) -> float:
+    return number(name, value, "a finite number of seconds")

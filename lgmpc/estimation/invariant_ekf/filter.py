@@ -13,10 +13,9 @@ from scipy import special
 
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, three
+from lgmpc.estimation.checks import duration_of, instance, number, three, whole
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
-from lgmpc.estimation.invariant_ekf.memory import column_major, read_only, split_state, write
 from lgmpc.estimation.invariant_ekf.programme import (
     augmentation,
     correction,
@@ -36,13 +35,16 @@ class InvariantEkf:
 
     The state is an extended pose in SE_{2+k+m}(3), columns velocity, position, k contact points and m landmarks (world
     axes), with a gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
-    Prediction and error dynamics are exact for body rates that are constant over a sample. Contact points are at rest
+    Prediction is exact for body rates that are constant over a sample; without noise and biases, so are the error
+    dynamics of both invariant forms, for errors of any size. Contact points are at rest
     except for slip, a white velocity noise, and the rolling of spherical feet. Landmarks are at rest; a camera or
     another sensor measures their positions relative to the base.
 
     Position and yaw are not observable from feet and landmarks of unknown position, which are mapped as the base moves:
-    they drift, and the invariant forms add no false information about them (Barrau and Bonnabel, "An EKF-SLAM
-    algorithm with consistency properties", 2015). Landmarks of known position make them observable.
+    they drift, and the right-invariant form adds no false information about them (Barrau and Bonnabel, "An EKF-SLAM
+    algorithm with consistency properties", 2015): a shift or turn of the world is the same error at any estimate. The
+    left-invariant form and the quaternion filter gain some by every correction. Landmarks of known position make both
+    observable.
 
     All memory is allocated once: contacts and landmarks are added and removed by flags, and no array changes its size.
 
@@ -101,18 +103,18 @@ class InvariantEkf:
         outlier_probability: float = 0.0,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        if contacts < 1:
-            raise InputError("contacts", contacts, "at least one foot")
-        if landmarks < 0:
-            raise InputError("landmarks", landmarks, "a number that is not negative")
-        if not (math.isfinite(slip) and slip >= 0.0):
-            raise InputError("slip", slip, "a density that is not negative")
+        contacts = whole("contacts", contacts, "at least one foot", 1)
+        landmarks = whole("landmarks", landmarks, "a number that is not negative")
+        number("slip", slip, "a density that is not negative", 0.0)
         noise = ImuNoise() if noise is None else noise
+        instance("noise", noise, ImuNoise)
+        if not hasattr(form, "from_differences"):
+            raise InputError("form", type(form).__name__, "RIGHT, LEFT or MULTIPLICATIVE")
         self.form, self.contacts, self.landmarks, self._progress = form, contacts, landmarks, progress
         used = contacts + landmarks
         columns, size = 5 + used, 15 + 3 * used
         self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
-        state, following = (split_state(memory, columns, size) for memory in (self._state, self._scratch))
+        state, following = (_split_state(memory, columns, size) for memory in (self._state, self._scratch))
         self._pose, self._bias, self._covariance = state
         self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
         self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
@@ -129,8 +131,8 @@ class InvariantEkf:
         self.contact_offset: Array = self._parameters[4:7]
 
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
-        self._before = {"pose": column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
-        self._after = {"pose_next": column_major(following[0]), "covariance_next": following[2].ravel()}
+        self._before = {"pose": _column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
+        self._after = {"pose_next": _column_major(following[0]), "covariance_next": following[2].ravel()}
         self._predict = StageKernel.of(prediction, form, contacts, landmarks, progress=progress).bind(
             1,
             **self._before,
@@ -165,15 +167,15 @@ class InvariantEkf:
         )
         self._next_bias = following[1]
         self._rejected = np.zeros(contacts, dtype=np.bool_)
-        self.innovations_squared, self.rejected = read_only(self._squares), self._rejected.view()
+        self.innovations_squared, self.rejected = _read_only(self._squares), self._rejected.view()
         self.rejected.flags.writeable = False
         self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
         self.touching.flags.writeable = self.mapped.flags.writeable = False
-        self.pose = read_only(self._pose)
+        self.pose = _read_only(self._pose)
         self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
         self.points, self.landmark_positions = self.pose[:3, 5 : 5 + contacts], self.pose[:3, 5 + contacts :]
-        self.gyro_bias, self.accelerometer_bias = (read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
-        self.covariance = read_only(self._covariance)
+        self.gyro_bias, self.accelerometer_bias = (_read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
+        self.covariance = _read_only(self._covariance)
         self.reset(np.eye(5), np.zeros(15))
 
     def reset(
@@ -225,10 +227,10 @@ class InvariantEkf:
         Raises:
             InputError: a vector that is not finite or of another shape, or a duration that is not positive.
         """
-        write("gyro", gyro, self._sample[:3])
-        write("accelerometer", accelerometer, self._sample[3:])
+        _write("gyro", gyro, self._sample[:3])
+        _write("accelerometer", accelerometer, self._sample[3:])
         if foot_rates is not None:
-            write("foot_rates", foot_rates, self._rolling)
+            _write("foot_rates", foot_rates, self._rolling)
         self._parameters[0] = duration_of("duration", duration)
         self._next_bias[:] = self._bias
         self._predict()
@@ -273,10 +275,8 @@ class InvariantEkf:
         _check_index("foot", foot, self.contacts)
         if not self.touching[foot]:
             raise InputError("foot", foot, "one in contact (begin_contact first)")
-        if not math.isfinite(height):
-            raise InputError("height", height, "a finite number")
-        if not (math.isfinite(deviation) and deviation > 0.0):
-            raise InputError("deviation", deviation, "a positive length")
+        number("height", height, "a finite number")
+        number("deviation", deviation, "a positive length", above=0.0)
         self._selected[:] = 0.0
         self._selected[foot] = 1.0
         self._height[:] = height, deviation**2
@@ -316,8 +316,8 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        write("measured", measured, self._measured)
-        write("covariances", covariances, self._spread)
+        _write("measured", measured, self._measured)
+        _write("covariances", covariances, self._spread)
         self._correct()
         np.greater(self._squares, self._gate, out=self._rejected)
         self._state[:] = self._scratch
@@ -353,7 +353,7 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        write("position", position, self._known)
+        _write("position", position, self._known)
         self._write_one(measured, covariance)
         self._known_landmark_correction()
         self._state[:] = self._scratch
@@ -395,8 +395,8 @@ class InvariantEkf:
         self._used[point] = False
 
     def _write_one(self, measured: Array, covariance: Array) -> None:
-        write("measured", measured, self._one_point)
-        write("covariance", covariance, self._one_noise)
+        _write("measured", measured, self._one_point)
+        _write("covariance", covariance, self._one_noise)
 
     @functools.cached_property
     def _landmark_correction(self) -> Callable[[], int]:
@@ -431,11 +431,38 @@ class InvariantEkf:
 
 def chi_square_bound(probability: float) -> float:
     """Return what a sum of three squares of independent standard normal numbers exceeds with this probability."""
-    if not 0.0 <= probability < 1.0:
-        raise InputError("outlier_probability", probability, "a probability from 0 to below 1")
+    words = "a probability from 0 to below 1"
+    if number("outlier_probability", probability, words, 0.0) >= 1.0:
+        raise InputError("outlier_probability", probability, words)
     return float(special.chdtri(3, probability))
 
 
+def _split_state(memory: Array, columns: int, size: int) -> tuple[Array, Array, Array]:
+    """Return pose, biases and covariance as views of one array, so that one copy copies all."""
+    pose, bias, covariance = np.split(memory, [columns**2, columns**2 + 6])
+    return pose.reshape((columns, columns), order="F"), bias, covariance.reshape(size, size)
+
+
+def _column_major(matrix: Array) -> Array:
+    """Return the flat memory of a matrix in column-major order."""
+    return matrix.T.reshape(-1)
+
+
+def _read_only(array: Array) -> Array:
+    """Return a view that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _write(name: str, value: Array, buffer: Array) -> None:
+    """Copy a finite array into a buffer of its shape; called at every tick."""
+    if np.shape(value) != buffer.shape:
+        raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
+    if not math.isfinite(np.add.reduce(value, axis=None)):
+        raise InputError(name, value, "finite numbers")
+    buffer[...] = value
+
+
 def _check_index(name: str, index: int, count: int) -> None:
-    if not 0 <= index < count:
-        raise InputError(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one")
+    whole(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one", 0, count)

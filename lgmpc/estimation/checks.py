@@ -1,4 +1,4 @@
-"""Validation of the estimators' input, beyond that of the groups."""
+"""Validation of the estimators' input, beyond that of the groups, and checked copies into their memory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = ["duration_of", "instance", "number", "three", "whole"]
+__all__ = ["duration_of", "index_of", "instance", "number", "read_only", "three", "whole", "write"]
 
 _THREE = checks.tangent(3)
 
@@ -74,3 +74,24 @@ def instance(name: str, value: object, kind: type) -> None:
     """
     if not isinstance(value, kind):
         raise InputError(name, type(value).__name__, f"a {kind.__name__}")
+
+
+def index_of(name: str, index: int, count: int) -> None:
+    """Check an index from 0 to ``count - 1``."""
+    whole(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one", 0, count)
+
+
+def write(name: str, value: Array, buffer: Array) -> None:
+    """Copy a finite array into a buffer of its shape; called at every tick."""
+    if np.shape(value) != buffer.shape:
+        raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
+    if not math.isfinite(np.add.reduce(value, axis=None)):
+        raise InputError(name, value, "finite numbers")
+    buffer[...] = value
+
+
+def read_only(array: Array) -> Array:
+    """Return a view that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -11,7 +11,7 @@ import pinocchio as pin
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, instance, number
+from lgmpc.estimation.checks import duration_of, instance, number, whole
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, lever
 from lgmpc.robot.friction import joint_friction_torque

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import sys
 from collections.abc import Callable
 
@@ -13,7 +12,7 @@ from scipy import special
 
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, instance, number, three, whole
+from lgmpc.estimation.checks import duration_of, index_of, instance, number, read_only, three, whole, write
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
 from lgmpc.estimation.invariant_ekf.programme import (
@@ -167,15 +166,15 @@ class InvariantEkf:
         )
         self._next_bias = following[1]
         self._rejected = np.zeros(contacts, dtype=np.bool_)
-        self.innovations_squared, self.rejected = _read_only(self._squares), self._rejected.view()
+        self.innovations_squared, self.rejected = read_only(self._squares), self._rejected.view()
         self.rejected.flags.writeable = False
         self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
         self.touching.flags.writeable = self.mapped.flags.writeable = False
-        self.pose = _read_only(self._pose)
+        self.pose = read_only(self._pose)
         self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
         self.points, self.landmark_positions = self.pose[:3, 5 : 5 + contacts], self.pose[:3, 5 + contacts :]
-        self.gyro_bias, self.accelerometer_bias = (_read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
-        self.covariance = _read_only(self._covariance)
+        self.gyro_bias, self.accelerometer_bias = (read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
+        self.covariance = read_only(self._covariance)
         self.reset(np.eye(5), np.zeros(15))
 
     def reset(
@@ -227,10 +226,10 @@ class InvariantEkf:
         Raises:
             InputError: a vector that is not finite or of another shape, or a duration that is not positive.
         """
-        _write("gyro", gyro, self._sample[:3])
-        _write("accelerometer", accelerometer, self._sample[3:])
+        write("gyro", gyro, self._sample[:3])
+        write("accelerometer", accelerometer, self._sample[3:])
         if foot_rates is not None:
-            _write("foot_rates", foot_rates, self._rolling)
+            write("foot_rates", foot_rates, self._rolling)
         self._parameters[0] = duration_of("duration", duration)
         self._next_bias[:] = self._bias
         self._predict()
@@ -247,7 +246,7 @@ class InvariantEkf:
         Raises:
             InputError: no such foot, or arrays that are not finite or of another shape.
         """
-        _check_index("foot", foot, self.contacts)
+        index_of("foot", foot, self.contacts)
         self._add(foot, measured, covariance, self._parameters[4:7])
         self._flags[foot] = 1.0
 
@@ -257,7 +256,7 @@ class InvariantEkf:
         Raises:
             InputError: no such foot.
         """
-        _check_index("foot", foot, self.contacts)
+        index_of("foot", foot, self.contacts)
         self._marginalise(foot)
         self._flags[foot] = 0.0
 
@@ -272,7 +271,7 @@ class InvariantEkf:
         Raises:
             InputError: no such foot, one that is not in contact, or numbers that are not finite or not positive.
         """
-        _check_index("foot", foot, self.contacts)
+        index_of("foot", foot, self.contacts)
         if not self.touching[foot]:
             raise InputError("foot", foot, "one in contact (begin_contact first)")
         number("height", height, "a finite number")
@@ -294,7 +293,7 @@ class InvariantEkf:
         Raises:
             InputError: no such landmark, or arrays that are not finite or of another shape.
         """
-        _check_index("landmark", landmark, self.landmarks)
+        index_of("landmark", landmark, self.landmarks)
         self._add(self.contacts + landmark, measured, covariance, np.zeros(3))
 
     def remove_landmark(self, landmark: int) -> None:
@@ -303,7 +302,7 @@ class InvariantEkf:
         Raises:
             InputError: no such landmark.
         """
-        _check_index("landmark", landmark, self.landmarks)
+        index_of("landmark", landmark, self.landmarks)
         self._marginalise(self.contacts + landmark)
 
     def correct(self, measured: Array, covariances: Array) -> None:
@@ -316,8 +315,8 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        _write("measured", measured, self._measured)
-        _write("covariances", covariances, self._spread)
+        write("measured", measured, self._measured)
+        write("covariances", covariances, self._spread)
         self._correct()
         np.greater(self._squares, self._gate, out=self._rejected)
         self._state[:] = self._scratch
@@ -333,7 +332,7 @@ class InvariantEkf:
         Raises:
             InputError: no such landmark, one that is not mapped, or arrays that are not finite or of another shape.
         """
-        _check_index("landmark", landmark, self.landmarks)
+        index_of("landmark", landmark, self.landmarks)
         if not self.mapped[landmark]:
             raise InputError("landmark", landmark, "one that is mapped (add_landmark first)")
         self._write_one(measured, covariance)
@@ -353,7 +352,7 @@ class InvariantEkf:
         Raises:
             InputError: arrays that are not finite or of another shape.
         """
-        _write("position", position, self._known)
+        write("position", position, self._known)
         self._write_one(measured, covariance)
         self._known_landmark_correction()
         self._state[:] = self._scratch
@@ -395,8 +394,8 @@ class InvariantEkf:
         self._used[point] = False
 
     def _write_one(self, measured: Array, covariance: Array) -> None:
-        _write("measured", measured, self._one_point)
-        _write("covariance", covariance, self._one_noise)
+        write("measured", measured, self._one_point)
+        write("covariance", covariance, self._one_noise)
 
     @functools.cached_property
     def _landmark_correction(self) -> Callable[[], int]:
@@ -446,23 +445,3 @@ def _split_state(memory: Array, columns: int, size: int) -> tuple[Array, Array, 
 def _column_major(matrix: Array) -> Array:
     """Return the flat memory of a matrix in column-major order."""
     return matrix.T.reshape(-1)
-
-
-def _read_only(array: Array) -> Array:
-    """Return a view that cannot be written to."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-def _write(name: str, value: Array, buffer: Array) -> None:
-    """Copy a finite array into a buffer of its shape; called at every tick."""
-    if np.shape(value) != buffer.shape:
-        raise InputError(name, f"shape {np.shape(value)}", f"shape {buffer.shape}")
-    if not math.isfinite(np.add.reduce(value, axis=None)):
-        raise InputError(name, value, "finite numbers")
-    buffer[...] = value
-
-
-def _check_index(name: str, index: int, count: int) -> None:
-    whole(name, index, f"a number from 0 to {count - 1}" if count else "a filter with at least one", 0, count)

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.screen import err, out
-from lgmpc.demos.catalogue import SUMMARIES, load_demo
+from lgmpc.demos import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
 from lgmpc.runs import atomic_write

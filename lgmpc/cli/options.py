@@ -64,7 +64,7 @@ def complete_run(context: typer.Context, incomplete: str) -> list[str]:
 
 def complete_demo(incomplete: str) -> list[tuple[str, str]]:
     """Return name and summary of the demonstrations whose names begin with ``incomplete``."""
-    from lgmpc.demos.catalogue import SUMMARIES
+    from lgmpc.demos import SUMMARIES
 
     return [(name, summary) for name, summary in SUMMARIES.items() if name.startswith(incomplete)]
 

@@ -14,7 +14,7 @@ from lgmpc.config.session import Iteration, IterationReport, Notify, SolveOutcom
 from lgmpc.errors import InputError, as_one_error
 from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario, build_problem
-from lgmpc.problems.kinematics import com_positions, contact_positions
+from lgmpc.problems.motion import com_positions, contact_positions
 from lgmpc.runs import Outcome, SolveGate, TrajectoryLog, Verdict, judge_figures
 from lgmpc.runs.figures import unknown_bounds
 from lgmpc.solvers import Progress, Solution, Solver, Status, check_method, make_solver

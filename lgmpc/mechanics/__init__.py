@@ -5,12 +5,12 @@
     rollout       compiled steps, thousands in a call
     rigid_body    free bodies and heavy tops as Euler-Poincare systems
     tops          closed forms: torque-free body, Poinsot, Lagrange's top
-    multibody     floating-base and centroidal dynamics, Featherstone's vectors
+    multibody     floating-base and centroidal dynamics
     phases        cat, beanie, three links, Montgomery's formula
     underwater    added mass, damping, buoyancy
     quadrotor     geometric control on SE(3), and an Euler-angle PID
 
-:mod:`lgmpc.mechanics.quadrotor` and :mod:`lgmpc.mechanics.multibody.featherstone` are not exported here.
+:mod:`lgmpc.mechanics.quadrotor` is not exported here.
 
 Sections cited as "chapter 4.x" are those of the lecture notes "Geometric mechanics on SE(3): Euler-Poincare equations,
 floating-base dynamics and Lie-Poisson structure" (rigid-body dynamics, part 4-4, in Chinese).

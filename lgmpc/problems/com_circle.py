@@ -18,8 +18,7 @@ from lgmpc.costs.library import CoMPosition, CoMVelocity, ContactControlGravity,
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.kinematics import com_positions, contact_positions
-from lgmpc.problems.reactions import reactions
+from lgmpc.problems.motion import com_positions, contact_positions, reactions
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings

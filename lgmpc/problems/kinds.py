@@ -28,22 +28,25 @@ from lgmpc.robot import Robot
 
 __all__ = ["AnyProblemSettings", "build_problem"]
 
-_KINDS: Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]] = {
-    ComCircleSettings: build_com_circle,
-    FlightSettings: build_flight,
-    FreeJumpSettings: build_free_jump,
-    GaitSettings: build_gait,
-    JumpSettings: build_jump,
-    ReachSettings: build_reach,
-    RecoverySettings: build_recovery,
-    RightingSettings: build_righting,
-    StandingReachSettings: build_standing_reach,
-}
+
+def _builders() -> Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]]:
+    return {
+        ComCircleSettings: build_com_circle,
+        FlightSettings: build_flight,
+        FreeJumpSettings: build_free_jump,
+        GaitSettings: build_gait,
+        JumpSettings: build_jump,
+        ReachSettings: build_reach,
+        RecoverySettings: build_recovery,
+        RightingSettings: build_righting,
+        StandingReachSettings: build_standing_reach,
+    }
+
 
 if TYPE_CHECKING:
     AnyProblemSettings = ProblemSettings
 else:
-    AnyProblemSettings = Annotated[Union[tuple(_KINDS)], Field(discriminator="kind")]  # noqa: UP007
+    AnyProblemSettings = Annotated[Union[tuple(_builders())], Field(discriminator="kind")]  # noqa: UP007
     """The settings of one kind of problem, selected by the key ``kind``."""
 
 
@@ -54,8 +57,9 @@ def build_problem(robot: Robot, settings: ProblemSettings) -> Scenario:
     Raises:
         InputError: for a key of ``settings``, or for ``robot``, that this problem cannot use.
     """
-    build = _KINDS.get(type(settings))
+    kinds = _builders()
+    build = kinds.get(type(settings))
     if build is None:
-        names = tuple(kind.__name__ for kind in _KINDS)
+        names = tuple(kind.__name__ for kind in kinds)
         raise InputError("settings", type(settings).__name__, "settings of one kind of problem", names)
     return build(robot, settings)

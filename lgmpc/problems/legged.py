@@ -12,10 +12,10 @@ from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.kinematics import contact_positions
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings
+from lgmpc.problems.motion import contact_positions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.typing import Array

@@ -13,8 +13,14 @@ from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
 from lgmpc.problems.free_flight import spins
-from lgmpc.problems.kinematics import com_positions, com_speed, contact_positions, joint_limit_violation
-from lgmpc.problems.reactions import friction_use, reactions
+from lgmpc.problems.motion import (
+    com_positions,
+    com_speed,
+    contact_positions,
+    friction_use,
+    joint_limit_violation,
+    reactions,
+)
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 

@@ -24,9 +24,8 @@ from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import ShootingProblem
-from lgmpc.problems.contact_gains import gains_of_contacts
-from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights
-from lgmpc.problems.reactions import carry
+from lgmpc.problems.legged_settings import LeggedSettings, LeggedWeights, gains_of_contacts
+from lgmpc.problems.motion import carry
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 

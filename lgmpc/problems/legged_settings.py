@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from lgmpc.errors import InputError
 from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
-from lgmpc.problems.contact_gains import ContactGains
 from lgmpc.problems.scenario import ProblemSettings
 from lgmpc.robot import Robot
 from lgmpc.settings import (
@@ -23,8 +25,25 @@ from lgmpc.settings import (
     Vector3,
     problem,
 )
+from lgmpc.typing import Array
 
-__all__ = ["GaitSettings", "JumpSettings", "JumpWeights", "LeggedSettings", "LeggedWeights"]
+__all__ = [
+    "ContactGains",
+    "GaitSettings",
+    "JumpSettings",
+    "JumpWeights",
+    "LeggedSettings",
+    "LeggedWeights",
+    "gains_of_contacts",
+]
+
+ContactGains = Annotated[
+    dict[str, tuple[NonNegative, NonNegative]],
+    Field(
+        description="Baumgarte's [stiffness, damping] of single contacts, {frame: [1/s2, 1/s]}; those of others follow "
+        "from the interval's length."
+    ),
+]
 
 _PATTERNS = {
     "walk": GaitSequence.walk,
@@ -147,3 +166,23 @@ class JumpSettings(LeggedSettings, ProblemSettings):
     def gait(self, robot: Robot) -> GaitSequence:
         """Return the gait of a robot's feet."""
         return GaitSequence.jump(robot.contact_frames, self.takeoff_s, self.flight_s, self.landing_s, self.height_m)
+
+
+def gains_of_contacts(robot: Robot, given: Mapping[str, tuple[float, float]], default: Array) -> Array:
+    """Return (n, 2 nc) stiffness and damping of each contact of a robot.
+
+    Args:
+        robot: with contact frames.
+        given: [stiffness, damping] by frame.
+        default: (n, 2) of the other contacts, at each of n nodes.
+
+    Raises:
+        InputError: a frame that is no contact.
+    """
+    gains = np.tile(default, (1, robot.nc))
+    for name, pair in given.items():
+        if name not in robot.contact_frames:
+            raise InputError("contact_gains", name, f"a contact frame of {robot.name}", robot.contact_frames)
+        start = 2 * robot.contact_frames.index(name)
+        gains[:, start : start + 2] = pair
+    return gains

@@ -18,7 +18,7 @@ from lgmpc.lie import attitude
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
-from lgmpc.problems.kinematics import frame_placements
+from lgmpc.problems.motion import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3

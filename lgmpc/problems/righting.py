@@ -24,8 +24,8 @@ from lgmpc.lie import attitude, so3
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.free_flight import refly, spins, trunk_clearance, trunk_spins
-from lgmpc.problems.kinematics import com_positions, joint_limit_violation
 from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
+from lgmpc.problems.motion import com_positions, joint_limit_violation
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3

@@ -6,6 +6,7 @@ Friction, centres of pressure and limits are hard constraints, which fddp and bo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -30,11 +31,17 @@ from lgmpc.lie import attitude
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
-from lgmpc.problems.contact_gains import ContactGains, gains_of_contacts
-from lgmpc.problems.kinematics import com_positions, com_speed, frame_placements, joint_limit_violation
-from lgmpc.problems.reactions import carry, friction_use, reactions
+from lgmpc.problems.legged_settings import ContactGains, gains_of_contacts
+from lgmpc.problems.motion import (
+    carry,
+    com_positions,
+    com_speed,
+    frame_placements,
+    friction_use,
+    joint_limit_violation,
+    reactions,
+)
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
-from lgmpc.problems.soles import center_of_pressure, in_axes_of, margin_inside, sole_corners
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, Vector3, problem
 from lgmpc.typing import Array
@@ -257,3 +264,39 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
     problem.set("joint_limit_upper", np.maximum(robot.joint_upper, start + 1.0), [0])
     problem.set_initial_state(robot.x_reference)
     return problem
+
+
+def center_of_pressure(wrench: Array) -> Array:
+    """Return (2,) the point in the plane z = 0 of a wrench's axes about which its horizontal moment vanishes, m.
+
+    ``[-m_y, m_x] / f_z`` (Sardain and Bessonnet, "Forces acting on a biped robot. Center of pressure - zero moment
+    point", IEEE Trans. SMC A 34, 2004).
+    """
+    point: Array = np.array([-wrench[4], wrench[3]]) / wrench[2]
+    return point
+
+
+def sole_corners(placement: pin.SE3, half_size: tuple[float, float]) -> Array:
+    """Return (4, 3) the corners of a rectangular sole about a frame's origin, world axes, m."""
+    length, width = half_size
+    local = np.array([[i * length, j * width, 0.0] for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
+    corners: Array = local @ placement.rotation.T + placement.translation
+    return corners
+
+
+def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:
+    """Rotate wrenches (n, nc, 6) at the soles' origins from world axes to the soles' own axes."""
+    back = np.array([sole.rotation.T for sole in soles])
+    turned = [np.einsum("cij,kcj->kci", back, part) for part in (wrenches[..., :3], wrenches[..., 3:])]
+    return np.concatenate(turned, axis=2)
+
+
+def margin_inside(corners: Array, points: Array) -> float:
+    """Return the smallest distance of points (n, >= 2) to the edge of the corners' (m, >= 2) convex hull in z = 0, m.
+
+    Negative if a point is outside.
+    """
+    from scipy.spatial import ConvexHull  # here, because only problems with soles use it
+
+    edges = ConvexHull(corners[:, :2]).equations
+    return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from lgmpc.demos.catalogue import load_demo
+from lgmpc.demos import load_demo
 from lgmpc.demos.outcome import Outcome, Row
 from lgmpc.errors import InputError
 

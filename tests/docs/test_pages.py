@@ -15,11 +15,11 @@ import typer
 import yaml
 
 import lgmpc
+import lgmpc.demos as catalogue
 from lgmpc.cli.app import app
 from lgmpc.config import Config, load_any_config, parse_any_config
 from lgmpc.config.build import prepare
 from lgmpc.config.solving import prepare_solve
-from lgmpc.demos import catalogue
 from lgmpc.shipped import shipped_configs, shipped_sweeps
 from lgmpc.sweeps import load_sweep, parse_sweep
 

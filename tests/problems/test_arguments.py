@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from samples import solo
 
 import lgmpc.problems as problems
 from lgmpc.errors import InputError
 from lgmpc.problems import ProblemSettings, build_problem
-from tests.support.samples import solo
 
 BUILDERS = [getattr(problems, name) for name in problems.__all__ if name.startswith("build_")]
 

@@ -11,9 +11,15 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.ocp import Trajectory, check_derivatives
 from lgmpc.problems import Scenario
-from lgmpc.problems.reactions import carry, reactions
-from lgmpc.problems.soles import center_of_pressure, in_axes_of, margin_inside, sole_corners
-from lgmpc.problems.standing_reach import StandingReachSettings, build_standing_reach
+from lgmpc.problems.motion import carry, reactions
+from lgmpc.problems.standing_reach import (
+    StandingReachSettings,
+    build_standing_reach,
+    center_of_pressure,
+    in_axes_of,
+    margin_inside,
+    sole_corners,
+)
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import LineSearchSqp, Status
 

@@ -1,7 +1,4 @@
-"""Robots: equations of motion derived from energies, centroidal momentum, Featherstone's spatial vectors.
-
-:mod:`lgmpc.mechanics.multibody.featherstone` is imported by its own name.
-"""
+"""Robots: equations of motion derived from energies, centroidal momentum."""
 
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody, Kinematics, Link
 from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about

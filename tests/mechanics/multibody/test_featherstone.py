@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import featherstone as f
 import numpy as np
 import pinocchio as pin
 import pytest
 from example_robot_data import load
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.multibody import featherstone as f
 from lgmpc.mechanics.multibody.articulated import ArticulatedBody
 
 RNG = np.random.default_rng(5)

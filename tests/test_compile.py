@@ -375,8 +375,8 @@ def test_second_time_comes_from_the_cache(cache: Path) -> None:
 
 @needs_compiler
 def test_the_progress_of_a_long_compilation_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lgmpc.compile.lanes.STATEMENTS", 4)
-    monkeypatch.setattr("lgmpc.compile.lanes._PARTS", 1)
+    monkeypatch.setattr("lgmpc.compile.simd.STATEMENTS", 4)
+    monkeypatch.setattr("lgmpc.compile.simd._PARTS", 1)
     x = casadi.SX.sym("x", 6)
     messages: list[str] = []
     kernel = BatchKernel(casadi.Function("growing", [x], [casadi.sin(x) + x], ["x"], ["y"]), messages.append)

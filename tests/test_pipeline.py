@@ -15,7 +15,7 @@ import pytest
 
 from lgmpc.compile import BatchKernel, Pipeline, PipelineStep, compile_source, pipeline
 from lgmpc.compile.compiler import thread_count
-from lgmpc.compile.lanes import generate_lanes
+from lgmpc.compile.simd import generate_simd
 from lgmpc.errors import CompileError, InputError
 
 needs_compiler = pytest.mark.skipif(
@@ -93,7 +93,7 @@ def test_a_change_of_one_function_compiles_no_other(tmp_path: Path, monkeypatch:
 def test_what_is_no_list_of_scalar_operations_has_no_lanes() -> None:
     m = ca.MX.sym("m", 3, 3)
     with pytest.raises(CompileError, match="not a list of scalar operations"):
-        generate_lanes(ca.Function("inverse", [m], [ca.inv(m)]))
+        generate_simd(ca.Function("inverse", [m], [ca.inv(m)]))
 
 
 @needs_compiler

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lgmpc.compile import BatchKernel, StageKernel, find_compiler
-from lgmpc.compile.lanes import generate_lanes, has_lanes
+from lgmpc.compile.simd import generate_simd, is_scalar_code
 from lgmpc.errors import InputError
 
 needs_compiler = pytest.mark.skipif(
@@ -167,7 +167,7 @@ def test_sines_and_angles_are_those_of_the_c_library_to_the_last_places() -> Non
 
 
 def test_long_functions_are_cut_into_files() -> None:
-    files = generate_lanes(long_function())
+    files = generate_simd(long_function())
     assert len(files) >= 2
     assert max(file.count("\n") for file in files) < 14_000
 
@@ -175,7 +175,7 @@ def test_long_functions_are_cut_into_files() -> None:
 @needs_compiler
 def test_the_processors_lanes_are_used(tmp_path: Path) -> None:
     compiler = find_compiler()
-    files = generate_lanes(operations())
+    files = generate_simd(operations())
     assert compiler is not None
     source = tmp_path / "lanes.c"
     source.write_text(files[0] + "\nEXPORT int lanes(void) { return LANES; }\n")
@@ -195,7 +195,7 @@ def _written(folder: Path, files: tuple[str, ...]) -> list[Path]:
 def test_functions_that_are_no_list_of_scalar_operations_run_stage_by_stage() -> None:
     m, b = ca.MX.sym("m", 3, 3), ca.MX.sym("b", 3)
     function = ca.Function("solves", [m, b], [ca.solve(m + 9 * ca.MX.eye(3), b, "qr")], ["m", "b"], ["z"])
-    assert not has_lanes(function)
+    assert not is_scalar_code(function)
     rng = np.random.default_rng(0)
     ms, bs, zs = rng.normal(size=(5, 9)), rng.normal(size=(5, 3)), np.zeros((5, 3))
     assert BatchKernel(function).bind(5, m=ms, b=bs, z=zs)() == 0

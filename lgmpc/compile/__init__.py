@@ -26,9 +26,9 @@ from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.function import CompiledFunction, compile_function, compile_map
 from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
-from lgmpc.compile.lanes import SQUARES
 from lgmpc.compile.native import aligned_zeros, compile_programme, compile_source
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
+from lgmpc.compile.simd import SQUARES
 
 __all__ = [
     "SQUARES",

@@ -13,9 +13,9 @@ import numpy as np
 
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.index import cached
-from lgmpc.compile.lanes import has_lanes
 from lgmpc.compile.native import Progress, bind_library, load_library
 from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load_pipeline
+from lgmpc.compile.simd import is_scalar_code
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
@@ -226,7 +226,7 @@ def _calls_python(function: casadi.Function) -> bool:
 
 
 def _pipeline_of(function: casadi.Function) -> Pipeline | None:
-    return Pipeline.of(function) if has_lanes(function) else None
+    return Pipeline.of(function) if is_scalar_code(function) else None
 
 
 def _interpret(function: casadi.Function, n_in: int, stages: int, rows: list[list[Array]]) -> Callable[[], int]:

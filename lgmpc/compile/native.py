@@ -18,12 +18,12 @@ import numpy as np
 from lgmpc.compile.bodies import BODIES_IDENTITY, write_in_parts
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler, compiler_for_functions
-from lgmpc.compile.lanes import LANES_IDENTITY, SCALAR_TRIGONOMETRY, generate_lanes
+from lgmpc.compile.simd import SCALAR_TRIGONOMETRY, SIMD_IDENTITY, generate_simd
 from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
 __all__ = [
-    "LANES",
+    "SIMD",
     "ONE_BY_ONE",
     "CodeWriter",
     "Progress",
@@ -118,7 +118,7 @@ def _one_file(function: casadi.Function) -> tuple[str, ...]:
 # Stages one after the other, which may read what those before them wrote.
 ONE_BY_ONE = CodeWriter((_ENTRY, _FAST, SCALAR_TRIGONOMETRY, *BODIES_IDENTITY), _one_file)
 # Several at a time: functions that are a list of scalar operations.
-LANES = CodeWriter(LANES_IDENTITY, generate_lanes)
+SIMD = CodeWriter(SIMD_IDENTITY, generate_simd)
 
 
 def _identity(function: casadi.Function) -> str:

@@ -21,7 +21,7 @@ import casadi
 from lgmpc.compile.bodies import STATEMENTS
 from lgmpc.errors import CompileError
 
-__all__ = ["LANES_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_lanes", "has_lanes"]
+__all__ = ["SIMD_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_simd", "is_scalar_code"]
 
 _PARTS = 20  # of one file
 
@@ -154,7 +154,7 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 """
 
 _VERSION = "6"  # part of every cache key: increase it when the functions below change
-LANES_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
+SIMD_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
 
 
 class _Statement(NamedTuple):
@@ -166,7 +166,7 @@ class _Statement(NamedTuple):
     results: list[str]
 
 
-def has_lanes(function: casadi.Function) -> bool:
+def is_scalar_code(function: casadi.Function) -> bool:
     """Return whether a function is a list of scalar operations that have a formula."""
     if not function.is_a("SXFunction"):
         return False
@@ -174,17 +174,17 @@ def has_lanes(function: casadi.Function) -> bool:
     return all(function.instruction_id(k) in known for k in range(function.n_instructions()))
 
 
-def generate_lanes(function: casadi.Function) -> tuple[str, ...]:
+def generate_simd(function: casadi.Function) -> tuple[str, ...]:
     """Return the C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
 
     The entry is ``<name>_lanes(arguments, results, work)``, of pointers to vectors; ``<name>_lanes_work`` returns how
     many vectors of work memory it takes.
 
     Raises:
-        CompileError: the function is not a list of scalar operations (see :func:`has_lanes`).
+        CompileError: the function is not a list of scalar operations (see :func:`is_scalar_code`).
     """
-    if not has_lanes(function):
-        raise CompileError(function.name(), "code in lanes", "it is not a list of scalar operations")
+    if not is_scalar_code(function):
+        raise CompileError(function.name(), "SIMD code", "it is not a list of scalar operations")
     name = function.name()
     parts, shared = _write_parts(name, _read(function))
     entry = _ENTRY.format(

@@ -21,7 +21,6 @@ from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
-from lgmpc.runs.forensics import finite_part
 from lgmpc.runs.log import CONTACT_STATES, MODES, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
@@ -207,7 +206,7 @@ class ClosedLoopSession:
         )
 
     def _certificate(self, log: RunLog) -> Certificate | None:
-        finite, _ = finite_part(log)
+        finite = log.until(log.finite_ticks)
         if finite.ticks < 2:
             return None
         robot, balances = self.robot, None

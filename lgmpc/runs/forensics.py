@@ -20,7 +20,7 @@ from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import fallen_ticks
 from lgmpc.runs.verdict import Outcome
 
-__all__ = ["Explanation", "explain_run", "finite_part"]
+__all__ = ["Explanation", "explain_run"]
 
 _BEFORE_S = 1.0
 """The chain of events begins this long before the failure, s, or at an earlier cause."""
@@ -90,11 +90,12 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
     Raises:
         InputError: if the log has fewer than two ticks with a finite state.
     """
-    log, broke_s = finite_part(run.log)
+    log = run.log.until(run.log.finite_ticks)
+    broke_s = None if log.ticks == run.log.ticks else float(run.log.time[log.ticks])
     if log.ticks < 2:
         raise InputError("run", f"{run.path} with {log.ticks} ticks", "a run of at least two ticks with a finite state")
     verdict = run.result.verdict
-    quantities = limited_quantities(log, gate, joints)
+    quantities = tuple(limited_quantities(log, gate, joints))
     if verdict.passed:
         failure = _Failure(None, "")
     else:
@@ -111,26 +112,8 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
     if failed_s is None and run.result.metrics is not None:
         nearest += gate_figures(run.result.metrics, gate)
     nearest.sort(key=lambda each: -each.used)
-    summary = _summary(failure, chain, nearest)
-    return Explanation(
-        run.result.name,
-        verdict.outcome,
-        verdict.reasons,
-        failed_s,
-        failure.words,
-        summary,
-        chain,
-        earlier,
-        tuple(nearest),
-        log,
-        quantities,
-    )
-
-
-def finite_part(log: RunLog) -> tuple[RunLog, float | None]:
-    """Return the ticks before the first state that is not finite, and its time; ``None`` if all are finite."""
-    end = log.finite_ticks
-    return (log, None) if end == log.ticks else (log.until(end), float(log.time[end]))
+    found_out = (failed_s, failure.words, _summary(failure, chain, nearest), chain, earlier, tuple(nearest))
+    return Explanation(run.result.name, verdict.outcome, verdict.reasons, *found_out, log, quantities)
 
 
 class _Failure(NamedTuple):

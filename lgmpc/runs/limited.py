@@ -16,7 +16,7 @@ from lgmpc.runs.metrics import Metrics, slide
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.runs.support import capture_margin
 from lgmpc.runs.verdict import measured
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array
 
 __all__ = [
     "DriveLine",
@@ -35,6 +35,8 @@ _SLID_M = 0.01
 _OVER_TIME = ("max_tilt_deg", "max_displacement_m", "max_slip_m", "min_base_height_m", "min_base_height_fraction")
 """Limits of the gate that are examined at each tick."""
 _ROUNDING = 1e-9
+_WHOLE = ("",)
+"""Subjects of a quantity of the whole robot."""
 _LOADED = 0.02
 """Share of the robot's weight above which the friction of a foot is evaluated."""
 
@@ -122,7 +124,7 @@ class Limited:
         unit: unit of values, limits and margins.
         subjects: (k,) joints or feet; one empty name for a quantity of the robot.
         values: (n, k) values.
-        limits: (n, k) limits.
+        limits: (n, k) limits; these, margins and scale are broadcast.
         margins: (n, k) distances to the limits, negative beyond; NaN where the limit does not apply.
         scale: (n, k) margins at which the share used is 0.
         judged: whether the limit is one of the gate's: beyond it the run fails.
@@ -136,6 +138,11 @@ class Limited:
     margins: Array
     scale: Array
     judged: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("limits", "margins", "scale"):
+            array = np.asarray(getattr(self, name), dtype=np.float64)
+            object.__setattr__(self, name, np.broadcast_to(array, self.values.shape))
 
     @property
     def used(self) -> Array:
@@ -173,34 +180,17 @@ class Limited:
         )
 
 
-def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> tuple[Limited, ...]:
-    """Return the quantities of a run with limits: joints, friction cones, capture point, attitude, gated figures.
-
-    Args:
-        log: log, finite throughout.
-        gate: limits on tilt, displacement, height and slip; where it has none, those that define a fall.
-        joints: limits of positions and speeds; without them these are left out.
-    """
-    return tuple(_quantities(log, gate, joints))
-
-
 def joint_power(log: RunLog) -> Array:
     """Return (n, nu) mechanical power of the drives on the joints, negative where they brake, W.
 
     The torque logged at a tick acted in the plant's last step before it, which began at a speed between those of the
     previous and of this tick: the smaller of the two powers is returned. It is 0 at ticks whose predecessor was missed.
     """
-    power = np.zeros_like(log.tau)
+    power, gaps = np.zeros_like(log.tau), np.diff(log.time)
     before, after = log.tau[1:] * log.joint_velocity[:-1], log.tau[1:] * log.joint_velocity[1:]
-    power[1:] = np.where(_consecutive(log)[:, None], np.minimum(before, after), 0.0)
+    consecutive = gaps < 1.5 * gaps.min(initial=np.inf)
+    power[1:] = np.where(consecutive[:, None], np.minimum(before, after), 0.0)
     return power
-
-
-def _consecutive(log: RunLog) -> BoolArray:
-    """Return (n - 1,) flags of the ticks that follow the previously logged one without a gap."""
-    gaps = np.diff(log.time)
-    usual: BoolArray = gaps < 1.5 * gaps.min(initial=np.inf)
-    return usual
 
 
 def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Limited]:
@@ -219,47 +209,42 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
         yield _highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit_over_time))
 
 
-def _quantities(log: RunLog, gate: Gate, joints: JointLimits | None) -> Iterator[Limited]:
-    feet = tuple(log.contact_frames.tolist())
+def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> Iterator[Limited]:
+    """Yield the quantities of a run with limits: joints, friction cones, capture point, attitude, gated figures.
+
+    Args:
+        log: log, finite throughout.
+        gate: limits on tilt, displacement, height and slip; where it has none, those that define a fall.
+        joints: limits of positions and speeds; without them these are left out.
+    """
     yield from hardware_quantities(log, joints)
+    feet = tuple(log.contact_frames.tolist())
     if feet:
         yield _friction(log, feet)
-        moved = 1e3 * slide(log)
-        yield _gated("slip", "mm", feet, moved, gate.max_slip_m, 1e3, _SLID_M)
-        if np.isfinite(log.mass_kg):
-            margin = 1e3 * capture_margin(log)[:, None]
-            # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
-            scale = margin[np.isfinite(margin)][:1]
-            yield Limited(
-                "capture point",
-                "mm",
-                ("",),
-                margin,
-                np.zeros_like(margin),
-                margin,
-                np.full_like(margin, np.max(scale, initial=1.0)),
-            )
+        slip, given = gate.max_slip_m, gate.max_slip_m is not None
+        yield _highest("slip", "mm", feet, 1e3 * slide(log), 1e3 * (_SLID_M if slip is None else slip), given)
+    if feet and np.isfinite(log.mass_kg):
+        margin = 1e3 * capture_margin(log)[:, None]
+        # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
+        scale = np.array(np.max(margin[np.isfinite(margin)][:1], initial=1.0))
+        yield Limited("capture point", "mm", _WHOLE, margin, np.zeros(1), margin, scale)
     if log.floating_base:
-        base = log.base_pose
-        yield _gated("tilt", "deg", ("",), log.tilt_deg[:, None], gate.max_tilt_deg, 1.0, FALL_TILT_DEG)
+        base, tilt = log.base_pose, gate.max_tilt_deg
+        given = tilt is not None
+        yield _highest("tilt", "deg", _WHOLE, log.tilt_deg[:, None], FALL_TILT_DEG if tilt is None else tilt, given)
         height = 1e3 * log.base_height[:, None]
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
-        judged = gate.min_base_height_fraction is not None or gate.min_base_height_m is not None
-        limits, scale = (np.broadcast_to(each, height.shape) for each in (low, height[0] - low))
-        yield Limited("base height", "mm", ("",), height, limits, height - low, scale, judged)
+        given = gate.min_base_height_fraction is not None or gate.min_base_height_m is not None
+        yield Limited("base height", "mm", _WHOLE, height, low, height - low, height[0] - low, given)
         if gate.max_displacement_m is not None:
             home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
             moved = 1e3 * np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
-            yield _gated("displacement", "mm", ("",), moved, gate.max_displacement_m, 1e3)
+            yield _highest("displacement", "mm", _WHOLE, moved, 1e3 * gate.max_displacement_m, True)
 
 
-def gate_figures(metrics: Metrics, gate: Gate) -> tuple[Nearest, ...]:
-    """Return the margins of the gate's limits on figures of the whole run: final errors, RMS values, fractions."""
-    return tuple(_figures(metrics, gate))
-
-
-def _figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
+def gate_figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
+    """Yield the margins of the gate's limits on figures of the whole run: final errors, RMS values, fractions."""
     for key, limit in gate.limits.items():
         value = measured(metrics, key)
         if key not in _OVER_TIME and value is not None and not (limit == 0.0 and value == 0.0):
@@ -279,32 +264,19 @@ def figure_margin(key: str, value: float, limit: float) -> Nearest:
     return Nearest(words, "", None, scale * value, scale * limit, margin, unit, used, judged=True)
 
 
-def _highest(name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float) -> Limited:
-    """Return a quantity with an upper limit."""
-    limits = np.broadcast_to(np.asarray(limit, dtype=float), values.shape)
-    return Limited(name, unit, subjects, values, limits, limits - values, limits)
-
-
-def _gated(
-    name: str,
-    unit: str,
-    subjects: tuple[str, ...],
-    values: Array,
-    limit: float | None,
-    factor: float,
-    otherwise: float = math.inf,
+def _highest(
+    name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float, judged: bool = False
 ) -> Limited:
-    """Return a quantity with an upper limit of the gate, in SI units, or another limit if the gate has none."""
-    quantity = _highest(name, unit, subjects, values, factor * (otherwise if limit is None else limit))
-    return replace(quantity, judged=limit is not None)
+    """Return a quantity with an upper limit."""
+    limits = np.asarray(limit, dtype=np.float64)
+    return Limited(name, unit, subjects, values, limits, limits - values, limits, judged)
 
 
 def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Limited:
     below, above = angles - joints.lower, joints.upper - angles
-    limits = np.where(below < above, joints.lower, joints.upper)
-    half = np.broadcast_to(0.5 * (joints.upper - joints.lower), angles.shape)
-    margins = np.minimum(below, above)
-    return Limited("joint position", "rad", names, angles, limits, np.where(np.isinf(margins), np.nan, margins), half)
+    limits, margins = np.where(below < above, joints.lower, joints.upper), np.minimum(below, above)
+    margins[np.isinf(margins)] = np.nan
+    return Limited("joint position", "rad", names, angles, limits, margins, 0.5 * (joints.upper - joints.lower))
 
 
 def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:

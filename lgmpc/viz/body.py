@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import logging
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, IntArray
-from lgmpc.viz.collada import is_misread, read_parts
-from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, sphere
+from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, shade, sphere, triangles_of
 from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["Body", "Part", "load_body"]
 
 _LOG = logging.getLogger(__name__)
+
+_SCHEMA = "http://www.collada.org/2005/11/COLLADASchema"
+_SPACE = f"{{{_SCHEMA}}}"
+_PRIMITIVES = tuple(_SPACE + kind for kind in ("triangles", "polylist", "polygons", "tristrips", "trifans"))
 
 # Colours of models without their own, from the trunk outwards.
 _PALETTE = (0x34414F, 0xC9D1D9, 0x8794A3, 0x5D6B7A)
@@ -139,9 +146,9 @@ def _visual_parts(robot: Robot) -> list[Part]:
 
 def _mesh(visual: pin.GeometryObject) -> Mesh | None:
     """Return the mesh of a visual geometry; ``None`` for a kind that is not drawn."""
-    if is_misread(visual.geometry, visual.meshPath):
+    if _is_misread(visual.geometry, visual.meshPath):
         try:
-            return Mesh.joined(read_parts(visual.meshPath, visual.meshScale))
+            return Mesh.joined(_read_parts(visual.meshPath, visual.meshScale))
         except (ValueError, RuntimeError) as error:
             _LOG.warning("%s is drawn incompletely: %s", visual.name, " ".join(str(error).split()))
     return mesh_of(visual.geometry)
@@ -182,3 +189,41 @@ def _stick_figure(robot: Robot) -> list[Part]:
             bar = cylinder(0.035 * size, 0.0, length)
             parts.append(Part(int(joint), f"bar_{name}", bar, pin.SE3(turn, np.zeros(3)), material))
     return parts
+
+
+def _is_misread(geometry: Any, path: str) -> bool:
+    """Return whether a coal mesh was read from a COLLADA file of several parts: its last vertices have no triangle.
+
+    coal 3.0 appends the parts of a node without shifting their vertex indices: all but the first have wrong vertices.
+    """
+    if not isinstance(geometry, coal.BVHModelBase) or Path(path).suffix.lower() != ".dae":
+        return False
+    return bool(triangles_of(geometry).max(initial=-1) + 1 < geometry.num_vertices)
+
+
+def _read_parts(path: str, scale: Array) -> list[Mesh]:
+    """Return a mesh for each primitive of a COLLADA file, scaled by (3,) factors, each read from a file of its own.
+
+    Raises:
+        ValueError: the file is no COLLADA.
+        RuntimeError: coal cannot read a part.
+    """
+    try:
+        document = ElementTree.parse(path)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path} is no COLLADA file: {error}") from error
+    meshes = list(document.iter(f"{_SPACE}mesh"))
+    parts = [(mesh, part) for mesh in meshes for part in mesh if part.tag in _PRIMITIVES]
+    for mesh, part in parts:
+        mesh.remove(part)
+    ElementTree.register_namespace("", _SCHEMA)  # coal's reader does not support prefixes
+    read = []
+    with tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder, "part.dae")
+        for mesh, part in parts:
+            mesh.append(part)
+            document.write(alone, encoding="utf-8", xml_declaration=True)
+            loaded = coal.MeshLoader().load(str(alone), np.asarray(scale, dtype=np.float64))
+            read.append(shade(np.array(loaded.vertices(), dtype=np.float64).reshape(-1, 3), triangles_of(loaded)))
+            mesh.remove(part)
+    return read

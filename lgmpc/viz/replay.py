@@ -9,7 +9,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Metrics, Run, RunLog, SolvedRun, TrajectoryLog, WalkingMetrics, push_intervals
+from lgmpc.runs import Metrics, Run, RunLog, SolvedRun, TrajectoryLog, flat_metrics, push_intervals
 from lgmpc.runs.figures import figure_number, figure_words, length_unit
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, tilt_deg
@@ -36,6 +36,27 @@ _TALL = 2.5
 """Ratio of a motion's height to its width, and to the robot's size, above which the camera follows it too."""
 _CLEARANCE = 0.25
 """Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
+_FACTS_OF_RUNS = {
+    "survived_s": "stayed up",
+    "max_tilt_deg": "largest tilt",
+    "max_slip_m": "largest slip",
+    "max_abs_torque_nm": "peak torque",
+    "mpc_ms.p50": "MPC update",
+    "wbc_ms.p50": "whole-body tick",
+    "real_time_factor": "real-time factor",
+}
+_FACTS_OF_STANDING = {
+    "max_displacement_m": "base moved",
+    "final_position_error_m": "ended off by",
+    "min_friction_margin_n": "friction margin",
+}
+_FACTS_OF_WALKING = {
+    "walking.steps": "steps",
+    "walking.velocity_rmse_m_s": "velocity RMSE",
+    "walking.cost_of_transport": "cost of transport",
+    "walking.recovery_time_s": "recovered within",
+}
+"""Metrics on the card, and their words."""
 _Content = dict[str, object]
 
 
@@ -91,7 +112,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: Terrain) -> _Content:
     return {
         "fog": [FLOOR_COLOR, *fog],
         "camera": frame_camera(lowest, highest, travel, impulses, ground),
-        "facts": [] if run.result.metrics is None else _facts(run.result.metrics, log),
+        "facts": [] if run.result.metrics is None else _facts(run.result.metrics),
         "legend": _legend(log, scale),
         "pushes": _pushes(log),
         "start": float(log.time[0]),
@@ -137,39 +158,15 @@ def _pushes(log: RunLog) -> list[_Content]:
     return pushes
 
 
-def _facts(metrics: Metrics, log: RunLog) -> list[tuple[str, str]]:
-    limit = float(log.effort_limit_over_time.max(initial=0.0))
-    facts = [("stayed up", f"{metrics.survived_s:.1f} s"), ("largest tilt", f"{metrics.max_tilt_deg:.2f}°")]
-    facts += _standing_facts(metrics) if metrics.walking is None else _walking_facts(metrics.walking)
-    facts.append(("largest slip", f"{1e3 * metrics.max_slip_m:.2f} mm"))
-    facts.append(("peak torque", f"{metrics.max_abs_torque_nm:.3g} of {limit:g} N·m"))
-    if metrics.mpc_ms is not None:
-        facts.append(("MPC update", f"{metrics.mpc_ms.p50:.2f} ms"))
-    if metrics.wbc_ms is not None:
-        facts.append(("whole-body tick", f"{1e3 * metrics.wbc_ms.p50:.0f} µs"))
-    if metrics.real_time_factor is not None:
-        facts.append(("real-time factor", f"{metrics.real_time_factor:.1f}"))
-    return facts
-
-
-def _standing_facts(metrics: Metrics) -> list[tuple[str, str]]:
-    facts = [
-        ("base moved", f"{1e3 * metrics.max_displacement_m:.1f} mm"),
-        ("ended off by", f"{1e3 * metrics.final_position_error_m:.1f} mm, {metrics.final_tilt_deg:.2f}°"),
-    ]
-    if metrics.min_friction_margin_n is not None:
-        facts.append(("friction margin", f"{round(metrics.min_friction_margin_n, 2) + 0.0:.2f} N"))
-    return facts
-
-
-def _walking_facts(walking: WalkingMetrics) -> list[tuple[str, str]]:
-    facts = [("steps", f"{walking.steps}")]
-    if walking.velocity_rmse_m_s is not None:
-        facts.append(("velocity RMSE", f"{1e3 * walking.velocity_rmse_m_s:.1f} mm/s"))
-    if walking.cost_of_transport is not None:
-        facts.append(("cost of transport", f"{walking.cost_of_transport:.2f}"))
-    if walking.recovery_time_s is not None:
-        facts.append(("recovered within", f"{walking.recovery_time_s:.2f} s"))
+def _facts(metrics: Metrics) -> list[tuple[str, str]]:
+    values = flat_metrics(metrics)
+    shown = _FACTS_OF_RUNS | (_FACTS_OF_STANDING if metrics.walking is None else _FACTS_OF_WALKING)
+    facts = []
+    for key, words in shown.items():
+        value = values.get(key)
+        if value is not None:
+            _, unit, scale = figure_words(key.removesuffix(".p50").rpartition(".")[2], value)
+            facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
     return facts
 
 

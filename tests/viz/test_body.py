@@ -8,8 +8,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.robot import ModelSource, RobotSpec, load_robot
-from lgmpc.viz.body import load_body
-from lgmpc.viz.collada import is_misread
+from lgmpc.viz.body import _is_misread, load_body
 from lgmpc.viz.scene import Scene
 
 from .test_scene import tracks, unpack
@@ -37,7 +36,7 @@ def test_parts_of_several_materials_are_drawn_whole(model: str) -> None:
     several = 0
     for visual in [each for each in visuals if isinstance(each.geometry, coal.BVHModelBase)]:
         vertices, mesh = np.reshape(visual.geometry.vertices(), (-1, 3)), drawn[visual.name]
-        several += is_misread(visual.geometry, visual.meshPath)
+        several += _is_misread(visual.geometry, visual.meshPath)
         np.testing.assert_allclose(mesh.positions.min(axis=0), vertices.min(axis=0), atol=1e-6)
         np.testing.assert_allclose(mesh.positions.max(axis=0), vertices.max(axis=0), atol=1e-6)
         assert mesh.faces.max() + 1 == len(mesh.positions)

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, IntArray
-from lgmpc.viz.mesh import Mesh, cylinder, mesh_of, shade, sphere, triangles_of
+from lgmpc.viz.mesh import Mesh, Solid, mesh_of, shade, triangles_of
 from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["Body", "Part", "load_body"]
@@ -39,14 +39,14 @@ class Part:
     Attributes:
         joint: index of the joint that moves it.
         name: its name, unique.
-        mesh: triangles in its own frame.
+        mesh: its geometry in its own frame.
         placement: its frame in the joint's.
         material: colour, opacity and shine.
     """
 
     joint: int
     name: str
-    mesh: Mesh
+    mesh: Mesh | Solid
     placement: pin.SE3
     material: Material
 
@@ -128,7 +128,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
         return []
     depth = _depths(robot.model)
     plain = len({tuple(np.round(g.meshColor, 3)) for g in visuals.geometryObjects}) == 1
-    meshes: dict[tuple[object, ...], Mesh | None] = {}
+    meshes: dict[tuple[object, ...], Mesh | Solid | None] = {}
     parts = []
     for geometry in visuals.geometryObjects:
         key = (geometry.meshPath or geometry.name, tuple(geometry.meshScale))
@@ -144,7 +144,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
     return parts
 
 
-def _mesh(visual: pin.GeometryObject) -> Mesh | None:
+def _mesh(visual: pin.GeometryObject) -> Mesh | Solid | None:
     """Return the mesh of a visual geometry; ``None`` for a kind that is not drawn."""
     if _is_misread(visual.geometry, visual.meshPath):
         try:
@@ -176,18 +176,20 @@ def _stick_figure(robot: Robot) -> list[Part]:
         ends.append((frame.parentJoint, frame.name, frame.placement.translation))
     size = max([float(np.linalg.norm(end)) for _, _, end in ends], default=0.1)
     depth = _depths(model)
-    ball = sphere(0.06 * size)
-    parts = []
-    for joint in range(1, model.njoints):
-        material = Material(_PALETTE[min(depth[joint], len(_PALETTE) - 1)])
-        parts.append(Part(joint, f"ball_{model.names[joint]}", ball, pin.SE3.Identity(), material))
+    found = [
+        (joint, f"ball_{model.names[joint]}", coal.Sphere(0.06 * size), pin.SE3.Identity())
+        for joint in range(1, model.njoints)
+    ]
     for joint, name, end in ends:
         length = float(np.linalg.norm(end))
         if length > 1e-9:
             turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
-            material = Material(_PALETTE[min(depth[joint], len(_PALETTE) - 1)])
-            bar = cylinder(0.035 * size, 0.0, length)
-            parts.append(Part(int(joint), f"bar_{name}", bar, pin.SE3(turn, np.zeros(3)), material))
+            found.append((int(joint), f"bar_{name}", coal.Cylinder(0.035 * size, length), pin.SE3(turn, 0.5 * end)))
+    parts = []
+    for joint, name, geometry, placement in found:
+        mesh = mesh_of(geometry)
+        assert mesh is not None
+        parts.append(Part(joint, name, mesh, placement, Material(_PALETTE[min(depth[joint], len(_PALETTE) - 1)])))
     return parts
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.typing import Array, BoolArray
-from lgmpc.viz.mesh import Mesh, cone, cylinder, disc, lathe, sphere, tube
+from lgmpc.viz.mesh import cone, cylinder, disc, funnel, sphere, tube
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Terrain
 
@@ -108,17 +107,12 @@ class Contacts:
     def _add_cones(self, scene: Scene, scale: Scale, k: int, path: str, color: str, shown: BoolArray) -> None:
         material = Material(COLORS[color], 0.5 if color == "slipping" else 0.22, double_sided=True, shininess=0.0)
         frictions = np.unique(self.friction[np.isfinite(self.friction)]).tolist()
+        height = 0.55 * scale.length
         for friction in frictions:
             each = path + (f"/{friction:g}" if len(frictions) > 1 else "")
-            scene.add_mesh(each, _cone_surface(friction, 0.55 * scale.length), material)
+            scene.add_mesh(each, funnel(friction * height, height), material)
             turns, flags = turns_to(self.normals[:, k]), shown & (self.friction == friction)
             scene.animate(each, self.times, position=self.points[:, k], quaternion=turns, visible=flags)
-
-
-@lru_cache(maxsize=8)
-def _cone_surface(friction: float, height: float) -> Mesh:
-    """Return the mesh of all cones; cached, so that a scene stores it once."""
-    return lathe([(0.0, 0.0), (friction * height, height)], segments=48)
 
 
 def turns_to(directions: Array) -> Array:
@@ -150,10 +144,10 @@ def add_ball(
     )
     scene.set(f"{path}/ball/<object>", "renderOrder", 10 if target else 11)
     scene.animate(f"{path}/ball", times, position=where, visible=shown)
-    scene.add_mesh(f"{path}/floor", disc(0.8 * size, 0.002), Material(color, 0.85, flat=True))
+    scene.add_mesh(f"{path}/floor", disc(0.8 * size), Material(color, 0.85, flat=True))
     normals = ground.normal(where[:, :2])
-    spot = np.column_stack((where[:, :2], ground.height(where[:, :2]))) + (0.0 if target else 0.0005) * normals
-    grow = np.full((len(where), 3), [1.6, 1.6, 0.8] if target else [1.0, 1.0, 1.0])
+    spot = np.column_stack((where[:, :2], ground.height(where[:, :2]))) + (0.0016 if target else 0.0025) * normals
+    grow = np.full((len(where), 3), 1.6 if target else 1.0)
     scene.animate(f"{path}/floor", times, position=spot, quaternion=turns_to(normals), scale=grow, visible=shown)
 
 

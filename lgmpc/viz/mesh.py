@@ -1,10 +1,9 @@
-"""Triangle meshes from profiles and from coal geometries, shaded with sharp creases."""
+"""Geometries of a scene: solids that the viewer builds, and triangle meshes, shaded with sharp creases."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import coal
@@ -15,12 +14,13 @@ from lgmpc.typing import Array, IntArray
 
 __all__ = [
     "Mesh",
+    "Solid",
     "box",
     "cone",
     "cylinder",
     "disc",
     "ellipsoid",
-    "lathe",
+    "funnel",
     "mesh_of",
     "shade",
     "sphere",
@@ -31,7 +31,22 @@ __all__ = [
 CREASE_DEG = 35.0
 """The edge between faces at a larger angle, degrees, is drawn sharp."""
 
-_SEGMENTS = 24
+_SEGMENTS, _SMOOTH_SEGMENTS = 24, 48
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A geometry of three.js.
+
+    Attributes:
+        sizes: its JSON: type and sizes.
+        matrix: (4, 4) its placement: cylinders of three.js lie along y, with their middles at the origin.
+        positions: (n, 3) points whose hull contains it, m; none where they are not needed.
+    """
+
+    sizes: Mapping[str, Any]
+    matrix: Array = field(default_factory=lambda: np.eye(4))
+    positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -104,106 +119,71 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     )
 
 
-def lathe(profile: Sequence[tuple[float, float]], segments: int = _SEGMENTS) -> Mesh:
-    """Return the surface of revolution about z of a profile of (radius, height) points, from the bottom up.
-
-    The surface is closed if the profile begins and ends on the axis.
-    """
-    angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
-    circle = np.column_stack((np.cos(angles), np.sin(angles)))
-    vertices: list[Array] = []
-    rings: list[IntArray] = []
-    for radius, height in profile:
-        count = 1 if radius == 0.0 else segments
-        start = sum(len(part) for part in vertices)
-        vertices.append(np.column_stack((radius * circle[:count], np.full(count, height))))
-        rings.append(np.resize(np.arange(start, start + count), segments))
-    faces = []
-    for lower, upper in zip(rings[:-1], rings[1:], strict=True):
-        following_lower, following_upper = np.roll(lower, -1), np.roll(upper, -1)
-        faces.append(np.column_stack((lower, following_lower, following_upper)))
-        faces.append(np.column_stack((lower, following_upper, upper)))
-    triangles = np.concatenate(faces)
-    distinct = (
-        (triangles[:, 0] != triangles[:, 1])
-        & (triangles[:, 1] != triangles[:, 2])
-        & (triangles[:, 2] != triangles[:, 0])
-    )
-    return shade(np.concatenate(vertices), triangles[distinct])
-
-
-def cylinder(radius: float, bottom: float, top: float) -> Mesh:
+def cylinder(radius: float, bottom: float, top: float) -> Solid:
     """Return a closed cylinder about z."""
-    return lathe([(0.0, bottom), (radius, bottom), (radius, top), (0.0, top)])
+    return _turned("CylinderGeometry", bottom, top, radiusTop=radius, radiusBottom=radius)
 
 
-def cone(radius: float, bottom: float, top: float) -> Mesh:
+def cone(radius: float, bottom: float, top: float) -> Solid:
     """Return a closed cone about z with its base at ``bottom`` and its apex at ``top``."""
-    return lathe([(0.0, bottom), (radius, bottom), (0.0, top)])
+    return _turned("CylinderGeometry", bottom, top, radiusTop=0.0, radiusBottom=radius)
 
 
-def disc(radius: float, height: float = 0.0) -> Mesh:
-    """Return a disc about z, visible from above."""
-    return lathe([(radius, height), (0.0, height)], segments=48)
+def funnel(radius: float, height: float) -> Solid:
+    """Return an open cone about z with its apex at the origin."""
+    sizes = {"radiusTop": radius, "radiusBottom": 0.0, "openEnded": True, "radialSegments": _SMOOTH_SEGMENTS}
+    return _turned("CylinderGeometry", 0.0, height, **sizes)
 
 
-def sphere(radius: float, stretch: float = 0.0) -> Mesh:
-    """Return a sphere; with ``stretch`` > 0 a capsule about z whose cylindrical part is ``2 stretch`` long."""
-    angles = np.linspace(0.0, 0.5 * np.pi, 7)
-    upper = [(radius * math.cos(a), stretch + radius * math.sin(a)) for a in angles[:-1]] + [(0.0, stretch + radius)]
-    lower = [(r, -z) for r, z in reversed(upper)]
-    # Without a cylinder between them, the two halves share their equator.
-    return lathe(lower + (upper if stretch > 0.0 else upper[1:]))
+def disc(radius: float) -> Solid:
+    """Return a disc in the x-y plane, visible from above."""
+    return Solid({"type": "CircleGeometry", "radius": radius, "segments": _SMOOTH_SEGMENTS})
 
 
-def ellipsoid(semi_axes: Array) -> Mesh:
+def sphere(radius: float) -> Solid:
+    """Return a sphere."""
+    return ellipsoid(np.full(3, radius))
+
+
+def ellipsoid(semi_axes: Array) -> Solid:
     """Return an ellipsoid about the origin with semi-axes (3,) along x, y and z."""
-    unit = sphere(1.0)
-    size = np.asarray(semi_axes, dtype=np.float32)
-    normals = unit.normals / size
-    return Mesh(unit.positions * size, normals / np.linalg.norm(normals, axis=1)[:, None], unit.faces)
+    sizes = {"type": "SphereGeometry", "radius": 1.0, "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
+    return Solid(sizes, np.diag([*semi_axes, 1.0]))
 
 
-def box(half: Array) -> Mesh:
+def box(half: Array) -> Solid:
     """Return a box about the origin with half sides ``half`` (3,)."""
-    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    return shade(signs * half, triangles)
+    return Solid({"type": "BoxGeometry", **dict(zip(("width", "height", "depth"), (2.0 * half).tolist(), strict=True))})
 
 
-def tube(points: Array, radius: float, segments: int = 8) -> Mesh:
-    """Return an open tube along a line through points (n, 3), consecutive ones apart.
+def tube(points: Array, radius: float) -> Solid:
+    """Return an open tube along a smooth line through points (n, 3), consecutive ones apart."""
+    count = 2 * len(points)
+    path = {"type": "CatmullRomCurve3", "points": points.round(5).tolist(), "closed": False, "curveType": "centripetal"}
+    path |= {"arcLengthDivisions": count, "tension": 0.5}
+    return Solid({"type": "TubeGeometry", "path": path, "tubularSegments": count, "radius": radius})
 
-    Its rings are transported without torsion (double reflection: Wang, Juettler, Zheng and Liu, ACM TOG 27, 2008).
-    """
-    ahead = np.diff(points, axis=0)
-    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
-    tangents = np.vstack([ahead[:1], ahead[1:] + ahead[:-1], ahead[-1:]])
-    size = np.linalg.norm(tangents, axis=1)[:, None]
-    # Where the line reverses its direction the mean direction is zero: use the previous one.
-    tangents = np.where(size > 1e-6, tangents / np.maximum(size, 1e-6), np.vstack([ahead[:1], ahead]))
-    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
-    angles = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
-    rings = []
-    for k, (point, tangent) in enumerate(zip(points, tangents, strict=True)):
-        if k > 0:
-            across = point - points[k - 1]
-            reflect = across / (across @ across)
-            side, before = side - 2.0 * (reflect @ side) * across, tangents[k - 1]
-            turn = tangent - (before - 2.0 * (reflect @ before) * across)
-            side = side - 2.0 * (turn @ side) / max(turn @ turn, 1e-30) * turn
-        side = side - (side @ tangent) * tangent
-        side /= np.linalg.norm(side)
-        rings.append(
-            point + radius * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), np.cross(tangent, side)))
-        )
-    index = np.arange(len(points) * segments).reshape(len(points), segments)
-    lower, upper = index[:-1], index[1:]
-    lower_next, upper_next = np.roll(lower, -1, axis=1), np.roll(upper, -1, axis=1)
-    corners = ((lower, lower_next, upper_next), (lower, upper_next, upper))
-    triangles = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in corners])
-    return shade(np.concatenate(rings), triangles)
+
+def mesh_of(geometry: Any) -> Mesh | Solid | None:
+    """Return a coal geometry in its own frame; ``None`` for a kind that is not drawn (plane, ...)."""
+    if isinstance(geometry, coal.BVHModelBase):
+        return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles_of(geometry))
+    if isinstance(geometry, coal.Box):
+        solid = box(np.asarray(geometry.halfSide))
+    elif isinstance(geometry, coal.Sphere):
+        solid = sphere(geometry.radius)
+    elif isinstance(geometry, coal.Cylinder):
+        solid = cylinder(geometry.radius, -geometry.halfLength, geometry.halfLength)
+    elif isinstance(geometry, coal.Capsule):
+        angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
+        radii, heights = np.cos(angles) * geometry.radius, np.sin(angles) * geometry.radius
+        profile = np.column_stack((radii, heights + np.sign(angles) * geometry.halfLength)).tolist()
+        solid = _turned("LatheGeometry", 0.0, 0.0, points=[{"x": x, "y": y} for x, y in profile], segments=_SEGMENTS)
+    else:
+        return None
+    geometry.computeLocalAABB()
+    low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
+    return replace(solid, positions=low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
 
 
 def triangles_of(geometry: Any) -> IntArray:
@@ -212,16 +192,8 @@ def triangles_of(geometry: Any) -> IntArray:
     return np.array([(t[0], t[1], t[2]) for t in corners], dtype=np.int64).reshape(-1, 3)
 
 
-def mesh_of(geometry: Any) -> Mesh | None:
-    """Return the mesh of a coal geometry in its own frame; ``None`` for a kind that is not drawn (plane, ...)."""
-    if isinstance(geometry, coal.BVHModelBase):
-        return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles_of(geometry))
-    if isinstance(geometry, coal.Box):
-        return box(np.asarray(geometry.halfSide))
-    if isinstance(geometry, coal.Sphere):
-        return sphere(geometry.radius)
-    if isinstance(geometry, coal.Cylinder):
-        return cylinder(geometry.radius, -geometry.halfLength, geometry.halfLength)
-    if isinstance(geometry, coal.Capsule):
-        return sphere(geometry.radius, geometry.halfLength)
-    return None
+def _turned(kind: str, bottom: float, top: float, **sizes: Any) -> Solid:
+    """Return a solid of revolution about z, from that of three.js about y."""
+    matrix = np.eye(4)
+    matrix[1:, 1:] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.5 * (bottom + top)], [0.0, 0.0, 1.0]]
+    return Solid({"type": kind, "height": top - bottom, "radialSegments": _SEGMENTS, **sizes}, matrix)

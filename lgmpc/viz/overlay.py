@@ -144,11 +144,11 @@ def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, groun
     """Add a disc at the foothold of a foot while it swings."""
     assert log.footholds is not None and log.stance is not None
     path = f"/overlay/footholds/{log.contact_frames[foot]}"
-    scene.add_mesh(path, disc(0.16 * scale.length, 0.003), Material(COLORS["footholds"], 0.8, flat=True))
+    scene.add_mesh(path, disc(0.16 * scale.length), Material(COLORS["footholds"], 0.8, flat=True))
     place = log.footholds[frames.ticks, foot]
     normals = ground.normal(place[:, :2])
     shown = log.stance[frames.ticks, foot] == 0
-    scene.animate(path, frames.times, position=place + 0.001 * normals, quaternion=turns_to(normals), visible=shown)
+    scene.animate(path, frames.times, position=place + 0.004 * normals, quaternion=turns_to(normals), visible=shown)
 
 
 def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int) -> None:

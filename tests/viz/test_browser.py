@@ -8,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -16,6 +17,10 @@ from snapshot import headless_chromium, snapshots
 from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
 from lgmpc.viz import replay_page, write_page
+from lgmpc.viz.mesh import box, cone, cylinder, disc, ellipsoid, funnel, mesh_of, tube
+from lgmpc.viz.page import page_of, time_line
+from lgmpc.viz.scene import Material, Scene
+from lgmpc.viz.stage import add_stage, frame_camera
 
 pytestmark = [
     pytest.mark.browser,
@@ -176,10 +181,44 @@ def test_a_phone_has_a_time_line_of_its_whole_width(tab) -> None:
     tab.set_viewport_size({"width": 420, "height": 800})
     line, bar, card = (tab.locator(each).bounding_box() for each in ("#timeline", "#bar", "#card"))
     assert line["width"] > 340
-    for box in (bar, card):
-        assert 0 <= box["x"] and box["x"] + box["width"] <= 420
+    for each in (bar, card):
+        assert 0 <= each["x"] and each["x"] + each["width"] <= 420
     assert bar["y"] + bar["height"] <= 800
     tab.set_viewport_size(WITH_PANELS)
+
+
+def test_the_viewer_builds_solids_of_their_size(browser, tmp_path) -> None:
+    line = np.linspace(0.0, 0.2, 5)[:, None] * [1.0, 0.5, 0.0]
+    solids = {
+        "cylinder": (cylinder(0.2, -0.5, 1.0), [-0.2, -0.2, -0.5, 0.2, 0.2, 1.0]),
+        "cone": (cone(0.2, -0.5, 1.0), [-0.2, -0.2, -0.5, 0.2, 0.2, 1.0]),
+        "funnel": (funnel(0.2, 0.3), [-0.2, -0.2, 0.0, 0.2, 0.2, 0.3]),
+        "disc": (disc(0.1), [-0.1, -0.1, 0.0, 0.1, 0.1, 0.0]),
+        "ellipsoid": (ellipsoid(np.array([0.3, 0.2, 0.1])), [-0.3, -0.2, -0.1, 0.3, 0.2, 0.1]),
+        "box": (box(np.array([0.3, 0.2, 0.1])), [-0.3, -0.2, -0.1, 0.3, 0.2, 0.1]),
+        "capsule": (mesh_of(coal.Capsule(0.1, 0.8)), [-0.1, -0.1, -0.5, 0.1, 0.1, 0.5]),
+        "tube": (tube(line, 0.01), [0.0, 0.0, 0.0, 0.2, 0.1, 0.0]),
+    }
+    scene, still = Scene(), np.zeros((1, 3))
+    fog = add_stage(scene, -np.ones(3), np.ones(3), still)
+    for name, (solid, _) in solids.items():
+        scene.add_mesh(f"/overlay/{name}", solid, Material(0))
+    camera = frame_camera(-np.ones(3), np.ones(3), still, np.zeros((0, 3)))
+    content = {"name": "", "created": "", "verdict": "pass", "reasons": [], "facts": [], "legend": [], "pushes": []}
+    content |= {"start": 0.0, "series": time_line(np.zeros(1), ()), "fog": [0, *fog], "camera": camera}
+    tab = browser.new_page()
+    tab.goto(f"{write_page(page_of('solids', scene, content), tmp_path / 'solids.html').as_uri()}#t=0")
+    tab.evaluate("lgmpc.ready")
+    measured = """name => {
+      const parent = lgmpc.viewer.scene_tree.find(["overlay", name]).object, mesh = parent.children[0];
+      mesh.updateMatrix();
+      const size = new MeshCat.THREE.Box3().setFromBufferAttribute(
+        mesh.geometry.clone().applyMatrix4(mesh.matrix).attributes.position);
+      return [...size.min.toArray(), ...size.max.toArray()];
+    }"""
+    for name, (_, expected) in solids.items():
+        np.testing.assert_allclose(tab.evaluate(measured, name), expected, atol=0.012, err_msg=name)
+    tab.close()
 
 
 def test_a_page_that_is_no_replay_is_refused(browser, tmp_path) -> None:

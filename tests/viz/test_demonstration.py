@@ -15,7 +15,6 @@ from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Sh
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.viz.demonstration import demo_page, draw_demo
-from lgmpc.viz.mesh import ellipsoid
 
 TIMES = np.linspace(0.0, 2.0, 81)
 
@@ -116,12 +115,3 @@ def test_nothing_hangs_below_the_floor() -> None:
     ]
     # The lowest point is 0.1 m (the ellipsoid's semi-axis) below the body.
     assert place[2] > 0.1
-
-
-def test_an_ellipsoid_has_its_own_normals() -> None:
-    size = np.array([0.3, 0.2, 0.1])
-    mesh = ellipsoid(size)
-    assert np.abs(np.sum((mesh.positions / size) ** 2, axis=1) - 1.0).max() < 1e-6
-    gradient = mesh.positions / size**2
-    gradient /= np.linalg.norm(gradient, axis=1)[:, None]
-    assert np.sum(gradient * mesh.normals, axis=1).min() > 0.95

@@ -1,67 +1,37 @@
+"""Shading of triangle meshes, and the solids of a URDF."""
+
 from __future__ import annotations
 
 import coal
 import numpy as np
 import pytest
 
-from lgmpc.viz.mesh import Mesh, box, cone, cylinder, disc, mesh_of, shade, sphere, tube
+from lgmpc.viz.mesh import Mesh, Solid, cone, cylinder, mesh_of, shade
 
-
-def face_normals(mesh: Mesh) -> np.ndarray:
-    a, b, c = np.moveaxis(mesh.positions[mesh.faces].astype(np.float64), 1, 0)
-    return np.cross(b - a, c - a)
-
-
-def volume(mesh: Mesh) -> float:
-    """Signed volume: positive only if the surface is closed and its faces look outwards."""
-    a, b, c = np.moveaxis(mesh.positions[mesh.faces].astype(np.float64), 1, 0)
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
-
-
-ANGLES = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)
-ROUND = 12.0 * np.sin(np.pi / 12.0)  # area of a regular 24-gon of radius 1: it stands for the circle's pi
-
-
-def turned(radii: np.ndarray, heights: np.ndarray) -> float:
-    """Volume of what a profile of straight pieces encloses when it is turned in 24 steps."""
-    a, b = radii[:-1], radii[1:]
-    return ROUND * float(np.sum(np.diff(heights) * (a * a + a * b + b * b) / 3.0))
-
-
-BALL = turned(0.3 * np.cos(ANGLES), 0.3 * np.sin(ANGLES))
-
-
-@pytest.mark.parametrize(
-    ("mesh", "expected"),
-    [
-        (sphere(0.3), BALL),
-        (sphere(0.3, 0.5), BALL + ROUND * 0.3**2),
-        (box(np.array([0.1, 0.2, 0.3])), 8.0 * 0.1 * 0.2 * 0.3),
-        (cylinder(0.2, -0.5, 1.0), ROUND * 0.2**2 * 1.5),
-        (cone(0.2, 0.0, 0.6), ROUND * 0.2**2 * 0.6 / 3.0),
-    ],
-    ids=["sphere", "capsule", "box", "cylinder", "cone"],
-)
-def test_bodies_are_closed_face_outwards_and_have_their_size(mesh, expected) -> None:
-    assert volume(mesh) == pytest.approx(expected, rel=1e-5)
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
-    own = mesh.normals[mesh.faces].astype(np.float64)
-    assert np.all(np.einsum("ikj,ij->ik", own, face_normals(mesh)) > 0.0)
+SIDES = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)])
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+TRIANGLES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
 
 def test_a_box_keeps_its_edges() -> None:
-    mesh = box(np.array([1.0, 2.0, 3.0]))
+    mesh = shade(SIDES, TRIANGLES)
     assert len(mesh.positions) == 24
     assert set(np.abs(mesh.normals).max(axis=1)) == {1.0}
+    a, b, c = np.moveaxis(mesh.positions[mesh.faces].astype(np.float64), 1, 0)
+    own = mesh.normals[mesh.faces].astype(np.float64)
+    assert np.all(np.einsum("ikj,ij->ik", own, np.cross(b - a, c - a)) > 0.0)
 
 
 def test_a_sphere_is_smooth() -> None:
-    mesh = sphere(2.0)
-    np.testing.assert_allclose(mesh.normals, mesh.positions / 2.0, atol=0.02)
-
-
-def test_a_disc_is_seen_from_above() -> None:
-    assert np.all(face_normals(disc(1.0))[:, 2] > 0.0)
+    around, up = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), np.linspace(-1.5, 1.5, 16))
+    points = 2.0 * np.stack((np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)), axis=-1)
+    index = np.arange(16 * 24).reshape(16, 24)
+    a, b, c, d = index[:-1], np.roll(index, -1, axis=1)[:-1], np.roll(index, -1, axis=1)[1:], index[1:]
+    faces = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in ((a, b, c), (a, c, d))])
+    mesh = shade(points.reshape(-1, 3), faces)
+    assert len(mesh.positions) == 16 * 24
+    inner = np.abs(mesh.positions[:, 2]) < 1.9
+    np.testing.assert_allclose(mesh.normals[inner], mesh.positions[inner] / 2.0, atol=0.03)
 
 
 def test_faces_of_no_area_are_left_out() -> None:
@@ -77,6 +47,12 @@ def test_slivers_have_a_normal() -> None:
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
 
 
+def test_meshes_are_joined_with_their_faces() -> None:
+    mesh = shade(SIDES, TRIANGLES)
+    joined = Mesh.joined([mesh, mesh])
+    np.testing.assert_array_equal(joined.positions[joined.faces[12:]], mesh.positions[mesh.faces])
+
+
 @pytest.mark.parametrize(
     ("geometry", "size"),
     [
@@ -86,32 +62,19 @@ def test_slivers_have_a_normal() -> None:
         (coal.Capsule(0.1, 0.8), [0.2, 0.2, 1.0]),
     ],
 )
-def test_shapes_of_a_urdf_have_their_size(geometry, size) -> None:
-    mesh = mesh_of(geometry)
-    assert mesh is not None
-    np.testing.assert_allclose(np.ptp(mesh.positions, axis=0), size, rtol=0.02)
+def test_shapes_of_a_urdf_have_their_size(geometry: object, size: list[float]) -> None:
+    solid = mesh_of(geometry)
+    assert isinstance(solid, Solid)
+    np.testing.assert_allclose(np.ptp(solid.positions, axis=0), size, rtol=1e-9)
+
+
+def test_cylinders_lie_along_z_between_their_ends() -> None:
+    """In three.js the axis is y, from -height / 2 to height / 2."""
+    for solid in (cylinder(0.2, -0.5, 1.0), cone(0.2, -0.5, 1.0)):
+        ends = solid.matrix @ np.array([[0.0, 0.5 * side * solid.sizes["height"], 0.0, 1.0] for side in (-1.0, 1.0)]).T
+        np.testing.assert_allclose(ends[:3].T, [[0.0, 0.0, -0.5], [0.0, 0.0, 1.0]], atol=1e-12)
+        assert np.linalg.det(solid.matrix) == pytest.approx(1.0)
 
 
 def test_what_is_not_drawn_is_none() -> None:
     assert mesh_of(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)) is None
-
-
-def test_a_tube_keeps_its_radius_and_does_not_twist() -> None:
-    angle = np.linspace(0.0, 4.0 * np.pi, 200)
-    helix = np.column_stack((np.cos(angle), np.sin(angle), 0.1 * angle))
-    mesh = tube(helix, 0.05, segments=8)
-    away = np.linalg.norm(mesh.positions[:, None] - helix, axis=2).min(axis=1)
-    np.testing.assert_allclose(away, 0.05, atol=1e-6)
-    nearest = helix[np.linalg.norm(mesh.positions[:, None] - helix, axis=2).argmin(axis=1)]
-    outwards = (mesh.positions - nearest) / 0.05
-    assert np.einsum("ij,ij->i", outwards, mesh.normals).min() > 0.9
-    # Edges along the tube are about as long as the helix's own steps: rings are not turned against each other.
-    corners = mesh.positions[mesh.faces]
-    shortest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min(axis=1)
-    assert shortest.max() < 1.1 * np.linalg.norm(helix[1] - helix[0])
-
-
-def test_a_tube_along_a_line_that_turns_back_has_no_hole() -> None:
-    mesh = tube(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
-    assert np.isfinite(mesh.positions).all() and np.isfinite(mesh.normals).all()
-    np.testing.assert_allclose(np.linalg.norm(mesh.positions[:, 1:], axis=1), 0.1, atol=1e-6)

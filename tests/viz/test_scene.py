@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lgmpc.viz.mesh import box
+from lgmpc.viz.mesh import cylinder, shade
 from lgmpc.viz.scene import Material, Scene
 
+from .test_mesh import SIDES, TRIANGLES
+
 TYPES = {"Float32Array": "<f4", "Int16Array": "<i2", "Uint16Array": "<u2", "Uint32Array": "<u4"}
+
+
+BOX = shade(SIDES, TRIANGLES)
 
 
 def unpack(packed: bytes) -> dict[str, Any]:
@@ -38,7 +43,7 @@ def tracks(content: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 def test_a_mesh_is_unpacked_unchanged() -> None:
-    scene, mesh = Scene(), box(np.array([0.1, 0.2, 0.3]))
+    scene, mesh = Scene(), BOX
     scene.add_mesh("/a", mesh, Material(0x112233, opacity=0.5))
     (command,) = unpack(scene.pack({}))["commands"]
     assert command["path"] == "/a"
@@ -53,8 +58,19 @@ def test_a_mesh_is_unpacked_unchanged() -> None:
     assert command["object"]["object"]["material"] == material["uuid"]
 
 
+def test_a_solid_is_built_by_the_viewer_where_it_is() -> None:
+    scene, solid = Scene(), cylinder(0.1, 0.0, 0.4)
+    scene.add_mesh("/a", solid, Material(0))
+    (command,) = unpack(scene.pack({}))["commands"]
+    geometry = command["object"]["geometries"][0]
+    assert (geometry["type"], geometry["height"], geometry["radiusTop"]) == ("CylinderGeometry", 0.4, 0.1)
+    matrix = np.reshape(command["object"]["object"]["matrix"], (4, 4)).T  # three.js writes columns
+    np.testing.assert_allclose(matrix, solid.matrix)
+    np.testing.assert_allclose(matrix[:3, 3], [0.0, 0.0, 0.2])
+
+
 def test_a_mesh_that_is_used_often_is_stored_once() -> None:
-    mesh = box(np.ones(3))
+    mesh = BOX
     sizes = []
     for copies in (1, 20):
         scene = Scene()
@@ -122,7 +138,7 @@ def test_visibility_has_keys_at_its_changes() -> None:
 def test_the_same_scene_is_the_same_bytes() -> None:
     def build() -> bytes:
         scene = Scene()
-        scene.add_mesh("/a", box(np.ones(3)), Material(1))
+        scene.add_mesh("/a", BOX, Material(1))
         scene.add_segments("/b", np.zeros((4, 3)), 2)
         return scene.pack({"x": [1, 2]})
 

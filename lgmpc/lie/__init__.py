@@ -1,8 +1,9 @@
 """Lie groups of rigid motion: SO(3), SE(3) and the extended poses SE_k(3).
 
 * :mod:`lgmpc.lie.so3`, :mod:`lgmpc.lie.se3`, :mod:`lgmpc.lie.sek3`: numpy, single or batched over leading axes;
-  :mod:`lgmpc.lie.quaternion`: the double cover of SO(3), x y z w.
-* :mod:`lgmpc.lie.symbolic`: the same functions on CasADi expressions (``symbolic.so3``, ...).
+  :mod:`lgmpc.lie.quaternion`: the double cover of SO(3), x y z w; :mod:`lgmpc.lie.attitude`: angles.
+* :mod:`lgmpc.lie.symbolic`: the same functions on CasADi expressions (``symbolic.so3``, ...); :class:`Poses` has the
+  formulas of SE(3) and SE_k(3).
 
 Conventions: SE(3) twists and wrenches linear first, SE_k(3) tangents rotation first. ``coadjoint(xi) = ad(xi)^T`` and
 ``force_cross(xi) = -ad(xi)^T``. Left Jacobian: ``exp(xi + e) = exp(J e) exp(xi)``; right: ``exp(xi) exp(J e)``.
@@ -13,8 +14,9 @@ from typing import Protocol
 
 from lgmpc.lie import attitude, quaternion, se3, sek3, so3
 from lgmpc.lie.checks import ArrayFunction
+from lgmpc.lie.poses import Poses
 
-__all__ = ["GROUPS", "Group", "attitude", "quaternion", "se3", "sek3", "so3"]
+__all__ = ["GROUPS", "Group", "Poses", "attitude", "quaternion", "se3", "sek3", "so3"]
 
 
 class Group(Protocol):

@@ -54,4 +54,6 @@ class _SymbolicPoses(Poses):
 
 
 se3 = _SymbolicPoses(linear_first=True)
+"""SE(3): homogeneous matrices (4, 4), twists (6) linear first."""
 sek3 = _SymbolicPoses()
+"""SE_k(3): matrices (3 + k, 3 + k), tangents (3 + 3k) rotation first."""

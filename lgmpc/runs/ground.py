@@ -37,9 +37,9 @@ def ground_channels(world: World, radius: float, base: Array, points: Array, nor
     }
 
 
-def level_ground(points: NDArray[Any]) -> dict[str, Array]:
+def level_ground(points: NDArray[Any] | None) -> dict[str, Array]:
     """Return these channels of a log from contact points (n, nc, 3) on a level floor at z = 0; none if misshapen."""
-    if points.ndim != 3 or points.shape[2] != 3:
+    if points is None or points.ndim != 3 or points.shape[2] != 3:
         return {}
     up = np.array([0.0, 0.0, 1.0])
     return {

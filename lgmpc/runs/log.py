@@ -47,10 +47,11 @@ CONTACT_FORCE_N = 0.1
 """Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
 
 
-_tick, _ground, _update = map(Table, ("tick", "ground", "update"))  # the axis "nodes" counts states, N + 1
-_estimate, _step, _friction, _forecast, _limit = (
-    Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit")
-)
+_TABLES = tuple(map(Table, ("tick", "ground", "update")))  # the axis "nodes" counts states, N + 1
+_OPTIONAL = tuple(Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit"))
+_tick, _ground, _update = _TABLES
+_estimate, _step, _friction, _forecast, _limit = _OPTIONAL
+_entry, _axis = Table("entry"), Table("entry", optional=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,58 +157,32 @@ class RunLog:
     forecast_ms: Array | None = _forecast(unit="ms")
     floor_friction: Array | None = _limit()
     torque_limits: Array | None = _limit("nu", unit="N.m")
-    contact_frames: NDArray[np.str_]
-    joint_names: NDArray[np.str_]
-    effort_limit: Array
+    contact_frames: NDArray[np.str_] = _entry("nc", dtype=np.str_)
+    effort_limit: Array = _entry("nu", unit="N.m")
+    joint_names: NDArray[np.str_] = _entry("nu", dtype=np.str_)
     friction: float
     contact_radius: float
     control_period_s: float
     mpc_period_s: float
     floating_base: bool = True
     mass_kg: float = math.nan
-    upright_axis: Array | None = None
+    upright_axis: Array | None = _axis(3)
 
     def __post_init__(self) -> None:
-        for name, kind in (("contact_frames", "U"), ("joint_names", "U"), ("effort_limit", "f")):
-            array = getattr(self, name)
-            if array.ndim != 1 or array.dtype.kind != kind:
-                raise RunFolderError(f"log entry '{name}' has shape {array.shape} and holds {array.dtype}")
-        for name in ("time", "mpc_time"):
-            if getattr(self, name).ndim != 1:
-                raise RunFolderError(f"log channel '{name}' has {getattr(self, name).ndim} axes, expected 1")
-        dims: dict[str, int] = {"nc": len(self.contact_frames), "nu": len(self.effort_limit)}
+        sizes: dict[str, int] = {}
+        for name, channel in _entry.of(RunLog).items():
+            if getattr(self, name) is not None:
+                channel.check(name, getattr(self, name), sizes)
         for table in (*self._tick_tables(), MPC_CHANNELS):
             missing = [name for name in table if getattr(self, name) is None]
             if missing:
                 raise RunFolderError(f"log lacks {', '.join(missing)}")
-            length = len(self.mpc_time if table is MPC_CHANNELS else self.time)
             for name, channel in table.items():
-                self._check(name, getattr(self, name), channel, length, dims)
-        if self.upright_axis is not None and self.upright_axis.shape != (3,):
-            raise RunFolderError(f"log entry 'upright_axis' has shape {self.upright_axis.shape}, expected (3,)")
-        for array in (self.contact_frames, self.joint_names, self.effort_limit):
-            array.setflags(write=False)
-        if self.joint_names.shape != (dims["nu"],):
-            raise RunFolderError(
-                f"log entry 'joint_names' has shape {self.joint_names.shape}, expected {(dims['nu'],)}"
-            )
-        if len(self.time) and not (np.all(np.isfinite(self.time)) and np.all(np.diff(self.time) > 0.0)):
-            raise RunFolderError("log channel 'time' does not increase strictly")
-        if self.floating_base and dims["nq"] < 7:
-            raise RunFolderError(f"log channel 'q' has {dims['nq']} columns, too few for a floating base (7 or more)")
-
-    @staticmethod
-    def _check(name: str, array: NDArray[Any], channel: Channel, length: int, dims: dict[str, int]) -> None:
-        if array.ndim != 1 + len(channel.axes):
-            raise RunFolderError(f"log channel '{name}' has {array.ndim} axes, expected {1 + len(channel.axes)}")
-        wanted = [length]
-        for axis, size in zip(channel.axes, array.shape[1:], strict=True):
-            wanted.append(axis if isinstance(axis, int) else dims.setdefault(axis, size))
-        if array.shape != tuple(wanted):
-            raise RunFolderError(f"log channel '{name}' has shape {array.shape}, expected {tuple(wanted)}")
-        if array.dtype != channel.dtype:
-            raise RunFolderError(f"log channel '{name}' holds {array.dtype}, expected {np.dtype(channel.dtype)}")
-        array.setflags(write=False)
+                channel.check(name, getattr(self, name), sizes, "updates" if table is MPC_CHANNELS else "ticks")
+        if not (np.all(np.isfinite(self.time)) and np.all(np.diff(self.time) > 0.0)):
+            raise RunFolderError("'time' does not increase strictly")
+        if self.floating_base and sizes["nq"] < 7:
+            raise RunFolderError(f"'q' has {sizes['nq']} columns, too few for a floating base (7 or more)")
 
     @property
     def ticks(self) -> int:
@@ -237,8 +212,7 @@ class RunLog:
 
     def _tick_tables(self) -> list[Mapping[str, Channel]]:
         """Return the tables of channels per tick that this log has."""
-        optional = (ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS)
-        present = [table for table in optional if any(getattr(self, name) is not None for name in table)]
+        present = [table for table in _OPTIONAL_CHANNELS if any(getattr(self, name) is not None for name in table)]
         return [CHANNELS, GROUND_CHANNELS, *present]
 
     @property
@@ -372,10 +346,9 @@ class RunLog:
         Raises:
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
-        tables = ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS
-        optional = [*(name for table in tables for name in table), "mass_kg", "upright_axis"]
-        if "contact_normals" not in arrays and "contact_points" in arrays:  # a log from before there was other ground
-            arrays = {**arrays, **level_ground(arrays["contact_points"])}
+        optional = [*(name for table in _OPTIONAL_CHANNELS for name in table), "mass_kg", "upright_axis"]
+        if not arrays.keys() & {*GROUND_CHANNELS, "contact_normals"}:  # from before there was other than level ground
+            arrays = {**level_ground(arrays.get("contact_points")), **arrays}
         absent = [name for name in optional if name not in arrays]
         names = [each.name for each in fields(cls) if each.name not in absent]
         missing = [name for name in names if name not in arrays]
@@ -388,19 +361,13 @@ class RunLog:
         return cls(**values)
 
 
-def _channels(name: str) -> Mapping[str, Channel]:
-    return {each.name: each.metadata[name] for each in fields(RunLog) if name in each.metadata}
-
-
-CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, ESTIMATE_CHANNELS, STEP_CHANNELS = map(
-    _channels, ("tick", "ground", "update", "estimate", "step")
-)
-FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = map(_channels, ("friction", "forecast", "limit"))
+CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (table.of(RunLog) for table in _TABLES)
+_OPTIONAL_CHANNELS = tuple(table.of(RunLog) for table in _OPTIONAL)
+ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = _OPTIONAL_CHANNELS
 """Channels by table, one entry per MPC update or per logged control tick; those of the ground are computed when the
 log is made. The last five tables are those of runs with an estimator, of runs whose steps are recorded, of runs that
 estimate joint friction, of runs that forecast steps against pushes, and of continued runs whose floor or torque limits
 changed."""
-
 
 _UP = np.array([0.0, 0.0, 1.0])
 

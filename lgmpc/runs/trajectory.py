@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.channels import single
+from lgmpc.runs.channels import Table, single
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]
 
 
-def _array(*axes: str | int) -> Any:
-    """Declare an array; axes of the same name have equal lengths."""
-    return field(metadata={"axes": axes})
+_array = Table("array")  # axes of the same name have equal lengths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +59,13 @@ class TrajectoryLog:
     us: Array = _array("intervals", "nu")
     com: Array = _array("nodes", 3)
     contact_points: Array = _array("nodes", "nc", 3)
-    contact_flags: BoolArray = _array("intervals", "nc")
+    contact_flags: BoolArray = _array("intervals", "nc", dtype=np.bool_)
     contact_forces: Array = _array("intervals", "nc", 3)
-    contact_frames: NDArray[np.str_] = _array("nc")
-    control_names: NDArray[np.str_] = _array("nu")
+    contact_frames: NDArray[np.str_] = _array("nc", dtype=np.str_)
+    control_names: NDArray[np.str_] = _array("nu", dtype=np.str_)
     control_lower: Array = _array("nu")
     control_upper: Array = _array("nu")
-    waypoint_names: NDArray[np.str_] = _array("waypoints")
+    waypoint_names: NDArray[np.str_] = _array("waypoints", dtype=np.str_)
     waypoint_times: Array = _array("waypoints")
     waypoint_positions: Array = _array("waypoints", 3)
     waypoint_rotations: Array = _array("waypoints", 3, 3)
@@ -84,22 +82,8 @@ class TrajectoryLog:
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
-        for each in fields(self):
-            if "axes" not in each.metadata:
-                continue
-            name, axes = each.name, each.metadata["axes"]
-            array = getattr(self, name)
-            if array.ndim != len(axes):
-                raise RunFolderError(f"'{name}' has {array.ndim} axes, expected {len(axes)}")
-            wanted = tuple(
-                axis if isinstance(axis, int) else sizes.setdefault(axis, size)
-                for axis, size in zip(axes, array.shape, strict=True)
-            )
-            if array.shape != wanted:
-                raise RunFolderError(f"'{name}' has shape {array.shape}, expected {wanted}")
-            if array.dtype.kind != _kind(name):
-                raise RunFolderError(f"'{name}' holds {array.dtype}")
-            array.setflags(write=False)
+        for name, channel in _array.of(TrajectoryLog).items():
+            channel.check(name, getattr(self, name), sizes)
         if sizes["nodes"] != sizes["intervals"] + 1:
             raise RunFolderError(f"{sizes['nodes']} states do not fit {sizes['intervals']} controls")
         if not (np.isfinite(self.times).all() and (np.diff(self.times) >= 0.0).all()):
@@ -139,8 +123,3 @@ class TrajectoryLog:
         for name, kinds in (("control_unit", "U"), ("nq", "iu"), ("floating_base", "b"), ("friction", "f")):
             values[name] = single(name, values[name], kinds)
         return cls(**values)
-
-
-def _kind(name: str) -> str:
-    """Return NumPy's kind letter of an array: text, booleans or numbers."""
-    return "U" if name.endswith(("_names", "_frames")) else "b" if name.endswith("_flags") else "f"

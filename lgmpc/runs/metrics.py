@@ -12,7 +12,7 @@ from typing import get_args, get_type_hints
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie import attitude, quaternion, so3
+from lgmpc.lie import attitude, so3
 from lgmpc.runs.estimate import EstimatorErrors, estimator_errors
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
@@ -139,6 +139,7 @@ def compute_metrics(
 
     home = log.base_reference if log.commanded else base[:1]
     displacement = np.linalg.norm(base[:, :3] - home[:, :3], axis=1)
+    rotations = so3.from_quaternion.unchecked(np.stack((home[-1, 3:], base[-1, 3:])))
     torque = np.abs(log.tau)
     saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time
     margins = (log.friction_limits - log.tangential_forces)[log.closed]
@@ -153,7 +154,7 @@ def compute_metrics(
         min_base_height_m=float(height.min()),
         final_position_error_m=float(displacement[-1]),
         final_tilt_deg=float(tilt[-1]),
-        final_rotation_deg=_rotation_deg(home[-1, 3:], base[-1, 3:]),
+        final_rotation_deg=float(np.degrees(attitude.angle_between(*rotations))),
         max_slip_m=float(slide(log).max(initial=0.0)),
         max_foot_displacement_m=float(from_start.max(initial=0.0)),
         max_abs_torque_nm=float(torque.max(initial=0.0)),
@@ -251,8 +252,3 @@ def _tick_ms(log: RunLog) -> Array:
 
 def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else None
-
-
-def _rotation_deg(first: Array, second: Array) -> float:
-    apart = quaternion.compose.unchecked(quaternion.inverse.unchecked(first), second)
-    return float(np.degrees(np.linalg.norm(quaternion.log.unchecked(apart))))

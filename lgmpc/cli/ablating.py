@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from lgmpc.cli.screen import err, out, plain_table
+from lgmpc.cli.screen import out, plain_table
 from lgmpc.cli.sweeping import swept
 from lgmpc.errors import Interrupted
 from lgmpc.runs import atomic_write
@@ -19,7 +19,6 @@ from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps.ablation import COMPLETE, Worth, ablation_sweep, worths
 from lgmpc.sweeps.comparison import Quantity
-from lgmpc.sweeps.summary import summarize
 
 __all__ = ["ablate_shown"]
 
@@ -43,13 +42,12 @@ def ablate_shown(
 ) -> int:
     """Run the ablation, print its table, and return the exit code: 0 if all that was run has a verdict."""
     sweep, parts = ablation_sweep(config, keys, overrides, seeds=seeds)
-    folder = folder or Path("sweeps") / sweep.settings.name
-    finished = swept(err(), sweep, folder, workers=workers, resume=resume, quiet=quiet)
+    finished = swept(sweep, folder, workers=workers, resume=resume, quiet=quiet)
     if finished.signal is not None:
         out().print(Text("INTERRUPTED  the same command with --resume continues", "bold yellow"))
         return Interrupted(finished.signal).exit_code
     found = worths(sweep, finished.rows, parts)
-    summary = summarize(sweep, finished.rows)
+    folder, summary = finished.folder, finished.summary
     complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE)
     content = {"complete": json_values(asdict(complete.passed)), "parts": [each.content() for each in found]}
     with atomic_write(folder / _TABLE) as stream:

@@ -54,17 +54,10 @@ def sweep(
     loaded = load_sweep(file, [*overrides, *more])
     from lgmpc.cli.sweeping import chosen_cluster, sweep_shown
 
-    folder = out or Path("sweeps") / loaded.settings.name
     cluster = chosen_cluster(dask, slurm, workers)
+    own = workers if cluster is None else None
     code = sweep_shown(
-        loaded,
-        folder,
-        workers=workers if cluster is None else None,
-        cluster=cluster,
-        resume=resume,
-        parquet=parquet,
-        as_json=as_json,
-        quiet=quiet,
+        loaded, out, workers=own, cluster=cluster, resume=resume, parquet=parquet, as_json=as_json, quiet=quiet
     )
     raise typer.Exit(code)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +17,11 @@ from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
 from lgmpc.sweeps.cluster import LOCAL, dask_client
-from lgmpc.sweeps.figure import draw_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.parquet import check_pyarrow, write_parquet
+from lgmpc.sweeps.report import draw_sweep
 from lgmpc.sweeps.slurm import load_slurm, slurm_client
-from lgmpc.sweeps.summary import Summary, summarize
+from lgmpc.sweeps.summary import Summary
 from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def chosen_cluster(dask: str | None, slurm: Path | None, workers: int | None) ->
 
 def sweep_shown(
     sweep: Sweep,
-    folder: Path,
+    folder: Path | None,
     *,
     workers: int | None,
     cluster: Cluster | None,
@@ -62,8 +63,8 @@ def sweep_shown(
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
     if parquet:
         check_pyarrow()
-    finished = swept(err(), sweep, folder, workers=workers, cluster=cluster, resume=resume, quiet=quiet)
-    summary = summarize(sweep, finished.rows)
+    finished = swept(sweep, folder, workers=workers, cluster=cluster, resume=resume, quiet=quiet)
+    folder, summary = finished.folder, finished.summary
     content = summary.content() | {"versions": dict(versions())}
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
     with atomic_write(folder / SUMMARY) as stream:
@@ -81,9 +82,8 @@ def sweep_shown(
 
 
 def swept(
-    console: Console,
     sweep: Sweep,
-    folder: Path,
+    folder: Path | None,
     *,
     workers: int | None,
     resume: bool,
@@ -92,17 +92,9 @@ def swept(
 ) -> FinishedSweep:
     """Run a sweep, showing its progress."""
     total = len({point.key for point in sweep.points})
-    every = max(1, total // 10)
-    with counting_display(console, total, "points", _state, every=every, quiet=quiet) as display:
-        return run_sweep(
-            sweep,
-            folder,
-            workers=workers,
-            cluster=cluster,
-            resume=resume,
-            notify=display.announce,
-            progress=display.advance,
-        )
+    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=quiet) as display:
+        compute = partial(run_sweep, sweep, folder, workers=workers, cluster=cluster, resume=resume)
+        return compute(notify=display.announce, progress=display.advance)
 
 
 def _show(console: Console, finished: FinishedSweep, summary: Summary, figure: Path | None, *, quiet: bool) -> None:

@@ -1,23 +1,26 @@
-"""The report of a sweep: tables, figure and points in one self-contained page."""
+"""The figure of a sweep, and its report: tables, figure and points in one self-contained page."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps.design import Sweep, load_sweep
-from lgmpc.sweeps.figure import sweep_drawing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, Results
 from lgmpc.sweeps.rows import Row, place
+from lgmpc.sweeps.settings import Directions
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.tables import group_table, level_table, pairing_table, point_table, search_words
+from lgmpc.viz.figure_files import Drawing, draw_figures
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
+from lgmpc.viz.sweep_plots import PassShare, boundary_drawing, share_drawing
 
-__all__ = ["load_results", "write_sweep_report"]
+__all__ = ["draw_sweep", "load_results", "sweep_drawing", "write_sweep_report"]
 
 
 def load_results(folder: Path) -> tuple[Sweep, dict[str, Row]]:
@@ -58,6 +61,54 @@ def write_sweep_report(folder: Path, html: Path | None = None) -> Path:
         summary.name, summary.verdict, about, summary.complaints, _sections(folder, sweep, rows, summary)
     )
     return write_page(page, html or folder / "report.html")
+
+
+def draw_sweep(sweep: Sweep, rows: Mapping[str, Row], summary: Summary, folder: Path) -> Path | None:
+    """Write the figure of a sweep as a PNG file.
+
+    Args:
+        sweep: its document and points.
+        rows: the finished points by their keys.
+        summary: summary of the points.
+        folder: folder of the file.
+
+    Returns:
+        The file; ``None`` if there is nothing to draw: no boundary in any direction, no factor of several levels.
+    """
+    drawing = sweep_drawing(sweep, rows, summary)
+    if drawing is None:
+        return None
+    title = f"{summary.name} · {summary.finished} of {summary.total} points"
+    (file,) = draw_figures(dict([drawing]), title).save(folder)
+    return file
+
+
+def sweep_drawing(sweep: Sweep, rows: Mapping[str, Row], summary: Summary) -> tuple[str, Drawing] | None:
+    """Return name and drawing of a sweep's figure; ``None`` if there is nothing to draw; see :func:`draw_sweep`."""
+    settings = sweep.settings
+    around = next((factor for factor in settings.factors if isinstance(factor, Directions)), None)
+    if settings.bisect is not None and around is not None:
+        curves: dict[str, list[tuple[float, float]]] = {}
+        for point in sweep.points:
+            row = rows.get(point.key)
+            if row is None or row.boundary is None:
+                continue
+            others = {key: value for key, value in point.levels.items() if key != around.key[0]}
+            names = [point.base] if len(settings.base) > 1 else []
+            names += [point.variant] if point.variant else []
+            names += [f"{key} {value}" for key, value in others.items() if len(_levels(sweep, key)) > 1]
+            x, y, _ = point.levels[around.key[0]]
+            curves.setdefault(", ".join(names), []).append((math.atan2(y, x), row.boundary))
+        return ("boundaries", boundary_drawing(curves, f"largest {settings.bisect.key}")) if curves else None
+    factors: dict[str, dict[str, list[PassShare]]] = {}
+    for level in summary.levels:
+        shares = factors.setdefault(level.key, {}).setdefault(", ".join(level.labels.values()), [])
+        shares.append(PassShare(level.level, level.passed.value, level.passed.low, level.passed.high))
+    return ("shares", share_drawing(factors)) if factors else None
+
+
+def _levels(sweep: Sweep, key: str) -> set[str]:
+    return {repr(point.levels[key]) for point in sweep.points}
 
 
 def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[str]:

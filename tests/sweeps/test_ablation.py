@@ -1,4 +1,4 @@
-"""What parts are worth, from rows that are made up; and which parts can be taken away."""
+"""Effects of parts, from rows that are made up; parts that can be removed."""
 
 from collections.abc import Callable
 from pathlib import Path

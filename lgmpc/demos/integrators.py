@@ -9,7 +9,7 @@ from lgmpc.demos.floating_robot import robot_scene, run_robot
 from lgmpc.demos.outcome import Curve, Outcome, Panel, Row
 from lgmpc.lie import so3
 from lgmpc.mechanics import UP, compare_integrators, drift_table, heavy_top, torque_free_body
-from lgmpc.mechanics.integrators import Drift
+from lgmpc.mechanics.integrators.comparison import Drift
 from lgmpc.typing import Array
 
 __all__ = ["run"]

@@ -17,56 +17,34 @@ floating-base dynamics and Lie-Poisson structure" (rigid-body dynamics, part 4-4
 """
 
 from lgmpc.mechanics.checks import check_inertia
-from lgmpc.mechanics.integrators import (
-    compare_integrators,
-    discrete_euler_poincare,
-    drift_table,
-    moser_veselov,
-    munthe_kaas,
-)
-from lgmpc.mechanics.multibody import (
-    ArticulatedBody,
-    CentroidalTerms,
-    EquationsOfMotion,
-    FloatingBaseDynamics,
-    centroidal_terms,
-    wrench_about,
-)
-from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, rigid_body_phase
-from lgmpc.mechanics.reduction import (
-    SE3,
+from lgmpc.mechanics.integrators.comparison import compare_integrators, drift_table
+from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
+from lgmpc.mechanics.multibody.articulated import ArticulatedBody
+from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
+from lgmpc.mechanics.multibody.floating_base import EquationsOfMotion, FloatingBaseDynamics
+from lgmpc.mechanics.phases.cat import Cat
+from lgmpc.mechanics.phases.connection import Connection
+from lgmpc.mechanics.phases.elroy import Beanie
+from lgmpc.mechanics.phases.rigid_body import rigid_body_phase
+from lgmpc.mechanics.phases.three_link import ThreeLink
+from lgmpc.mechanics.reduction.euler_poincare import EulerPoincare, LeftEulerPoincare, RightEulerPoincare, munthe_kaas
+from lgmpc.mechanics.reduction.groups import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
+from lgmpc.mechanics.reduction.lie_poisson import (
     SE3_DUAL,
-    SEMIDIRECT,
     SEMIDIRECT_DUAL,
-    SO3,
     SO3_DUAL,
-    Advected,
-    EulerPoincare,
     Flow,
-    LeftEulerPoincare,
-    LeftSymmetry,
-    LieGroup,
     LiePoisson,
-    Motion,
-    RightEulerPoincare,
-    Symbols,
-    body_momentum,
-    conserved_dimension,
-    extended_poses,
     extended_poses_dual,
-    spatial_momentum,
-    translations,
 )
+from lgmpc.mechanics.reduction.momentum_maps import body_momentum, conserved_dimension, spatial_momentum
+from lgmpc.mechanics.reduction.symmetry import LeftSymmetry
+from lgmpc.mechanics.reduction.terms import Advected, Motion, Symbols
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, free_body, heavy_top, torque_free_body
-from lgmpc.mechanics.tops import (
-    BRULS_TOP,
-    SIMO_WONG_TOP,
-    EulerTop,
-    HeavyTopBenchmark,
-    LagrangeTop,
-    Poinsot,
-    symmetric_top_precession,
-)
+from lgmpc.mechanics.tops.benchmarks import BRULS_TOP, SIMO_WONG_TOP, HeavyTopBenchmark
+from lgmpc.mechanics.tops.lagrange_top import LagrangeTop
+from lgmpc.mechanics.tops.poinsot import Poinsot
+from lgmpc.mechanics.tops.torque_free import EulerTop, symmetric_top_precession
 from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
 
 __all__ = [

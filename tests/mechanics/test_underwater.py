@@ -13,7 +13,7 @@ from scipy.special import ellipk
 from lgmpc.actions import FreeForwardDynamics, MultibodyAction, RungeKutta4, Unknowns
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics.integrators import discrete_euler_poincare
+from lgmpc.mechanics.integrators.variational import discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.mechanics.underwater import (
     UnderwaterVehicle,

@@ -6,19 +6,3 @@
 
 The variational integrator of multibody robots is :class:`lgmpc.actions.Variational`.
 """
-
-from lgmpc.mechanics.integrators.comparison import Drift, compare_integrators, drift_table
-from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, projected_runge_kutta
-from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
-from lgmpc.mechanics.reduction.euler_poincare import munthe_kaas
-
-__all__ = [
-    "Drift",
-    "compare_integrators",
-    "discrete_euler_poincare",
-    "drift_table",
-    "matrix_runge_kutta",
-    "moser_veselov",
-    "munthe_kaas",
-    "projected_runge_kutta",
-]

@@ -21,15 +21,10 @@ from lgmpc.mechanics import (
     heavy_top,
     torque_free_body,
 )
-from lgmpc.mechanics.integrators import (
-    compare_integrators,
-    discrete_euler_poincare,
-    drift_table,
-    matrix_runge_kutta,
-    moser_veselov,
-    munthe_kaas,
-    projected_runge_kutta,
-)
+from lgmpc.mechanics.integrators.comparison import compare_integrators, drift_table
+from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, projected_runge_kutta
+from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
+from lgmpc.mechanics.reduction.euler_poincare import munthe_kaas
 
 Method = Callable[[LeftEulerPoincare], ca.Function]
 

@@ -13,7 +13,11 @@ from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.lie.symbolic import so3 as symbolic
 from lgmpc.mechanics import EulerTop, torque_free_body
-from lgmpc.mechanics.phases import Beanie, Cat, Connection, ThreeLink, circle, flip, rigid_body_phase
+from lgmpc.mechanics.phases.cat import Cat, flip
+from lgmpc.mechanics.phases.connection import Connection, circle
+from lgmpc.mechanics.phases.elroy import Beanie
+from lgmpc.mechanics.phases.rigid_body import rigid_body_phase
+from lgmpc.mechanics.phases.three_link import ThreeLink
 
 CAT = Cat()
 SNAKE = ThreeLink([1.0, 1.5, 0.8], [0.5, 0.6, 0.4])

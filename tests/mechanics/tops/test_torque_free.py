@@ -10,7 +10,7 @@ from scipy.special import ellipj
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, symmetric_top_precession, torque_free_body
-from lgmpc.mechanics.phases import rigid_body_phase
+from lgmpc.mechanics.phases.rigid_body import rigid_body_phase
 from lgmpc.mechanics.tops.elliptic import Modulus
 
 TURN = so3.exp([0.3, -0.8, 0.5])

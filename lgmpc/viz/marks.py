@@ -173,7 +173,7 @@ def add_place(scene: Scene, path: str, size: float, position: Array, rotation: A
         ("z", 0x2F6DB5, (0.0, 0.0, 0.0, 1.0)),
     ):
         for part, mesh in (("shaft", shaft), ("head", head)):
-            scene.add_mesh(f"{path}/{name}/{part}", mesh, Material(color, 0.9, on_top=True))
+            scene.add_mesh(f"{path}/{name}/{part}", mesh, Material(color, 0.9, on_top=True, flat=True))
         scene.place(f"{path}/{name}", (0.0, 0.0, 0.0), turn)
 
 

@@ -177,7 +177,8 @@ class TestInBrowser:
         tab.goto(report_file.as_uri())
         assert tab.evaluate("document.documentElement.scrollWidth") <= 420
         background = tab.evaluate("getComputedStyle(document.body).backgroundColor")
-        ink = tab.evaluate("getComputedStyle(document.querySelector('figure text')).fill")
+        title = "[...document.querySelectorAll('figure text')].find(each => !each.closest('.xtick, .ytick'))"
+        ink = tab.evaluate(f"getComputedStyle({title}).fill")
         assert (background, ink) == ("rgb(18, 23, 28)", "rgb(228, 233, 238)")
         tab.click(".replay button")
         frame = tab.frame_locator(".replay iframe")

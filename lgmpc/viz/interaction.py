@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 __all__ = ["classes_from_names", "mark_figure"]
 
@@ -45,7 +44,7 @@ def mark_figure(figure: Figure) -> str:
     found = []
     for number, axes in enumerate(figure.axes):
         axes.set_gid(f"{_MARK}axes a{number}")
-        curves = dict(_curves(axes, figure, names))
+        curves = dict(_curves(axes, names))
         for artist in axes.get_children():
             moves = _moves(artist, axes)
             if moves:
@@ -72,41 +71,19 @@ def classes_from_names(svg: str) -> str:
     return re.sub(r'<g id="[^"]*"', "<g", svg)
 
 
-def _curves(axes: Axes, figure: Figure, names: dict[str, int]) -> Iterator[tuple[Artist, int]]:
-    """Yield the lines through data with the numbers of their names; lines of one style share name and number.
-
-    A line without a name in axes with several lines has the name of the line of its style in other axes of the figure.
-    """
-    lines = [line for line in axes.get_lines() if _moves(line, axes) == "xy" and len(np.asarray(line.get_xdata())) > 2]
-    alone = len(lines) == 1
-    for line in lines:
-        name = _label(line)
-        if not name and not alone:
-            name = next(
-                (_label(each) for each in _all_lines(figure) if _label(each) and _look(each) == _look(line)), ""
-            )
-        name = name or f"\0{axes.get_title(loc='left')}"
-        yield line, names.setdefault(name, len(names))
+def _curves(axes: Axes, names: dict[str, int]) -> Iterator[tuple[Artist, int]]:
+    """Yield the lines through data with the numbers of their names; lines of one name share the number."""
+    for line in axes.get_lines():
+        if _moves(line, axes) == "xy" and len(np.asarray(line.get_xdata())) > 2:
+            name = str(line.get_label())
+            name = f"\0{axes.get_title(loc='left')}" if name.startswith("_") else name
+            yield line, names.setdefault(name, len(names))
 
 
 def _words(names: dict[str, int], number: int) -> str:
     """Return the name of a curve; empty for one that has none."""
     name = next(name for name, each in names.items() if each == number)
     return "" if name.startswith("\0") else name
-
-
-def _label(line: Line2D) -> str:
-    label = str(line.get_label())
-    return "" if label.startswith("_") else label
-
-
-def _all_lines(figure: Figure) -> Iterator[Line2D]:
-    for axes in figure.axes:
-        yield from axes.get_lines()
-
-
-def _look(line: Line2D) -> tuple[Any, Any]:
-    return line.get_color(), line.get_linestyle()
 
 
 def _moves(artist: Artist, axes: Axes) -> str:

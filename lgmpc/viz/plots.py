@@ -122,8 +122,8 @@ def _com(figure: Figure, log: RunLog) -> bool:
     rows[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
     moves = bool(np.ptp(log.com_reference[:, :2], axis=0).any())
-    above.plot(*scale * log.com_reference[:, :2].T, **target, marker="" if moves else ".")
-    above.plot(*scale * log.com[:, :2].T, color=X)
+    above.plot(*scale * log.com_reference[:, :2].T, **target, marker="" if moves else ".", label="target")
+    above.plot(*scale * log.com[:, :2].T, color=X, label="centre of mass")
     above.set(title="Seen from above", xlabel=f"x, {unit}", ylabel=f"y, {unit}")
     above.set_aspect("equal", adjustable="datalim")
     return True

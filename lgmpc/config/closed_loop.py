@@ -16,7 +16,7 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
 from lgmpc.control.report import TickReport
 from lgmpc.errors import LgmpcError, cause_of
-from lgmpc.estimation import LeggedEstimator
+from lgmpc.estimation import LeggedEstimator, MeasurementMonitor
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
@@ -172,6 +172,7 @@ class ClosedLoopSession:
             # Runs are judged by the true state, not by the estimate.
             truth=None if self.sensing is None else WholeBodyTerms(self.robot),
             estimator=self.estimator,
+            monitor=None if self.estimator is None else self.estimator.monitor,
             after_fall_s=self.after_fall_s,
             fell_s=self._fell_s,
         )
@@ -227,6 +228,7 @@ class RunObserver:
         progress: called periodically.
         truth: terms of the controller's model, for runs judged by a state that the controller does not receive.
         estimator: whose estimate is recorded beside the true state.
+        monitor: of measurements, whose faults are recorded.
         after_fall_s: time until the run ends after a fall, s.
         fell_s: time of a fall before, s.
 
@@ -243,10 +245,11 @@ class RunObserver:
         *,
         truth: WholeBodyTerms | None = None,
         estimator: LeggedEstimator | None = None,
+        monitor: MeasurementMonitor | None = None,
         after_fall_s: float = math.inf,
         fell_s: float = math.inf,
     ) -> None:
-        self._controller, self._truth, self._estimator = controller, truth, estimator
+        self._controller, self._truth, self._estimator, self._monitor = controller, truth, estimator, monitor
         self._record, self._record_plan = recorder.append, recorder.record_mpc
         self._records_friction = "joint_friction" in recorder.channels
         self._records_forecasts = "forecast_ms" in recorder.channels
@@ -301,6 +304,8 @@ class RunObserver:
             values["estimate_v"] = tick.state.v if report.finite else math.nan
             values["estimate_contacts"] = estimator.contacts.astype(np.int8) + estimator.rejected
             values["estimate_ms"] = 1e3 * estimator.spent
+        if self._monitor is not None:
+            values["sensor_faults"] = self._monitor.faults
         if self._records_friction:
             values["joint_friction"] = report.joint_friction
         if self._records_forecasts:

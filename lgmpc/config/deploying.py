@@ -178,7 +178,7 @@ class _DeploymentSession:
     def run(self, progress: ProgressReport) -> SessionResult:
         """Run until the end of the config's duration, by the robot's clock."""
         # The estimate takes the place of the true state, and a fall does not end the run.
-        observer = RunObserver(self.controller, self.recorder, self.rates, progress)
+        observer = RunObserver(self.controller, self.recorder, self.rates, progress, monitor=self.legs.monitor)
 
         def record(tick: DeployedTick) -> None:
             measured, state = tick.measurement, tick.state

@@ -6,6 +6,7 @@ from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.estimation.joint_friction import JointFrictionEstimator, JointFrictionSettings
 from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.estimation.legs import ContactDetector, LegSensing
+from lgmpc.estimation.plausibility import MeasurementMonitor
 from lgmpc.estimation.prediction import DelaySettings, StatePredictor
 from lgmpc.estimation.wrench import WrenchObserver
 
@@ -20,6 +21,7 @@ __all__ = [
     "LegSensing",
     "LeggedEstimator",
     "LeggedEstimatorSettings",
+    "MeasurementMonitor",
     "Preintegration",
     "StatePredictor",
     "WrenchObserver",

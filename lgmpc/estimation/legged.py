@@ -18,6 +18,7 @@ from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing
+from lgmpc.estimation.plausibility import MeasurementMonitor
 from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, lever
@@ -81,6 +82,11 @@ class LeggedEstimatorSettings(ImuNoise):
         description="Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
         "and 0.8 per kg of robot.",
     )
+    replace_implausible: bool = Field(
+        default=True,
+        strict=True,
+        description="Whether readings that contradict what joints and a trunk can do within a tick are replaced.",
+    )
     start_tilt_rad: Noise = Field(
         default=0.01,
         description="Standard deviation of the first roll and pitch, which are the accelerometer's, rad.",
@@ -132,7 +138,9 @@ class LeggedEstimator:
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
     position and yaw are not observable and drift, slowly during contact.
 
-    A reading that is not finite is skipped: the estimate is unchanged, and the failure is counted and logged.
+    A quantity that cannot be true, such as a spike of one tick, is replaced by its prediction for some ticks
+    (:class:`~lgmpc.estimation.MeasurementMonitor`). A reading that is not finite even then is skipped: the estimate is
+    unchanged, and the failure is counted and logged.
 
     Args:
         robot: the controller's model; its base frame is the IMU's.
@@ -149,6 +157,7 @@ class LeggedEstimator:
         legs: positions, motion and forces of the feet at the last reading.
         contacts: (nc,) which feet are in contact with the ground; the filter uses those of them that rest.
         rejected: (nc,) which feet in contact did not correct the estimate at the last reading, because they moved.
+        monitor: replaces quantities that cannot be true; None where the settings leave it out.
         failures: number of skipped readings.
         spent: duration of the last update, s.
 
@@ -183,6 +192,7 @@ class LeggedEstimator:
         )
         self.ground: GroundBelief = LevelGround()
         self._even, self._radius = True, robot.contact_radius
+        self.monitor = MeasurementMonitor(robot, period) if settings.replace_implausible else None
         self.failures = 0
         self.spent = 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
@@ -209,12 +219,14 @@ class LeggedEstimator:
         self.legs.reset()
         self._moved[:] = -math.inf
         self.rejected[:] = False
+        if self.monitor is not None:
+            self.monitor.reset()
         self._running, self.failures, self._floor = False, 0, math.nan
 
     def update(self, measurement: Measurement) -> RobotState:
         """Process a reading and return the state at its time, in new arrays."""
         started = perf_counter()
-        m = measurement
+        m = measurement if self.monitor is None else self.monitor.check(measurement)
         total = m.gyro.sum() + m.accelerometer.sum() + m.joints.sum() + m.speeds.sum() + m.torques.sum()
         if math.isfinite(total):
             self._advance(m)

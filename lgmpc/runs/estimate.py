@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.lie import attitude, so3
-from lgmpc.runs.log import RunLog
+from lgmpc.runs.log import SENSOR_FAULTS, RunLog
 from lgmpc.typing import Array
 
-__all__ = ["EstimatorErrors", "estimator_errors", "tilt_and_yaw_deg"]
+__all__ = ["EstimatorErrors", "SensorFaults", "estimator_errors", "tilt_and_yaw_deg"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,33 @@ class EstimatorErrors:
     max_velocity_m_s: float
     wrong_contact_fraction: float
     rejected_measurements: int | None = None
+
+
+@dataclass(frozen=True)
+class SensorFaults:
+    """Ticks in which a quantity's reading could not be true and was replaced.
+
+    Attributes:
+        gyro: of the angular velocity.
+        accelerometer: of the specific force.
+        joints: of a joint angle.
+        speeds: of a joint's speed.
+        torques: of a joint torque.
+    """
+
+    gyro: int
+    accelerometer: int
+    joints: int
+    speeds: int
+    torques: int
+
+    @classmethod
+    def of(cls, log: RunLog) -> SensorFaults | None:
+        """Return the counts of a log; None where measurements were not monitored."""
+        if log.sensor_faults is None:
+            return None
+        bits = {name: 1 << bit for bit, name in enumerate(SENSOR_FAULTS)}
+        return cls(**{name: int(np.count_nonzero(log.sensor_faults & bit)) for name, bit in bits.items()})
 
 
 def estimator_errors(log: RunLog) -> EstimatorErrors | None:

@@ -11,7 +11,7 @@ import numpy as np
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.intervals import intervals, joined_intervals, push_intervals
 from lgmpc.runs.limited import Limited
-from lgmpc.runs.log import MODES, RunLog
+from lgmpc.runs.log import MODES, SENSOR_FAULTS, RunLog
 from lgmpc.runs.origin import SettingsChange
 from lgmpc.typing import Array, BoolArray
 
@@ -142,6 +142,7 @@ def find_events(
         _solvers,
         _missed,
         _estimates,
+        _sensors,
         _modes,
     )
     found = [event for find in finders for event in find(log)]
@@ -226,8 +227,14 @@ def _contacts(log: RunLog) -> Iterator[Event]:
 def _solvers(log: RunLog) -> Iterator[Event]:
     failed: BoolArray = log.wbc_status != 0
     for span in _episodes(log.time, failed):
-        words = f"whole-body QP without a solution in {int(failed[span[0] : span[1]].sum())} ticks: fallback torques"
-        yield _event(log, span, EventKind.SOLVER, "whole-body QP", words)
+        part = log.wbc_status[slice(*span)]
+        unsolved, replaced = np.count_nonzero((part != 0) & (part != 2)), np.count_nonzero(part == 2)
+        if unsolved:
+            words = f"whole-body QP without a solution in {unsolved} ticks: fallback torques"
+            yield _event(log, span, EventKind.SOLVER, "whole-body QP", words)
+        if replaced:
+            words = f"commands that were not finite in {replaced} ticks: joints damped"
+            yield _event(log, span, EventKind.SOLVER, "command", words)
     failed = log.mpc_status != 0
     for a, b in intervals(failed):
         plan = f"the plan of {log.mpc_time[max(a - 1, 0)]:.3f} s remained in use"
@@ -255,6 +262,17 @@ def _estimates(log: RunLog) -> Iterator[Event]:
         part = slice(*span)
         words = f"estimate off by up to {tilt[part].max():.3g} deg of tilt and {velocity[part].max():.3g} m/s"
         yield _event(log, span, EventKind.ESTIMATE, "estimate", words)
+
+
+def _sensors(log: RunLog) -> Iterator[Event]:
+    if log.sensor_faults is None:
+        return
+    for span in _episodes(log.time, log.sensor_faults != 0):
+        part = log.sensor_faults[slice(*span)]
+        found = int(np.bitwise_or.reduce(part))
+        names = " and ".join(name for bit, name in enumerate(SENSOR_FAULTS) if found & 1 << bit)
+        words = f"readings of {names} that cannot be true, replaced in {np.count_nonzero(part)} ticks"
+        yield _event(log, span, EventKind.ESTIMATE, "sensors", words)
 
 
 def _modes(log: RunLog) -> Iterator[Event]:

@@ -23,12 +23,14 @@ __all__ = [
     "CONTACT_FORCE_N",
     "CONTACT_STATES",
     "ESTIMATE_CHANNELS",
+    "FAULT_CHANNELS",
     "FORECAST_CHANNELS",
     "FRICTION_CHANNELS",
     "GROUND_CHANNELS",
     "LIMIT_CHANNELS",
     "MODES",
     "MPC_CHANNELS",
+    "SENSOR_FAULTS",
     "STEP_CHANNELS",
     "RunLog",
     "tilt_deg",
@@ -39,6 +41,9 @@ StatusArray = NDArray[np.int8]
 CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
 """Contact states of a foot relative to the schedule; the channel ``contact_states`` consists of indices into this."""
 
+SENSOR_FAULTS = ("gyro", "accelerometer", "joints", "speeds", "torques")
+"""Quantities of a measurement; bit k of the channel ``sensor_faults`` says that the k-th was replaced."""
+
 MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
 """Modes of the controller; the channel ``mode`` consists of indices into this."""
 
@@ -48,9 +53,9 @@ CONTACT_FORCE_N = 0.1
 
 
 _TABLES = tuple(map(Table, ("tick", "ground", "update")))  # the axis "nodes" counts states, N + 1
-_OPTIONAL = tuple(Table(name, optional=True) for name in ("estimate", "step", "friction", "forecast", "limit"))
+_OPTIONAL = tuple(Table(name, optional=True) for name in ("estimate", "fault", "step", "friction", "forecast", "limit"))
 _tick, _ground, _update = _TABLES
-_estimate, _step, _friction, _forecast, _limit = _OPTIONAL
+_estimate, _fault, _step, _friction, _forecast, _limit = _OPTIONAL
 _entry, _axis = Table("entry"), Table("entry", optional=True)
 
 
@@ -87,6 +92,8 @@ class RunLog:
         mpc_ms: (m,) duration of each update, ms.
         contact_frames: (nc,) names of the contact frames.
         joint_names: (nu,) names of the actuated joints.
+        sensor_faults: (n,) quantities whose readings could not be true and were replaced: bits of
+            :data:`SENSOR_FAULTS`; None without an estimator.
         forecast_ms: (n,) duration of forecasts of steps against a push, ms; None without such steps.
         floor_friction: (n,) friction coefficient of the plant's floor; None, like the torque limits, if neither changed
             during the run.
@@ -154,6 +161,7 @@ class RunLog:
     swing_targets: Array | None = _step("nc", 3, unit="m")
     footholds: Array | None = _step("nc", 3, unit="m")
     joint_friction: Array | None = _friction("nu", unit="N.m")
+    sensor_faults: NDArray[np.uint8] | None = _fault(dtype=np.uint8)
     forecast_ms: Array | None = _forecast(unit="ms")
     floor_friction: Array | None = _limit()
     torque_limits: Array | None = _limit("nu", unit="N.m")
@@ -305,8 +313,8 @@ class RunLog:
     def decimated(self, every: int) -> RunLog:
         """Return the log with one of ``every`` ticks.
 
-        A controller status that is not 0 is moved to the kept tick of its window, so that the file contains every
-        failure. MPC channels are unchanged.
+        A controller status that is not 0, and faults of sensors, are moved to the kept tick of their window: the
+        file contains every failure. MPC channels are unchanged.
         """
         if every <= 1 or self.ticks == 0:
             return self
@@ -315,6 +323,8 @@ class RunLog:
         kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[::every]) for name in names}
         worst = np.maximum.reduceat(np.abs(self.wbc_status.astype(np.int16)), starts)
         kept["wbc_status"] = worst.astype(np.int8)
+        if self.sensor_faults is not None:
+            kept["sensor_faults"] = np.bitwise_or.reduceat(self.sensor_faults, starts)
         return replace(self, **kept)
 
     def until(self, end: int) -> RunLog:
@@ -363,11 +373,12 @@ class RunLog:
 
 CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (table.of(RunLog) for table in _TABLES)
 _OPTIONAL_CHANNELS = tuple(table.of(RunLog) for table in _OPTIONAL)
-ESTIMATE_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = _OPTIONAL_CHANNELS
+ESTIMATE_CHANNELS, FAULT_CHANNELS, STEP_CHANNELS = _OPTIONAL_CHANNELS[:3]
+FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = _OPTIONAL_CHANNELS[3:]
 """Channels by table, one entry per MPC update or per logged control tick; those of the ground are computed when the
-log is made. The last five tables are those of runs with an estimator, of runs whose steps are recorded, of runs that
-estimate joint friction, of runs that forecast steps against pushes, and of continued runs whose floor or torque limits
-changed."""
+log is made. The last six tables are those of runs with an estimator, of runs whose sensors are monitored, of runs whose
+steps are recorded, of runs that estimate joint friction, of runs that forecast steps against pushes, and of continued
+runs whose floor or torque limits changed."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 

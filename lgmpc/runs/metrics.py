@@ -13,7 +13,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
-from lgmpc.runs.estimate import EstimatorErrors, estimator_errors
+from lgmpc.runs.estimate import EstimatorErrors, SensorFaults, estimator_errors
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import RunLog
@@ -74,6 +74,7 @@ class Metrics:
         walking: metrics of commanded motion; None for a run without commands.
         falls: number of falls; a fall ends when the robot folds its legs again.
         leg_collisions: number of times that two legs touched; None where they were not compared.
+        sensor_faults: replaced readings of sensors; None where they were not monitored.
         forecast_ms: duration of the ticks' forecasts of steps against a push, where there were any.
         joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
         modes: metrics of falls, lying and rising; None where modes were not recorded.
@@ -109,6 +110,7 @@ class Metrics:
     joint_friction_nm: float | None = None
     leg_collisions: int | None = None
     forecast_ms: Timing | None = None
+    sensor_faults: SensorFaults | None = None
 
 
 def compute_metrics(
@@ -176,6 +178,7 @@ def compute_metrics(
         modes=mode_metrics(log, fallen),
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
         forecast_ms=None if whole.forecast_ms is None else timing(whole.forecast_ms[whole.forecast_ms > 0.0]),
+        sensor_faults=SensorFaults.of(whole),
         joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[-1].mean()),
     )
 

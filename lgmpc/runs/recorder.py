@@ -17,6 +17,7 @@ from lgmpc.runs.ground import ground_channels
 from lgmpc.runs.log import (
     CHANNELS,
     ESTIMATE_CHANNELS,
+    FAULT_CHANNELS,
     FORECAST_CHANNELS,
     FRICTION_CHANNELS,
     GROUND_CHANNELS,
@@ -59,6 +60,7 @@ class Recorder:
         floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered unless given.
         estimated: whether the estimate that the controller receives is recorded.
+        monitored: whether replaced readings of sensors are recorded.
         stepping: whether commands and steps are recorded.
         friction_estimated: whether estimated joint friction is recorded.
         forecasts: whether durations of forecasts of steps against pushes are recorded.
@@ -90,6 +92,7 @@ class Recorder:
         floating_base: bool = True,
         joint_names: Sequence[str] | None = None,
         estimated: bool = False,
+        monitored: bool = False,
         stepping: bool = False,
         friction_estimated: bool = False,
         forecasts: bool = False,
@@ -129,6 +132,7 @@ class Recorder:
         optional = (
             (stepping, STEP_CHANNELS),
             (estimated, ESTIMATE_CHANNELS),
+            (monitored, FAULT_CHANNELS),
             (friction_estimated, FRICTION_CHANNELS),
             (forecasts, FORECAST_CHANNELS),
         )

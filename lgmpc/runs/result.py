@@ -13,7 +13,7 @@ from lgmpc.errors import RunFolderError
 from lgmpc.notebook import html_table
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.certificate import Certificate
-from lgmpc.runs.estimate import EstimatorErrors
+from lgmpc.runs.estimate import EstimatorErrors, SensorFaults
 from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.host import HostInfo, host_info, versions
 from lgmpc.runs.metrics import Metrics, Timing
@@ -239,6 +239,7 @@ def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
         ("estimator_ms", Timing),
         ("forecast_ms", Timing),
         ("estimator", EstimatorErrors),
+        ("sensor_faults", SensorFaults),
         ("walking", WalkingMetrics),
         ("modes", ModeMetrics),
     ):
@@ -256,6 +257,6 @@ def _number(value: Any) -> Any:
     """
     if isinstance(value, (int, float)):
         float(value)
-    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, WalkingMetrics, ModeMetrics))):
+    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, SensorFaults, WalkingMetrics, ModeMetrics))):
         raise TypeError(f"a metric is {type(value).__name__}")
     return value

@@ -113,8 +113,10 @@ def test_feet_that_step_on_a_level_floor_distinguish_a_tilt_from_the_bias_of_the
 
 
 def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
-    solo12: Robot, estimator: LeggedEstimator, caplog: pytest.LogCaptureFixture
+    solo12: Robot, estimator: LeggedEstimator, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Where no monitor replaces them before."""
+    monkeypatch.setattr(estimator, "monitor", None)
     reading = resting(solo12, np.eye(3))
     estimator.reset()
     state = estimator.update(reading)

@@ -281,6 +281,6 @@ def _named(name: str) -> Any:
 
 def _class(name: str) -> type:
     found = _named(name)
-    if not isinstance(found, type):
-        raise NoContentError(f"{name} is no class")
+    if not (isinstance(found, type) and _PLAIN.match(found.__module__)):
+        raise NoContentError(f"{name} is no class of lgmpc")
     return found

@@ -345,3 +345,15 @@ def test_symbolic_jacobians_are_the_numeric_ones(multibody: StateMultibody, angl
     ):
         for left, right in zip(got, expected, strict=True):
             np.testing.assert_allclose(left.full(), right, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", [math.inf, -math.inf, math.nan])
+def test_steps_that_are_no_numbers_give_nan(step: float) -> None:
+    """A diverging roll-out has a result that a solver can reject."""
+    state = StateMultibody(pin.buildSampleModelHumanoid())
+    dx = np.zeros(state.ndx)
+    dx[:6] = step
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(state.integrate(state.neutral(), dx)).any()
+        assert np.isnan(state.Jintegrate(state.neutral(), dx)[1]).any()
+        assert np.isnan(state.integrate(np.tile(state.neutral(), (2, 1)), np.tile(dx, (2, 1)))).any()

@@ -340,7 +340,8 @@ class LeggedController:
         if steps.active or steps.deciding:
             request = steps.way_back(request)
         friction = self.floor.coefficient
-        self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping)
+        load = (0.0, 0.0) if self.planner is None else self.planner.load.force
+        self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping, load)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
         if steps.active:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.estimation import WrenchObserver
+from lgmpc.estimation import SteadyForce, WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import MeasuredState, MotionSample, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
 from lgmpc.robot import Robot
@@ -36,6 +36,7 @@ class Planner:
     Attributes:
         mpc: as given.
         observer: estimates the external wrench.
+        load: the part of the wrench's horizontal force that lasts.
         contacts: over the horizon, to be written before :meth:`plan_from`.
         motion: desired motion over the horizon, to be written before :meth:`plan_from`.
 
@@ -54,6 +55,7 @@ class Planner:
             delay=delay,
             noise_force=settings.observer_noise_share * weight,
         )
+        self.load = SteadyForce(1.0 / settings.rate_hz)
         self._expired = False
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:
@@ -80,6 +82,7 @@ class Planner:
         self._sampler.clear()
         self.mpc.reset()
         self.observer.reset()
+        self.load.reset()
 
     def due(self, time: float) -> bool:
         """Return whether the MPC should plan at ``time``."""
@@ -90,6 +93,7 @@ class Planner:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
         plan = self.forecast(self.state(time, terms), self.contacts, self.wrench)
         self._sampler.load(plan, time)
+        self.load.update(self.observer.wrench)
         self._expired = False
         return plan
 

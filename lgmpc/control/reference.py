@@ -113,7 +113,13 @@ class DesiredMotion:
         self._limiter.command = MotionCommand()
 
     def follow(
-        self, request: MotionCommand, elapsed: float, friction: float, terms: WholeBodyTerms, stepping: bool
+        self,
+        request: MotionCommand,
+        elapsed: float,
+        friction: float,
+        terms: WholeBodyTerms,
+        stepping: bool,
+        load: tuple[float, float],
     ) -> BaseMotion:
         """Follow a command within the limits, and stay near the robot while it steps; return how the robot moves.
 
@@ -123,6 +129,7 @@ class DesiredMotion:
             friction: coefficient of the floor.
             terms: sensed quantities.
             stepping: whether the robot steps.
+            load: (x, y) external force that lasts, world axes, N.
         """
         builder, limiter = self.builder, self._limiter
         self.command = command = limiter.step(request, elapsed, self._grip * friction)
@@ -134,7 +141,7 @@ class DesiredMotion:
         return BaseMotion(
             x, y, terms.px / mass, terms.py / mass, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
             x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw), command.height, friction,
-            float(terms.rotation[2, 0]), float(terms.rotation[2, 1]),
+            float(terms.rotation[2, 0]), float(terms.rotation[2, 1]), load[0] / mass, load[1] / mass,
         )  # fmt: skip
 
     def write_targets(self, tasks: Mapping[str, Task], time: float, ground: TerrainBelief) -> None:

@@ -8,7 +8,7 @@ from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.estimation.plausibility import MeasurementMonitor
 from lgmpc.estimation.prediction import DelaySettings, StatePredictor
-from lgmpc.estimation.wrench import WrenchObserver
+from lgmpc.estimation.wrench import SteadyForce, WrenchObserver
 
 __all__ = [
     "ContactDetector",
@@ -24,6 +24,7 @@ __all__ = [
     "MeasurementMonitor",
     "Preintegration",
     "StatePredictor",
+    "SteadyForce",
     "WrenchObserver",
     "exponential_increment",
     "zero_order_hold_increment",

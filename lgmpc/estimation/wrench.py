@@ -9,10 +9,15 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
+<<<<<<< HEAD
 from lgmpc.estimation.checks import duration_of, number
+=======
+from lgmpc.errors import InputError
+from lgmpc.estimation.checks import duration_of
+>>>>>>> fc94c00 (A load that lasts moves the footholds to where the weight balances it)
 from lgmpc.typing import Array
 
-__all__ = ["WrenchObserver"]
+__all__ = ["SteadyForce", "WrenchObserver"]
 
 _NOISE_MEMORY = 0.2  # s
 
@@ -122,6 +127,41 @@ class WrenchObserver:
         for _ in range(min(ticks, len(self._rates))):
             self._rates[1:] = self._rates[:-1]
         self._state[:6] = math.nan
+
+
+class SteadyForce:
+    """The part of an estimated force that lasts: the median of its horizontal components over a window.
+
+    A force that acts for less than half of the window leaves it at zero: a push, and the tail of its estimate.
+
+    Args:
+        period: time between two samples, s.
+        window: s.
+
+    Attributes:
+        force: (x, y), world axes, N.
+
+    Raises:
+        InputError: a period or a window that is not positive.
+    """
+
+    def __init__(self, period: float, window: float = 0.8) -> None:
+        self._samples = np.zeros((max(round(duration_of("window", window) / duration_of("period", period)), 1), 2))
+        self._next = 0
+        self.force = (0.0, 0.0)
+
+    def reset(self) -> None:
+        """Discard all samples."""
+        self._samples[:] = 0.0
+        self.force = (0.0, 0.0)
+
+    def update(self, force: Array) -> tuple[float, float]:
+        """Take an estimate of the force (3,), world axes, N; return :attr:`force`."""
+        self._samples[self._next] = force[:2]
+        self._next = (self._next + 1) % len(self._samples)
+        x, y = np.median(self._samples, axis=0).tolist()
+        self.force = (x, y)
+        return self.force
 
 
 def _observation() -> ca.Function:

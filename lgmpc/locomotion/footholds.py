@@ -12,6 +12,9 @@ by r / h of the distance travelled, and is placed that much less far ahead. In a
 :math:`h / g \; v \times \omega`, which provides the centripetal acceleration (Kim et al., "Highly dynamic quadruped
 locomotion via whole-body impulse control and model predictive control", 2019, has the term with another factor).
 
+A force F that lasts would accelerate the pendulum: the support moves by :math:`h F / (m g)`, where the weight's moment
+balances it.
+
 The mean velocity of a robot on two feet is determined by its footholds alone: a horizontal force only tilts it about
 the line between the feet. Therefore the position error of the centre of mass shifts footholds too.
 
@@ -95,6 +98,8 @@ class BaseMotion:
         friction: Coulomb coefficient of the floor.
         rise_ahead: sine of the angle by which the base's x axis points upwards.
         rise_left: the same of its y axis.
+        load_x: acceleration that a lasting external force gives to the robot, world axes, m/s2.
+        load_y: m/s2.
     """
 
     x: float
@@ -112,6 +117,8 @@ class BaseMotion:
     friction: float = math.inf
     rise_ahead: float = 0.0
     rise_left: float = 0.0
+    load_x: float = 0.0
+    load_y: float = 0.0
 
 
 class Ground(Protocol):
@@ -251,8 +258,11 @@ class FootholdPlanner:
         shift, most = math.hypot(bx, by), motion.friction * self.height
         if shift > most:
             bx, by = bx * most / shift, by * most / shift
-        x = com[0] + fx + neutral * nx + bx - rolled * wx + outward * wy + s.position_feedback * ax
-        y = com[1] + fy + neutral * ny + by - rolled * wy - outward * wx + s.position_feedback * ay
+        ax, ay = s.position_feedback * ax, s.position_feedback * ay
+        if stance < math.inf:  # where the weight's moment about the feet balances that of the load
+            ax, ay = ax + motion.load_x / (rate * rate), ay + motion.load_y / (rate * rate)
+        x = com[0] + fx + neutral * nx + bx - rolled * wx + outward * wy + ax
+        y = com[1] + fy + neutral * ny + by - rolled * wy - outward * wx + ay
         return self._bound(foot, (x, y), com, motion.yaw + turned, motion, others)
 
     def _bound(

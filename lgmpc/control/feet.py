@@ -177,7 +177,7 @@ class Feet:
         else:
             for foot, carries in enumerate(stands):
                 self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
-        self.ground.update(self._period, points, stands)
+        self.ground.update(self._period, points, self.settled)
         self._write_normals()
         self._stood = stands
         self.standing = self.events.resting

@@ -9,12 +9,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
-<<<<<<< HEAD
 from lgmpc.estimation.checks import duration_of, number
-=======
-from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of
->>>>>>> fc94c00 (A load that lasts moves the footholds to where the weight balances it)
 from lgmpc.typing import Array
 
 __all__ = ["SteadyForce", "WrenchObserver"]

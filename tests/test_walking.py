@@ -114,6 +114,33 @@ def test_shipped_configs_that_walk_pass_their_gates(name: str, plant: str) -> No
     assert result.verdict.passed, result.verdict.reasons
 
 
+@pytest.mark.parametrize("uphill", [0, pytest.param(90, marks=pytest.mark.slow), 180])
+@pytest.mark.parametrize("estimator", [pytest.param("ground_truth", marks=pytest.mark.slow), "inekf"])
+@pytest.mark.parametrize("plant", ["mujoco", pytest.param("pinocchio", marks=pytest.mark.slow)])
+def test_an_unknown_slope_is_walked_up_down_and_across(plant: str, estimator: str, uphill: int) -> None:
+    changes = (f"plant.kind={plant}", f"estimator.kind={estimator}", f"world.uphill_deg={uphill}")
+    result = session_of(*changes, name="solo12_slope").run(lambda progress: None)
+    assert result.verdict.passed, result.verdict.reasons
+
+
+@pytest.mark.parametrize("height", [-1.0, pytest.param(1.0, marks=pytest.mark.slow)])
+def test_a_level_floor_at_any_height_is_walked_on_alike(height: float) -> None:
+    """On a floor below -0.03 m a foot that is put down at 0 never lands."""
+    here, there = (walked(session_of(*TROT, f"world.height_m={each}", "duration_s=1.5"))[0] for each in (0.0, height))
+    np.testing.assert_allclose(there.q[:, 2] - height, here.q[:, 2], atol=1e-4)
+    np.testing.assert_allclose(there.q[:, :2], here.q[:, :2], atol=1e-3)
+
+
+def test_a_load_that_lasts_leaves_no_error_of_the_velocity() -> None:
+    """5 N against the way, a fifth of the weight; with footholds of an unloaded robot it went 0.461 m/s."""
+    push = "pushes=[{body: base_link, time_s: 0.6, duration_s: 3.4, impulse_ns: [-17.0, 0, 0]}]"
+    command = "commands=[{at_s: 0.1, velocity_m_s: [0.5, 0, 0], gait: trot}]"
+    log, _, _ = walked(session_of(command, push, "duration_s=4.0"))
+    steady = (log.time > 2.5) & (log.time < 3.94)  # two seconds after the force began, over whole strides
+    x = log.q[: len(log.time)][steady, 0]
+    assert (x[-1] - x[0]) / (log.time[steady][-1] - log.time[steady][0]) == pytest.approx(0.5, abs=0.006)
+
+
 def test_legs_without_abduction_trot_on_their_line_through_a_push_from_the_side() -> None:
     """Solo8 steps ahead and back instead of sideways; with footholds beside its planes it tilted by 18 deg."""
     ahead, stop = "{at_s: 0.2, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}", "{at_s: 2.6, velocity_m_s: [0.0, 0.0, 0.0]}"

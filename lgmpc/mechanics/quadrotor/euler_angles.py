@@ -76,9 +76,8 @@ class EulerAnglePid:
         pull = pull + gains.integral * self._sum
         angles = attitude.roll_pitch_yaw(state.rotation)
         yaw = np.arctan2(desired.heading[0, 1], desired.heading[0, 0])
-        ahead = np.cos(yaw) * pull[..., 0] + np.sin(yaw) * pull[..., 1]
-        aside = np.sin(yaw) * pull[..., 0] - np.cos(yaw) * pull[..., 1]
-        roll, pitch = (np.clip(each / GRAVITY, -gains.tilt, gains.tilt) for each in (aside, ahead))
+        ahead, left = attitude.turn(-yaw, pull[..., 0], pull[..., 1])
+        roll, pitch = (np.clip(each / GRAVITY, -gains.tilt, gains.tilt) for each in (-left, ahead))
         target = np.stack([roll, pitch, np.broadcast_to(yaw, roll.shape)], axis=-1)
         away = target - angles
         away[..., 2] = (away[..., 2] + np.pi) % (2.0 * np.pi) - np.pi

@@ -19,7 +19,7 @@ friction enters the solver as bounded impulses on the joints.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -74,6 +74,7 @@ class PinocchioPlant:
         self._data = self._model.createData()
         # Views into the workspace, whose address is constant: world positions of the spheres that may touch the ground.
         self._centres = [self._data.oMf[frame].translation for frame in self._frames]
+        self._frames_key, self._contact_frames = b"", _ContactFrames.of(np.zeros((0, 3)), np.zeros(0))
         self._solver = _ContactSolver(self._model, params, len(self._frames), robot.nu)
         self.reset(robot.x_reference)
 
@@ -109,8 +110,12 @@ class PinocchioPlant:
     def resume(self, sample: PlantSample) -> None:
         """Continue, without wrenches, from a sample of another plant of the same robot and engine."""
         self.reset(np.concatenate([sample.q, sample.v]))
-        self._solver.impulses[: self._robot.nc] = sample.contact_forces * self._dt
+        pin.framesForwardKinematics(self._model, self._data, self._q)
+        feet = slice(self._robot.nc)
+        axes = _ContactFrames.of(self._world.distance(np.array(self._centres[feet]))[1], self._radii[feet]).axes
+        self._solver.impulses[feet] = np.matmul(axes, sample.contact_forces[:, :, None])[:, :, 0] * self._dt
         self._tau, self._steps = sample.tau, round(sample.time / self._dt)
+        self._forces = sample.contact_forces.copy()
 
     def step(self, tau: Array) -> None:
         """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.
@@ -130,19 +135,18 @@ class PinocchioPlant:
             force += self._generalized(joint, wrench)
         minverse = pin.computeMinverse(model, data, q)
         free = v + minverse @ (dt * force)
-        near, gaps, axes, friction = self._near_ground()
-        self._v, self._forces = free, np.zeros((self._robot.nc, 3))
+        near, gaps, frames, friction = self._near_ground()
+        self._v, forces = free, np.zeros((len(self._frames), 3))
         if near or self._friction:
-            jacobian = self._jacobian(near, axes)
+            jacobian = self._jacobian(near, frames)
             response = minverse @ jacobian.T
             drift = jacobian @ free
             drift[2 : 3 * len(near) : 3] += [gap / dt if gap > 0 else max(_RECOVERY * gap / dt, -_RISE) for gap in gaps]
             self._v = free + response @ self._solver.solve(near, friction, jacobian @ response, drift)
-            for i, frame in zip(near, axes, strict=True):
-                if i < self._robot.nc:
-                    self._forces[i] = self._solver.impulses[i] @ frame / dt
+            forces[near] = np.matmul(self._solver.impulses[near, None], frames.axes)[:, 0] / dt
         else:
             self._solver.clear()
+        self._forces = forces[: self._robot.nc]
         self._q = pin.integrate(model, q, dt * self._v)
         self._steps += 1
         check_speed(self._v, "Pinocchio plant", self._steps * dt)
@@ -180,19 +184,19 @@ class PinocchioPlant:
         force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
         return force
 
-    def _near_ground(self) -> tuple[list[int], list[float], Array, Array]:
-        """Return the k points that may touch the ground in this step, their distances from it, axes and friction.
-
-        The rows of each of the (k, 3, 3) axes are two tangents of the surface and its normal, world axes.
-        """
+    def _near_ground(self) -> tuple[list[int], list[float], _ContactFrames, Array]:
+        """Return the points that may touch the ground in this step, their distances from it, frames and friction."""
         positions = np.array(self._centres).reshape(-1, 3)
         distances, normals = self._world.distance(positions)
         gaps = distances - self._radii
-        near = np.flatnonzero(gaps < _FASTEST * self._dt)
-        axes, friction = _surface_axes(normals[near]), self._world.friction(positions[near, :2])
-        return near.tolist(), gaps[near].tolist(), axes, friction
+        near = (gaps < _FASTEST * self._dt).nonzero()[0]
+        normals, radii = normals[near], self._radii[near]
+        key = normals.tobytes() + radii.tobytes()
+        if key != self._frames_key:  # not on a plane while the same points are near
+            self._frames_key, self._contact_frames = key, _ContactFrames.of(normals, radii)
+        return near.tolist(), gaps[near].tolist(), self._contact_frames, self._world.friction(positions[near, :2])
 
-    def _jacobian(self, near: list[int], axes: Array) -> Array:
+    def _jacobian(self, near: list[int], frames: _ContactFrames) -> Array:
         """Return the rows of the contact points along their axes, then of the joints if they have friction."""
         joints = self._joints
         count = 3 * len(near)
@@ -200,9 +204,8 @@ class PinocchioPlant:
         for k, i in enumerate(near):
             frame = pin.getFrameJacobian(self._model, self._data, self._frames[i], pin.LOCAL_WORLD_ALIGNED)
             frame = frame.reshape(6, self._model.nv)
-            # The point lies r below the centre along the normal n: its velocity is that of the centre + r n x omega.
-            point = frame[:3] + self._radii[i] * (pin.skew(axes[k, 2]) @ frame[3:])
-            rows[3 * k : 3 * k + 3] = axes[k] @ point
+            point = frame[:3] + frames.levers[k] @ frame[3:]
+            rows[3 * k : 3 * k + 3] = point if frames.level else frames.axes[k] @ point
         if self._friction:
             rows[count:, joints] = np.eye(self._robot.nu)
         return rows
@@ -296,17 +299,29 @@ class _ContactSolver:
         return self._problems[coefficients]
 
 
-def _surface_axes(normals: Array) -> Array:
-    """Return (k, 3, 3) orthonormal axes whose third rows are the normals (k, 3); the identity for the vertical.
+class _ContactFrames(NamedTuple):
+    """Geometry of k contacts of spheres of radius r with surfaces of unit normal n.
 
-    Duff et al., "Building an orthonormal basis, revisited", 2017.
+    Attributes:
+        axes: (k, 3, 3) whose rows are two tangents of the surface and its normal, world axes.
+        levers: (k, 3, 3) matrices ``r [n]x``: the contact point ``c - r n`` moves by ``r n x omega`` besides c.
+        level: whether all axes are the world's.
     """
-    x, y, z = normals.T
-    a = -1.0 / (1.0 + z)
-    b = a * x * y
-    first, second = np.stack([1.0 + a * x * x, b, -x]), np.stack([b, 1.0 + a * y * y, -y])
-    axes: Array = np.stack([first, second, normals.T]).transpose(2, 0, 1)
-    return axes
+
+    axes: Array
+    levers: Array
+    level: bool
+
+    @classmethod
+    def of(cls, normals: Array, radii: Array) -> _ContactFrames:
+        """Return the frames (Duff et al., "Building an orthonormal basis, revisited", 2017)."""
+        x, y, z = normals.T
+        a = -1.0 / (1.0 + z)
+        b = a * x * y
+        first, second = np.stack([1.0 + a * x * x, b, -x]), np.stack([b, 1.0 + a * y * y, -y])
+        axes: Array = np.stack([first, second, normals.T]).transpose(2, 0, 1)
+        levers = np.array([radius * pin.skew(normal) for normal, radius in zip(normals, radii, strict=True)])
+        return cls(axes, levers.reshape(-1, 3, 3), not normals[:, :2].any())
 
 
 def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], Array]:

@@ -73,7 +73,9 @@ class Plane:
 
     def normal(self, points: Array) -> Array:
         """Return (n, 3) the normal."""
-        return np.tile(np.array(self.normal_vector, dtype=np.float64), (len(points), 1))
+        normals = np.empty((len(points), 3))
+        normals[:] = self.normal_vector  # faster than np.tile
+        return normals
 
     def friction(self, points: Array) -> Array:
         """Return (n,) the coefficient."""

@@ -142,3 +142,18 @@ def test_the_friction_is_that_of_the_surface(plant_type, block) -> None:
 def test_mujoco_refuses_other_surfaces(block) -> None:
     with pytest.raises(InputError, match=r"world: got Bowl; expected planes"):
         MujocoPlant(block, world=World((type("Bowl", (), {})(),)))
+
+
+def test_a_plant_resumed_on_a_slope_continues(plant_type, solo12, hold) -> None:
+    """From its sample, another plant of the world takes the same steps, to the tolerance of the contact solvers."""
+    world, settings = slope(12.0, 40.0), PlantSettings(friction=MU)
+    plants = [plant_type(solo12, settings, world) for _ in range(2)]
+    plants[0].reset(on(world, solo12))
+    hold(plants[0], solo12, 200)
+    plants[1].resume(plants[0].sense())
+    np.testing.assert_array_equal(plants[1].sense().contact_forces, plants[0].sense().contact_forces)
+    for plant in plants:
+        hold(plant, solo12, 20)
+    for name, tolerance in (("q", 1e-8), ("v", 1e-6), ("contact_forces", 1e-4)):
+        first, second = (getattr(plant.sense(), name) for plant in plants)
+        np.testing.assert_allclose(second, first, rtol=0, atol=tolerance, err_msg=name)

@@ -9,6 +9,8 @@ from lgmpc.cli.running import run_display, show_run
 from lgmpc.cli.screen import err, out, print_result
 from lgmpc.config import Config
 from lgmpc.config.deploying import deploy_config, serve_config
+from lgmpc.config.interrupts import stop_signals
+from lgmpc.errors import Interrupted
 from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
 from lgmpc.runs.metrics import timing
 
@@ -31,10 +33,10 @@ def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_j
     return finished.exit_code
 
 
-def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> None:
-    """Simulate the robot of ``config``, and print figures of its motion and of the link."""
+def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> int:
+    """Simulate the robot of ``config``, print figures of its motion and of the link, and return the exit code."""
     console = err()
-    with warnings_on(console):
+    with warnings_on(console), stop_signals():
         served = serve_config(
             config,
             lambda nu: UdpRobot(nu, host, port),
@@ -50,6 +52,7 @@ def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> Non
     ]
     out().print(figure_table(rows))
     out().print(f"the robot ended: {served.ending}", markup=False)
+    return 0 if served.signal is None else Interrupted(served.signal).exit_code
 
 
 def _link(deployment: Deployment) -> list[Row]:

@@ -55,12 +55,12 @@ def robot(
 ) -> None:
     """Simulate a config's robot in real time, moved by a controller at the other end of a UDP link.
 
-    Waits for `lgmpc deploy`, or for another program that uses its protocol. Pushes, sensor noise, drives and floor are
-    those of the config.
+    Waits for `lgmpc deploy`, or for another program that uses its protocol; ends with it, or by Ctrl-C or SIGTERM.
+    Pushes, sensor noise, drives and floor are those of the config.
     """
     from lgmpc.config import load_config
 
     loaded = load_config(config, [*overrides, *more])
     from lgmpc.cli.deploying import serve_shown
 
-    serve_shown(loaded, host, port, lock_step=lock_step)
+    raise typer.Exit(serve_shown(loaded, host, port, lock_step=lock_step))

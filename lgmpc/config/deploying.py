@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettin
 from lgmpc.hardware.simulated import LockStep, NoControllerError, Pace, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Recorder, atomic_write
+from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, TimingSettings
@@ -99,8 +100,12 @@ def serve_config(
         wait_s: longest time to wait for a controller, s.
         notify: called with a description of what is being done.
 
+    Returns:
+        The motion until the end or, after a KeyboardInterrupt, until then.
+
     Raises:
         LgmpcError: if the robot cannot be built, or no controller connects within ``wait_s``.
+        KeyboardInterrupt: before the first command.
     """
     robot = build_robot(config)
     world = make_world(config.world, config.plant.friction)
@@ -108,8 +113,7 @@ def serve_config(
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     hardware = Hardware(build_drives(config, plant), computing, lambda: (0.0, False))
-    end = link(robot.nu)
-    try:
+    with closing(link(robot.nu)) as end:
         notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")
@@ -117,8 +121,6 @@ def serve_config(
         pace: Pace = LockStep(end) if lock_step else RealTime(end, rates.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, hardware)
-    finally:
-        end.close()
 
 
 def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) -> _DeploymentSession:
@@ -200,6 +202,8 @@ class _DeploymentSession:
         interrupted = ending is Ending.INTERRUPTED
         log = self.recorder.log()
         metrics, verdict = judged(log, self.gate, self.robot, interrupted=interrupted, failure=failure)
+        if self.deployment.too_slow and verdict.outcome is Outcome.FAIL:
+            verdict = Verdict(Outcome.FAIL, (*verdict.reasons, self.deployment.too_slow))
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
 
 

@@ -26,6 +26,8 @@ from lgmpc.typing import IntArray
 __all__ = ["DeployedTick", "Deployment", "DeploymentSettings", "Driver", "Ending", "deploy"]
 
 _LOG = logging.getLogger(__name__)
+_MOST_LATE = 0.1
+"""Share of late or unanswered measurements from which on a machine is too slow."""
 
 
 class Driver(Protocol):
@@ -120,6 +122,19 @@ class Deployment:
     highest_temperature_c: float | None = None
     error_flags: IntArray | None = None
 
+    @property
+    def too_slow(self) -> str:
+        """Statement that this machine is too slow, with the remedy; empty if most commands were in time."""
+        unanswered, count = self.late + self.overtaken, self.ticks + self.overtaken
+        if unanswered <= _MOST_LATE * count:
+            return ""
+        median = 1e3 * float(np.median(self.spent))
+        return (
+            f"this machine is too slow: {unanswered} of {count} measurements were answered later than a period,"
+            f" or never (median {median:.2g} ms): lower wbc.rate_hz and mpc.rate_hz, end other programs, or give the"
+            " process a real-time priority (chrt --fifo 80)"
+        )
+
 
 def deploy(
     driver: Driver,
@@ -165,7 +180,10 @@ def deploy(
         _LOG.error("the joints could not be damped: %s", error)
     finally:
         driver.close()
-    return loop.figures(ending, failure)
+    figures = loop.figures(ending, failure)
+    if figures.too_slow:
+        _LOG.warning("%s", figures.too_slow)
+    return figures
 
 
 class _Loop:

@@ -7,13 +7,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from signal import Signals
 from time import perf_counter
 from typing import Protocol
 
 import numpy as np
 
 from lgmpc.control.interface import Command, Measurement, RobotState
-from lgmpc.errors import LgmpcError
+from lgmpc.errors import Interrupted, LgmpcError
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, simulate
@@ -165,6 +166,7 @@ class Served:
         q: (n, nq) configuration.
         v: (n, nv) velocity.
         ending: cause of the end, in words.
+        signal: the signal that ended it; None if none did.
         behind: see :class:`RealTime`.
         unanswered: see :class:`RealTime`.
     """
@@ -175,6 +177,7 @@ class Served:
     ending: str
     behind: int = 0
     unanswered: int = 0
+    signal: Signals | None = None
 
     @property
     def max_tilt_deg(self) -> float:
@@ -197,7 +200,7 @@ def serve(
     hardware: Hardware | None = None,
     on_tick: Callable[[float], None] = lambda time: None,
 ) -> Served:
-    """Simulate a robot until its duration is over or its controller has ended.
+    """Simulate a robot until its duration is over, its controller has ended, or a signal stops it.
 
     Args:
         plant: plant, reset to the initial state.
@@ -208,13 +211,11 @@ def serve(
         hardware: drives and delays that commands pass through besides the link; none unless given.
         on_tick: called at every tick with the simulated time.
     """
-    sent = _Sent()
-    times: list[float] = []
-    states: list[tuple[Array, Array]] = []
+    sent, stopped = _Sent(), None
+    states: list[tuple[float, Array, Array]] = []
 
     def record(tick: Tick) -> bool:
-        times.append(tick.sample.time)
-        states.append((tick.sample.q, tick.sample.v))
+        states.append((tick.sample.time, tick.sample.q, tick.sample.v))
         on_tick(tick.sample.time)
         return True
 
@@ -222,9 +223,14 @@ def serve(
     try:
         simulate(plant, _Answered(sent, pace), pushes, rates, record, Sensing(sensors, sent), hardware)
     except NoControllerError as error:
-        if not times:
+        if not states:
             raise
         ending = str(error)
         _LOG.info("the robot ends: %s", ending)
-    qs, vs = (np.array(each) for each in zip(*states, strict=True))
-    return Served(np.array(times), qs, vs, ending, pace.behind, pace.unanswered)
+    except KeyboardInterrupt as error:
+        if not states:
+            raise
+        stopped = error.signal if isinstance(error, Interrupted) else Signals.SIGINT
+        ending = f"it was stopped by {stopped.name}"
+    times, qs, vs = (np.array(each) for each in zip(*states, strict=True))
+    return Served(times, qs, vs, ending, pace.behind, pace.unanswered, stopped)

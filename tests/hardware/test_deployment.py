@@ -1,5 +1,6 @@
 """The loop that runs a controller on a robot: what it does when measurements or commands are not as they should be."""
 
+import dataclasses
 import time
 from collections.abc import Sequence
 
@@ -152,6 +153,22 @@ def test_whatever_ends_it_the_last_command_damps_the_joints(error: BaseException
     assert (found.ending, found.failure[: len(failure)]) == (ending, failure)
     assert [is_damping(command) for command in robot.written] == [False, True]
     assert robot.closed
+
+
+@pytest.mark.parametrize(
+    ("batches", "slow"), [([[0], [1], [2, 3, 4]], True), ([[k] for k in range(30)] + [[30, 31]], False)]
+)
+def test_a_machine_that_is_too_slow_is_named(
+    batches: list[list[int]], slow: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = run(ScriptedRobot(*batches), Copying(), batches[-1][-1] + 1)
+    figures = dataclasses.replace(found, late=0)  # whatever this machine did meanwhile
+    assert figures.too_slow.startswith("this machine is too slow: 2 of 5 measurements") is slow
+    assert bool(figures.too_slow) is slow
+    late = dataclasses.replace(figures, late=figures.ticks)
+    assert late.too_slow and "lower wbc.rate_hz" in late.too_slow
+    if slow:
+        assert [each.message for each in caplog.records][-1].startswith("this machine is too slow")
 
 
 def test_a_driver_that_cannot_write_is_closed() -> None:

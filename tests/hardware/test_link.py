@@ -2,8 +2,11 @@
 
 import errno
 import json
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -17,7 +20,7 @@ from lgmpc.config.continuing import run_from
 from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
-from lgmpc.errors import ConfigError, InputError
+from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
@@ -147,6 +150,39 @@ def test_a_robot_to_which_no_controller_connects_ends() -> None:
     config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
     with pytest.raises(NoControllerError, match=r"no controller within 0\.05 s"):
         serve_config(config, UdpRobot, wait_s=0.05)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted(signal.SIGTERM)])
+def test_a_stopped_robot_says_so_and_keeps_its_motion(
+    error: KeyboardInterrupt, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter(range(5))
+
+    def answer(self: LockStep, measurement: Measurement) -> Command:
+        if next(answers, None) is None:
+            raise error
+        return Command.damping(np.zeros(12), measurement.joints, 0.1)
+
+    monkeypatch.setattr(LockStep, "answer", answer)
+    monkeypatch.setattr(UdpRobot, "wait_for_controller", lambda self, wait: True)
+    config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
+    served = serve_config(config, UdpRobot, lock_step=True)
+    number = error.signal if isinstance(error, Interrupted) else signal.SIGINT
+    assert (served.ending, served.signal) == (f"it was stopped by {number.name}", number)
+    assert served.q.shape == (5, 19)
+    with pytest.raises(KeyboardInterrupt):
+        serve_config(config, UdpRobot, lock_step=True)
+
+
+def test_lgmpc_robot_ends_with_a_word_on_sigterm() -> None:
+    command = [sys.executable, "-m", "lgmpc", "robot", "solo12_balance_inekf", "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8")
+    assert process.stderr is not None
+    while "waits for a controller" not in process.stderr.readline():
+        assert process.poll() is None
+    process.terminate()
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 143 and "stopped" in errors
 
 
 def test_a_packet_to_a_network_that_is_unreachable_is_lost() -> None:

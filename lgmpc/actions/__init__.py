@@ -17,7 +17,7 @@ from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.loads import ExternalWrench, Load
 from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
-from lgmpc.actions.penalized import PenalizedAction
+from lgmpc.actions.penalized import PenalizedAction, penalize
 from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
 from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
 from lgmpc.actions.squashing import Squashed
@@ -64,5 +64,6 @@ __all__ = [
     "Stretched",
     "Unknowns",
     "Variational",
+    "penalize",
     "thrusters",
 ]

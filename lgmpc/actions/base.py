@@ -7,6 +7,7 @@ coordinates), which :mod:`lgmpc.ocp` maps over a horizon and compiles.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -20,7 +21,7 @@ from lgmpc.compile import cached
 from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.state.base import State
-from lgmpc.typing import Array, numbers
+from lgmpc.typing import Array, IntArray, numbers
 
 __all__ = ["Action", "Stage", "StageValue"]
 
@@ -177,6 +178,52 @@ class Action(ABC):
         outputs = at_zero(unknowns.resolve([*inputs, dx], list(expressions.values())), dx)
         names = ["x", "u", "x_next", "p"]
         return ca.Function(f"{self.name}_quadratic", inputs, outputs, names, list(expressions))
+
+    @cached_property
+    def bounds_function(self) -> ca.Function:
+        """``p -> (lower, upper)`` of the path constraint."""
+        value = self.value_function
+        p: Any = value.sx_in(2) if value.is_a("SXFunction") else value.mx_in(2)
+        *_, lower, upper = value.call([self.state.neutral(), ca.DM.zeros(self.nu), p])
+        return ca.Function(f"{self.name}_bounds", [p], [ca.densify(lower), ca.densify(upper)])
+
+    def bounded_controls(self) -> tuple[IntArray, ca.Function]:
+        """Return the control that each row of the path constraint bounds, and ``p -> (lower, upper)`` of the controls.
+
+        A row is a control plus an expression in the parameters, a reference for instance; any other has the index -1.
+        """
+        x, u, p = (
+            ca.SX.sym(name, n) for name, n in (("x", self.state.nx), ("u", self.nu), ("p", self.parameters.size))
+        )
+        path = self.constraint(x, u, p)
+        value = ca.SX(path.value)
+        of_state, slope = ca.jacobian(value, x), ca.jacobian(value, u)
+        rows = np.full(value.shape[0], -1, dtype=np.int64)
+        for i in range(value.shape[0]):
+            row = slope[i, :]
+            if of_state[i, :].nnz() == 0 and row.nnz() == 1 and ca.SX(row.nz[0]).is_one():
+                rows[i] = row.sparsity().get_triplet()[1][0]
+        offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(self.state.nx + self.nu))
+        if (rows < 0).any():
+            offset = ca.SX.zeros(value.shape[0])
+        edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
+        return rows, ca.Function("limits", [p], edges)
+
+    def penalized(self) -> Action | None:
+        """Return the action with its constraint as a cost; None: it follows from the expressions.
+
+        See :class:`~lgmpc.actions.PenalizedAction`, with whose parameters it ends.
+        """
+        return None
+
+    def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
+        """Return a call that names the node of an exception of the action's own; calls of expressions have none.
+
+        Args:
+            call: evaluates the action at consecutive nodes, once each.
+            first: the first of these nodes.
+        """
+        return call
 
     def _checked(self, stage: Stage) -> Stage:
         """Return a stage of the right types and shapes."""

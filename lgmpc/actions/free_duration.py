@@ -50,7 +50,7 @@ class Stretched(ItemAction):
     """
 
     def __init__(self, action: ItemAction) -> None:
-        instance("action", action, ItemAction, "an action made of items")
+        instance("action", action, ItemAction, "an action made of items, as a MultibodyAction")
         self.base = action
         self.name = f"{action.name}_stretched"
         self.robot, self.nu = action.robot, action.nu

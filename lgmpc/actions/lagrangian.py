@@ -11,12 +11,13 @@ derivatives of no factorisation and of no solution are formed.
 
 from __future__ import annotations
 
+from typing import cast
+
 import casadi as ca
 
 from lgmpc.actions.base import Action
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.linearisation import StageSteps, at_zero
-from lgmpc.actions.multibody import ItemAction
+from lgmpc.actions.linearisation import Expandable, StageSteps, at_zero
 from lgmpc.compile import Pipeline, PipelineStep
 
 __all__ = ["lagrangian_hessian", "terminal_hessian"]
@@ -27,8 +28,8 @@ def lagrangian_hessian(action: Action) -> ca.Function | Pipeline:
 
     A pipeline for actions that are expanded in steps: it shares their dynamics' functions.
     """
-    if isinstance(action, ItemAction) and action.expansion is not None:
-        return _in_steps(action)
+    if action.expansion is not None:
+        return _in_steps(cast(Expandable, action))
     state = action.state
     x, x_next, dx = ca.SX.sym("x", state.nx), ca.SX.sym("x_next", state.nx), ca.SX.sym("dx", state.ndx)
     u, p = ca.SX.sym("u", action.nu), ca.SX.sym("p", action.parameters.size)
@@ -52,7 +53,7 @@ def terminal_hessian(action: Action) -> ca.Function:
     return ca.Function(f"{action.name}_terminal_lagrangian", [x, p], [found], ["x", "p"], ["hessian"])
 
 
-def _in_steps(action: ItemAction) -> Pipeline:
+def _in_steps(action: Expandable) -> Pipeline:
     s = StageSteps(action)
     assert s.equation is not None and s.moved is not None
     dynamics = s.dynamics(s.equation)

@@ -17,18 +17,31 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import casadi as ca
 
 from lgmpc.actions.implicit import LinearUnknown, Unknowns
 from lgmpc.compile import PipelineStep
-from lgmpc.state import StateMultibody
+from lgmpc.costs import ParameterLayout
+from lgmpc.robot.symbolic import SymbolicModel
+from lgmpc.state import State, StateMultibody
 
-if TYPE_CHECKING:
-    from lgmpc.actions.multibody import ItemAction
+__all__ = ["Expandable", "Expansion", "StageSteps", "at_zero", "expand_in_steps"]
 
-__all__ = ["Expansion", "StageSteps", "at_zero", "expand_in_steps"]
+
+class Expandable(Protocol):
+    """An action whose expansion in steps can be written; see :class:`~lgmpc.actions.multibody.ItemAction`."""
+
+    name: str
+    robot: SymbolicModel
+    state: State
+    nu: int
+    parameters: ParameterLayout
+    own_parameters: int
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Any:
+        """Return all expressions of the interval."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +66,7 @@ class Expansion:
     cost: ca.Function
 
 
-def expand_in_steps(action: ItemAction) -> Expansion | None:
+def expand_in_steps(action: Expandable) -> Expansion | None:
     """Return an action's expansion in steps; None if its unknowns are not those of one linear equation."""
     stage = StageSteps(action)
     if stage.equation is None:
@@ -75,7 +88,7 @@ class StageSteps:
         columns: the patterns of the results that have been written so far.
     """
 
-    def __init__(self, action: ItemAction) -> None:
+    def __init__(self, action: Expandable) -> None:
         state = action.state
         self.action, self.n, self.ndx = action, state.ndx + action.nu, state.ndx
         self.x, self.x_next, self.u = ca.SX.sym("x", state.nx), ca.SX.sym("x_next", state.nx), ca.SX.sym("u", action.nu)

@@ -23,7 +23,7 @@ from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
 from lgmpc.typing import instance
 
-__all__ = ["PenalizedAction", "penalty_parameters"]
+__all__ = ["PenalizedAction", "penalize", "penalty_parameters"]
 
 
 class PenalizedAction(ItemAction):
@@ -66,6 +66,12 @@ class PenalizedAction(ItemAction):
     def terminal_cost(self, x: Any, p: Any) -> Cost:
         """Return the action's own."""
         return self.base.terminal_cost(x, p[: self.base.parameters.size])
+
+
+def penalize(action: Action) -> Action:
+    """Return an action with the constraint as a cost, and the :func:`penalty_parameters`."""
+    own = action.penalized()
+    return PenalizedAction(action) if own is None else own
 
 
 def penalty_parameters(action: Action) -> ParameterLayout:

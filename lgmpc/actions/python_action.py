@@ -8,7 +8,7 @@ actions; nothing of it is compiled.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -17,10 +17,11 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions.base import Action, StageValue
+from lgmpc.actions.callback import Watch, python_function
 from lgmpc.actions.penalized import penalty_parameters
 from lgmpc.costs import Bounded, Cost, CostTerm
 from lgmpc.errors import InputError
-from lgmpc.typing import Array
+from lgmpc.typing import Array, IntArray
 
 __all__ = ["Limits", "PenalizedPythonAction", "PythonAction", "StageDerivatives"]
 
@@ -149,7 +150,9 @@ class PythonAction(Action):
         ng = self._sizes["limits"]
         shapes = [(self.state.nx, 1), (1, 1), (ng, 1), (ng, 1), (ng, 1)]
         inputs = self._inputs("x", "u", "p")
-        return _Callback(f"{self.name}_value", inputs, dict(zip(_VALUES, shapes, strict=True)), values, self.watch)
+        return python_function(
+            f"{self.name}_value", inputs, dict(zip(_VALUES, shapes, strict=True)), values, self.watch
+        )
 
     @cached_property
     def quadratic_function(self) -> ca.Function:
@@ -159,7 +162,7 @@ class PythonAction(Action):
         shapes += [(ng, ndx), (ng, nu), (ng, 1), (ng, 1), (1, 1)]
         inputs = self._inputs("x", "u", "x_next", "p")
         outputs = dict(zip(_QUADRATIC, shapes, strict=True))
-        return _Callback(f"{self.name}_quadratic", inputs, outputs, self._quadratic, self.watch)
+        return python_function(f"{self.name}_quadratic", inputs, outputs, self._quadratic, self.watch)
 
     @cached_property
     def terminal_value_function(self) -> ca.Function:
@@ -169,7 +172,9 @@ class PythonAction(Action):
             r = self._end(x, p)
             return [0.5 * float(r @ r)]
 
-        return _Callback(f"{self.name}_terminal_value", self._inputs("x", "p"), {"cost": (1, 1)}, value, self.watch)
+        return python_function(
+            f"{self.name}_terminal_value", self._inputs("x", "p"), {"cost": (1, 1)}, value, self.watch
+        )
 
     @cached_property
     def terminal_quadratic_function(self) -> ca.Function:
@@ -183,7 +188,7 @@ class PythonAction(Action):
 
         shapes = {"Q": (ndx, ndx), "q": (ndx, 1), "cost": (1, 1)}
         name = f"{self.name}_terminal_quadratic"
-        return _Callback(name, self._inputs("x", "p"), shapes, quadratic, self.watch)
+        return python_function(name, self._inputs("x", "p"), shapes, quadratic, self.watch)
 
     def structural_state(self) -> dict[str, Any]:
         """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile`).
@@ -203,6 +208,35 @@ class PythonAction(Action):
             "terminal_quadratic_function",
         }
         return {name: value for name, value in vars(self).items() if name not in made}
+
+    def bounded_controls(self) -> tuple[IntArray, ca.Function]:
+        """As that of :class:`Action`: derivatives at two points determine the rows."""
+        state, rng, p = self.state, np.random.default_rng(0), self.parameters.default.copy()
+        rows = np.zeros(self._sizes["limits"], dtype=np.int64)
+        for scale in (0.0, 0.1):
+            x = state.integrate(state.neutral(), scale * rng.standard_normal(state.ndx))
+            d = self.checked_derivatives(x, scale * rng.standard_normal(self.nu), p)
+            found = np.abs(d.limits_u).argmax(axis=1) if len(d.limits_u) else rows
+            beside = np.hstack([d.limits_x, d.limits_u - np.eye(self.nu)[found]])
+            rows = np.where((np.abs(beside).max(axis=1, initial=0.0) > 1e-6) | (rows < 0), -1, found)
+        given = ca.MX.sym("p", self.parameters.size)
+        _, _, value, lower, upper = self.value_function.call([state.neutral(), ca.DM.zeros(self.nu), given])
+        return rows, ca.Function("limits", [given], [lower - value, upper - value])
+
+    def penalized(self) -> Action:
+        """Return the action with its constraint as a cost."""
+        return PenalizedPythonAction(self)
+
+    def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
+        """Return a call that raises an exception of Python with its node."""
+
+        def evaluate() -> int:
+            self.watch.begin()
+            result = call()
+            self.watch.raise_at(self.name, first)
+            return result
+
+        return evaluate
 
     def _inputs(self, *names: str) -> dict[str, int]:
         sizes = {"x": self.state.nx, "u": self.nu, "x_next": self.state.nx, "p": self.parameters.size}
@@ -341,92 +375,6 @@ class PenalizedPythonAction(PythonAction):
         rho = float(p[-1])
         moved = value + p[self._own : -1] / rho
         return np.maximum(moved - upper, 0.0) + np.minimum(moved - lower, 0.0), rho
-
-
-class Watch:
-    """Exceptions of an action's calls from CasADi, through which none propagates.
-
-    Attributes:
-        calls: number of calls since :meth:`begin`.
-        error: the first exception since then.
-        failed: number of calls before it.
-    """
-
-    def __init__(self) -> None:
-        self.begin()
-
-    def begin(self) -> None:
-        """Reset counts and exception."""
-        self.calls, self.failed = 0, 0
-        self.error: Exception | None = None
-
-    def note(self, error: Exception) -> None:
-        """Store an exception of the current call, if it is the first."""
-        if self.error is None:
-            self.error, self.failed = error, self.calls
-
-    def raise_at(self, action: str, first: int) -> None:
-        """Raise the stored exception, with its node; ``first`` is the node of the first call."""
-        if self.error is None:
-            return
-        error, node = self.error, first + self.failed
-        self.begin()
-        if isinstance(error, InputError):
-            raise InputError(f"{error.argument}, node {node}", error.got, error.expected) from error
-        expected = "results for all states and controls near the guess, NaN where there are none"
-        raise InputError(f"action '{action}', node {node}", f"{type(error).__name__}: {error}", expected) from error
-
-
-class _Callback(ca.Callback):
-    """A function of columns that calls Python; its results are NaN where Python raises, as ``watch`` reports.
-
-    They are NaN without a call where a state or control is not finite, and where Python's numbers overflow.
-    """
-
-    def __init__(
-        self, name: str, inputs: dict[str, int], outputs: dict[str, tuple[int, int]], function: Any, watch: Watch
-    ) -> None:
-        super().__init__()
-        self._inputs, self._outputs, self._function = list(inputs.items()), list(outputs.items()), function
-        self._watch = watch
-        self.construct(name, {"enable_fd": True, "fd_method": "central"})
-
-    def get_n_in(self) -> int:
-        return len(self._inputs)
-
-    def get_n_out(self) -> int:
-        return len(self._outputs)
-
-    def get_name_in(self, i: int) -> str:
-        return self._inputs[i][0]
-
-    def get_name_out(self, i: int) -> str:
-        return self._outputs[i][0]
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._inputs[i][1], 1)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(*self._outputs[i][1])
-
-    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
-        columns = [argument.full()[:, 0] for argument in arguments]
-        found = [np.full(shape, np.nan) for _, shape in self._outputs]
-        # A trial roll-out that diverges has no results (parameters, such as bounds, may be infinite).
-        if all(
-            np.isfinite(column).all() for (name, _), column in zip(self._inputs, columns, strict=True) if name != "p"
-        ):
-            try:
-                found = self._function(*columns)
-            except OverflowError:
-                pass
-            except Exception as error:  # of any kind: it is the user's code
-                self._watch.note(error)
-        self._watch.calls += 1
-        return [
-            ca.DM(np.asarray(value, dtype=np.float64).reshape(shape))
-            for value, (_, shape) in zip(found, self._outputs, strict=True)
-        ]
 
 
 def _differences(function: Any, size: int) -> list[Array]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.actions import Action, ChooseStretch, Stretched
-from lgmpc.actions.multibody import ItemAction
 from lgmpc.errors import InputError
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.typing import Array, BoolArray, IntArray, instance, numbers
@@ -68,10 +67,8 @@ class FreeDurations:
         self._base = problem
         lifted: dict[int, Stretched] = {}
         for action in (*problem.actions, problem.terminal):
-            if not isinstance(action, ItemAction):
-                raise InputError("problem", f"'{action.name}' ({type(action).__name__})", "actions made of items")
             if id(action) not in lifted:
-                lifted[id(action)] = Stretched(action)
+                lifted[id(action)] = Stretched(action)  # type: ignore[arg-type] # which it checks
         terminal = lifted[id(problem.terminal)]
         choose = ChooseStretch(f"{problem.terminal.name}_stretch", terminal.state)
         actions: list[Action] = []

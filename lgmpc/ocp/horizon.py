@@ -12,7 +12,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from lgmpc.actions import Action, PythonAction
+from lgmpc.actions import Action
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -59,14 +59,14 @@ def bind_intervals(
         if kernel is not None:
             rows = {name: _rows(array, start, stop) for name, array in memory.items()}
             call = kernel.bind(stop - start, p=problem.parameters[start:stop], **rows)
-            calls.append(_attributed(call, action, start))
+            calls.append(action.guarded(call, start))
     return calls
 
 
 def bind_last(problem: ShootingProblem, stages: Stages, **memory: Array) -> Callable[[], int]:
     """Return the call that evaluates the terminal cost; ``memory`` is as of :func:`bind_intervals`, with one row."""
     call = stages.bind(1, p=problem.parameters[problem.nodes :], **memory)
-    return _attributed(call, problem.terminal, problem.nodes)
+    return problem.terminal.guarded(call, problem.nodes)
 
 
 def retraction(state: State) -> ca.Function:
@@ -92,23 +92,3 @@ def _rows(array: Array, start: int, stop: int) -> Array:
     """Return the rows of some stages, a matrix's entries in a row; an array that all stages share as it is."""
     part = array if array.ndim == 1 else array[start:stop]
     return part.reshape(len(part), -1) if part.ndim > 2 else part
-
-
-def _attributed(call: Callable[[], int], action: Action, first: int) -> Callable[[], int]:
-    """Return a call that raises an exception of an action of Python with its node; of other actions the call itself.
-
-    Args:
-        call: evaluates the action at consecutive nodes, once each.
-        action: the action.
-        first: the first of these nodes.
-    """
-    if not isinstance(action, PythonAction):
-        return call
-
-    def evaluate() -> int:
-        action.watch.begin()
-        result = call()
-        action.watch.raise_at(action.name, first)
-        return result
-
-    return evaluate

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action, PythonAction
+from lgmpc.actions import Action
 from lgmpc.ocp.horizon import runs_of
 from lgmpc.ocp.packing import like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
@@ -148,11 +148,8 @@ def _interval(action: Action) -> tuple[ca.Function, ca.Function]:
     difference = ca.Function("gap", [base, dx, reached], [dx - state.diff_symbolic(base, reached)])
     x, u, p = symbols_of(value)
     base, dx = like(value, base), like(value, dx)
-    x_next, cost, path, lower, upper = value.call([x, u, p])
+    x_next, cost, path, *_ = value.call([x, u, p])
     gap = difference(base, dx, x_next)
-    zeros = ca.DM.zeros(state.ndx)
     stage = ca.Function("stage", [x, u, base, dx, p], [cost, ca.densify(ca.vertcat(gap, path))])
-    if isinstance(action, PythonAction):  # bounds of an expression are functions of the parameters alone
-        _, _, _, lower, upper = value.call([state.neutral(), ca.DM.zeros(action.nu), p])
-    edges = [ca.densify(ca.vertcat(zeros, lower)), ca.densify(ca.vertcat(zeros, upper))]
+    edges = [ca.densify(ca.vertcat(ca.DM.zeros(state.ndx), edge)) for edge in action.bounds_function.call([p])]
     return stage, ca.Function("limits", [p], edges)

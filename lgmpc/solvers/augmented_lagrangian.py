@@ -24,7 +24,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.actions import Action, PenalizedAction, PenalizedPythonAction, PythonAction
+from lgmpc.actions import Action, penalize
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Positive
@@ -93,7 +93,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
         made: dict[int, Action] = {}
         for action in problem.actions:
             if id(action) not in made:
-                made[id(action)] = _penalized(action) if action.path_rows else action
+                made[id(action)] = penalize(action) if action.path_rows else action
         self._penalized = ShootingProblem([made[id(action)] for action in problem.actions], terminal=problem.terminal)
         least = FddpSettings(stationarity=self.settings.tolerance)
         self._fddp = Fddp(self._penalized, least, progress)
@@ -207,10 +207,10 @@ class AugmentedLagrangianFddp(IterativeSolver):
         return self._stayed >= 2
 
     def _write(self) -> None:
-        for k, action in enumerate(self._penalized.actions):
-            if isinstance(action, (PenalizedAction, PenalizedPythonAction)):
+        for k, (own, action) in enumerate(zip(self.problem.actions, self._penalized.actions, strict=True)):
+            if own.path_rows:
                 row = self._penalized.parameters[k]
-                row[action.parameters["constraint_multipliers"]] = self._multipliers[k, : action.ng]
+                row[action.parameters["constraint_multipliers"]] = self._multipliers[k, : own.path_rows]
                 row[action.parameters["constraint_penalty"]] = self._penalty
 
     def _restart(self) -> None:
@@ -236,7 +236,3 @@ class AugmentedLagrangianFddp(IterativeSolver):
             found, problem=self.problem.copy(), multipliers=mu.copy(), cost=self._cost(), kkt=kkt,
             criterion=kkt.largest, timings=replace(found.timings, total=time.perf_counter() - start),
         )  # fmt: skip
-
-
-def _penalized(action: Action) -> PenalizedAction | PenalizedPythonAction:
-    return PenalizedPythonAction(action) if isinstance(action, PythonAction) else PenalizedAction(action)

@@ -14,7 +14,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action, PythonAction
 from lgmpc.compile import compile_source
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingFunctions, ShootingProblem
@@ -99,52 +98,13 @@ def control_bounds(problem: ShootingProblem) -> ControlBounds:
     known: dict[int, tuple[IntArray, ca.Function]] = {}
     for k, action in enumerate(problem.actions):
         if id(action) not in known:
-            known[id(action)] = _python_rows(action, k) if isinstance(action, PythonAction) else _rows(action, k)
+            rows, _ = known[id(action)] = action.bounded_controls()
+            if (rows < 0).any():
+                expected = "bounds on controls only (the SQP and the NLP take any constraint)"
+                got = f"'{action.name}', whose constraint row {int(rows.argmin())} is no control"
+                raise InputError(f"actions[{k}]", got, expected)
     runs = runs_of(problem.actions)
     return ControlBounds(tuple(_Limits(slice(start, stop), *known[id(action)]) for action, start, stop in runs))
-
-
-def _rows(action: Action, node: int) -> tuple[IntArray, ca.Function]:
-    """Return the control of each row of an action's path constraint, and ``p -> (lower, upper)`` of the rows."""
-    x, u, p = (
-        ca.SX.sym(name, n) for name, n in (("x", action.state.nx), ("u", action.nu), ("p", action.parameters.size))
-    )
-    path = action.constraint(x, u, p)
-    value = ca.SX(path.value)
-    slope = ca.jacobian(value, u)
-    rows: list[int] = []
-    for i in range(value.shape[0]):
-        row = slope[i, :]
-        of_state = ca.jacobian(value[i], x).nnz() > 0
-        if of_state or row.nnz() != 1 or not ca.SX(row.nz[0]).is_one():
-            raise _no_bound(action, node, i)
-        rows.append(int(row.sparsity().get_triplet()[1][0]))
-    # A row is a control plus an expression in the parameters, a reference for instance.
-    offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(action.state.nx + action.nu))
-    edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
-    return np.array(rows, dtype=np.int64), ca.Function("limits", [p], edges)
-
-
-def _python_rows(action: PythonAction, node: int) -> tuple[IntArray, ca.Function]:
-    """Return rows and limits of an action of Python, whose derivatives at two points determine the rows."""
-    state, rng, p = action.state, np.random.default_rng(0), action.parameters.default.copy()
-    rows = np.zeros(0, dtype=np.int64)
-    for scale in (0.0, 0.1):
-        x = state.integrate(state.neutral(), scale * rng.standard_normal(state.ndx))
-        d = action.checked_derivatives(x, scale * rng.standard_normal(action.nu), p)
-        rows = np.abs(d.limits_u).argmax(axis=1) if len(d.limits_u) else rows
-        beside = np.hstack([d.limits_x, d.limits_u - np.eye(action.nu)[rows]])
-        wrong = np.flatnonzero(np.abs(beside).max(axis=1, initial=0.0) > 1e-6)
-        if wrong.size:
-            raise _no_bound(action, node, int(wrong[0]))
-    given = ca.MX.sym("p", action.parameters.size)
-    _, _, value, lower, upper = action.value_function.call([state.neutral(), ca.DM.zeros(action.nu), given])
-    return rows, ca.Function("limits", [given], [lower - value, upper - value])
-
-
-def _no_bound(action: Action, node: int, row: int) -> InputError:
-    expected = "bounds on controls only (the SQP and the NLP take any constraint)"
-    return InputError(f"actions[{node}]", f"'{action.name}', whose constraint row {row} is no control", expected)
 
 
 class BoxSweep:

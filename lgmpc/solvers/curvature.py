@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.ocp import LagrangianHessians, OcpQp, SubproblemFunctions
-from lgmpc.solvers.qp import ActiveSetSolver, QpSolver
+from lgmpc.solvers.qp import QpSolver
 from lgmpc.solvers.solution import Solution
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, penalised_feedback
 from lgmpc.status import Status
@@ -56,8 +56,7 @@ def solve_curved(
         multipliers: (N, ng) of the path constraints.
         solve: solves the subproblem as it is; returns the status, and the kept fraction of gaps and violations.
     """
-    qp, own = functions.qp, solver if isinstance(solver, ActiveSetSolver) and solver.available else None
-    allowed = own is not None and own.may_take_over
+    qp, allowed = functions.qp, solver.may_take_over
     arrays = qp.values, qp.terminal_values
     convex, known = [array.copy() for array in arrays], [array.copy() for array in solver.solution.arrays]
     functions.set_exact_hessians(costates, multipliers)
@@ -67,16 +66,15 @@ def solve_curved(
     for part in CURVATURES:
         for array, flat, more in zip(arrays, convex, extra, strict=True):
             array[...] = flat + part * more
-        if own is not None:
-            own.may_take_over = allowed and part == 0.0
+        if solver.takes_indefinite:
+            solver.may_take_over = allowed and part == 0.0
         elif part > 0.0 and not is_convex(qp):
             continue
         status, kept = solve()
         if status is Status.CONVERGED and kept == 0.0:
             break
         solver.solution.write(*known)
-    if own is not None:
-        own.may_take_over = allowed
+    solver.may_take_over = allowed
     return status, kept
 
 

@@ -208,8 +208,7 @@ class LineSearchSqp(IterativeSolver):
 
     def _take_over(self, allowed: bool) -> None:
         """Set whether a slow solver takes the subproblems that lgmpc's own does not solve."""
-        if isinstance(self.qp_solver, ActiveSetSolver):
-            self.qp_solver.may_take_over = allowed or not self.qp_solver.available
+        self.qp_solver.may_take_over = allowed or not self.qp_solver.takes_indefinite
 
     def _return_to_steps(self, status: Status, attempt: bool = False) -> Status | None:
         """Continue with steps of the SQP where the augmented Lagrangian has ended with a status, or has not yet."""
@@ -322,7 +321,7 @@ class LineSearchSqp(IterativeSolver):
         gaps = np.vstack([np.zeros(s.ndx), self.qp.vector("b")])
         kkt = self._residual() if status is not Status.NOT_FINITE else KktResidual.unknown()
         feedback = np.zeros((0, s.nu, s.ndx))
-        if isinstance(self.qp_solver, ActiveSetSolver) and status is not Status.NOT_FINITE:
+        if status is not Status.NOT_FINITE:
             feedback = self.qp_solver.feedback(self._multipliers)
         solution = Solution(
             self.problem.copy(), f.xs.copy(), f.us.copy(), feedback, np.zeros((0, s.nu)),

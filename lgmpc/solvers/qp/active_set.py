@@ -122,7 +122,7 @@ class ActiveSetSolver:
         self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
         self._penalties = Penalties(qp, r, self.solution.multipliers, self.settings.tolerance, progress)
-        self.available = r.available and self._penalties.available
+        self.available = self.takes_indefinite = r.available and self._penalties.available
         self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
         diagonal = block.where.start + np.flatnonzero(block.rows == block.columns)
@@ -184,11 +184,7 @@ class ActiveSetSolver:
         return status
 
     def feedback(self, multipliers: Array) -> Array:
-        """Return the gains (N, nu, ndx) of the controls while rows with multipliers (N, ng) stay at their bounds.
-
-        Returns:
-            The gains K of ``du = -K dx``; of length 0 where the cost is not convex along these rows.
-        """
+        """Return the gains; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.prepare()
         weights = np.where(np.abs(multipliers) > self.settings.tolerance, _HELD * self._scale, 0.0)
         gains = None

@@ -192,6 +192,8 @@ class GeneralQpSolver(ABC):
     """
 
     name: str
+    takes_indefinite = False
+    may_take_over = True
     warm_started: ClassVar[bool]
     """Whether a solve begins at the package's last iterates, which are discarded after a failure."""
 
@@ -213,6 +215,10 @@ class GeneralQpSolver(ABC):
         self._assembly.z[:] = 0.0
         self._assembly.y[:] = 0.0
         self._assembly.finish()
+
+    def feedback(self, multipliers: Array) -> Array:
+        """Return no gains."""
+        return np.zeros((0, self.qp.structure.nu, self.qp.structure.ndx))
 
     def prepare(self) -> None:
         """Take over the matrices."""

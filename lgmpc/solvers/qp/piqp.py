@@ -126,6 +126,8 @@ class Cascade:
     """
 
     name = "cascade"
+    takes_indefinite = False
+    may_take_over = True
 
     def __init__(self, solvers: Sequence[QpSolver]) -> None:
         if not solvers or any(solver.qp is not solvers[0].qp for solver in solvers):
@@ -140,6 +142,10 @@ class Cascade:
         self.solution.write(0.0, 0.0, 0.0, 0.0)
         for solver in self._solvers:
             solver.reset()
+
+    def feedback(self, multipliers: Array) -> Array:
+        """Return the gains of the first solver, if it has any."""
+        return self._solvers[0].feedback(multipliers)
 
     def prepare(self) -> None:
         """Do nothing: :meth:`solve` prepares each solver that it tries."""

@@ -112,12 +112,16 @@ class QpSolver(Protocol):
         qp: the problem.
         solution: of the last solve.
         iterations: that the last solve took.
+        takes_indefinite: whether it solves problems that are convex along the active rows only.
+        may_take_over: whether a slower one may solve what it does not; without meaning where there is none.
     """
 
     name: str
     qp: OcpQp
     solution: QpSolution
     iterations: int
+    takes_indefinite: bool
+    may_take_over: bool
 
     def prepare(self) -> None:
         """Read the matrices of :attr:`qp`, and factorise as far as possible without the first state."""
@@ -131,6 +135,13 @@ class QpSolver(Protocol):
 
     def reset(self) -> None:
         """Discard all state of earlier solves; the next one gives the same bits as in a new solver."""
+
+    def feedback(self, multipliers: Array) -> Array:
+        """Return the gains (N, nu, ndx) K of ``du = -K dx`` while rows with multipliers (N, ng) stay at their bounds.
+
+        Returns:
+            The gains; of length 0 where the cost is not convex along these rows, or from solvers without a sweep.
+        """
 
 
 class RiccatiSolver(Protocol):

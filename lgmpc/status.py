@@ -35,10 +35,10 @@ class Status(Enum):
 
     @property
     def solved(self) -> bool:
-        """Whether the requested conditions hold."""
+        """True if the requested conditions hold."""
         return self in (Status.CONVERGED, Status.ACCEPTABLE)
 
     @property
     def usable(self) -> bool:
-        """Whether there is a result at all, perhaps a rough one: no contradiction, no NaN, no failure."""
+        """True if there is a result at all, perhaps a rough one: no contradiction, no NaN, no failure."""
         return self not in (Status.INFEASIBLE, Status.UNBOUNDED, Status.NOT_FINITE, Status.FAILED)

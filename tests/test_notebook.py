@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rigid_body import RigidBody, RigidBodyAction
 
 import lgmpc
-from lgmpc.actions import RigidBody, RigidBodyAction
 from lgmpc.notebook import bar_html, html_table, in_notebook, reports
 from lgmpc.runs import RunFolder
 from lgmpc.viz.page import frame_of

@@ -3,7 +3,7 @@
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
-from lgmpc.actions.dynamics import Dynamics, Motion
+from lgmpc.actions.dynamics import Dynamics, ExternalWrench, Load, Motion, Squashed
 from lgmpc.actions.free_duration import ChooseStretch, Stretched
 from lgmpc.actions.full_body import (
     ContactForwardDynamics,
@@ -11,16 +11,12 @@ from lgmpc.actions.full_body import (
     FreeForwardDynamics,
     FreeInverseDynamics,
 )
-from lgmpc.actions.hold import HoldAction
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
-from lgmpc.actions.loads import ExternalWrench, Load
-from lgmpc.actions.multibody import ImpulseAction, MultibodyAction, thrusters
+from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.penalized import PenalizedAction, penalize
 from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
-from lgmpc.actions.rigid_body import RigidBody, RigidBodyAction
-from lgmpc.actions.squashing import Squashed
 from lgmpc.actions.variational import Variational
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
@@ -52,8 +48,6 @@ __all__ = [
     "PenalizedAction",
     "PenalizedPythonAction",
     "PythonAction",
-    "RigidBody",
-    "RigidBodyAction",
     "RungeKutta4",
     "SemiImplicitEuler",
     "Squashed",

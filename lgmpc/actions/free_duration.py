@@ -25,7 +25,6 @@ from lgmpc.costs import (
     ParameterLayout,
     Quadratic,
     QuadraticBarrier,
-    WeightedQuadratic,
 )
 from lgmpc.errors import InputError
 from lgmpc.state import ProductState, State, StateVector
@@ -58,7 +57,7 @@ class Stretched(ItemAction):
         self.costs, self.constraints = action.costs, action.constraints
         self.parameters, self.own_parameters = action.parameters, action.own_parameters
         self._timed = "duration" in tuple(self.parameters)
-        quadratic = (Quadratic, WeightedQuadratic, QuadraticBarrier)
+        quadratic = (Quadratic, QuadraticBarrier)
         for item in self.costs:
             if self._timed and not isinstance(item.activation, quadratic):
                 names = ", ".join(kind.__name__ for kind in quadratic)

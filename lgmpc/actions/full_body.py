@@ -11,9 +11,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from lgmpc.actions.contacts import Contact, ContactSet
-from lgmpc.actions.dynamics import Dynamics, Motion, actuated
+from lgmpc.actions.dynamics import Dynamics, Load, Motion, actuated
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.loads import Load
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3

@@ -1,4 +1,4 @@
-"""Actions of a robot: dynamics, integrator, costs and constraints; and impacts between two of them."""
+"""Actions of a robot: dynamics, integrator, costs and constraints; impacts, and intervals that hold a state."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ from lgmpc.typing import identifier, instance, numbers
 
 Item = TypeVar("Item", CostItem, ConstraintItem)
 
-__all__ = ["ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
+
+__all__ = ["HoldAction", "ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
 
 
 class ItemAction(Action):
@@ -213,6 +214,43 @@ class ImpulseAction(ItemAction):
         path = constraint_of(self.constraints, symbols)
         move = ca.vertcat(ca.SX(nv, 1), z[:nv] - v)
         return Stage(ca.vertcat(q, z[:nv]), cost_of(self.costs, symbols), path, move)
+
+
+class HoldAction(ItemAction):
+    """An interval of zero length without control: the state stays the same and satisfies constraints.
+
+    Behind the last interval it makes them terminal constraints; the horizon then ends with the same state twice:
+
+        arrive = HoldAction("arrive", model, costs, [ConstraintItem("hand", FramePlacement("hand", goal))])
+        problem = ShootingProblem([move] * 50 + [arrive])
+
+    Between two others it is a waypoint. SQP and nonlinear programmes satisfy it; FDDP supports no constraints.
+
+    Args:
+        name: a C identifier; part of the names of the compiled functions.
+        model: the robot.
+        costs: of the last state, where this is the last action (counted once).
+        constraints: on the state: configuration and velocity.
+
+    Raises:
+        InputError: a name that is no identifier, or two items of one name.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: pin.Model,
+        costs: Sequence[CostItem] = (),
+        constraints: Sequence[ConstraintItem] = (),
+    ) -> None:
+        actuated(model)  # checks its type
+        super().__init__(name, SymbolicModel(model), StateMultibody(model), 0, (), costs, constraints)
+
+    def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
+        """Return the state itself, no cost, and the constraints."""
+        symbols = StageSymbols(self.robot, x, self.parameters.split(p))
+        return Stage(x, Cost(), constraint_of(self.constraints, symbols))
 
 
 def thrusters(model: pin.Model, positions: ArrayLike, directions: ArrayLike, drag_ratio: ArrayLike = 0.0) -> Any:

@@ -9,7 +9,6 @@ from lgmpc.costs.activations import (
     Quadratic,
     QuadraticBarrier,
     SmoothTwoNorm,
-    WeightedQuadratic,
 )
 from lgmpc.costs.parameters import Parameter, ParameterLayout
 from lgmpc.costs.residual import ConstraintItem, CostItem, Residual, constraint_of, cost_of
@@ -36,7 +35,6 @@ __all__ = [
     "Residual",
     "SmoothTwoNorm",
     "StageSymbols",
-    "WeightedQuadratic",
     "constraint_of",
     "cost_of",
 ]

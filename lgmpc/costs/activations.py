@@ -27,7 +27,6 @@ __all__ = [
     "Quadratic",
     "QuadraticBarrier",
     "SmoothTwoNorm",
-    "WeightedQuadratic",
 ]
 
 
@@ -94,30 +93,6 @@ class Quadratic(Activation):
     def curvature(self, r: Any) -> Any:
         """Return one."""
         return type(r).ones(*r.shape)
-
-
-@dataclass(frozen=True, eq=False)
-class WeightedQuadratic(Activation):
-    """``a = w r^2 / 2``.
-
-    Attributes:
-        weights: w, not negative.
-    """
-
-    weights: Any
-    sign = "not negative"
-
-    def value(self, r: Any) -> Any:
-        """Return half the weighted square."""
-        return self.weights * r**2 / 2
-
-    def gradient(self, r: Any) -> Any:
-        """Return w r."""
-        return self.weights * r
-
-    def curvature(self, r: Any) -> Any:
-        """Return w."""
-        return self.weights * type(r).ones(*r.shape)
 
 
 @dataclass(frozen=True, eq=False)

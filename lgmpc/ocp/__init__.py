@@ -2,13 +2,12 @@
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
 from lgmpc.ocp.kkt import KktConditions, KktResidual
-from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
-from lgmpc.ocp.path import PathFunctions
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
 from lgmpc.ocp.subproblem import SubproblemFunctions
+from lgmpc.ocp.trajectory_functions import LagrangianHessians, PathFunctions
 from lgmpc.ocp.transcription import MultipleShooting, transcribe
 
 __all__ = [

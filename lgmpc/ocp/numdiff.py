@@ -71,7 +71,7 @@ class DerivativeReport:
 
     @property
     def passed(self) -> bool:
-        """Whether all derivatives are correct."""
+        """True if all derivatives are correct."""
         return not self.wrong
 
     def __str__(self) -> str:

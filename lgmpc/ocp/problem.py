@@ -128,7 +128,7 @@ class ShootingProblem:
 
     @property
     def uniform(self) -> bool:
-        """Whether all nodes have the same action."""
+        """True if all nodes have the same action."""
         return all(action is self.terminal for action in self.actions)
 
     @property

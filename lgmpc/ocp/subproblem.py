@@ -13,10 +13,10 @@ import numpy as np
 from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, cached
 from lgmpc.ocp.horizon import bind_intervals, bind_last, distinct, retraction
-from lgmpc.ocp.lagrangian import LagrangianHessians
 from lgmpc.ocp.packing import StageMatrices, pack_terminal, structure_of
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
+from lgmpc.ocp.trajectory_functions import LagrangianHessians
 from lgmpc.typing import Array
 
 __all__ = ["SubproblemFunctions"]

@@ -58,7 +58,7 @@ class MultipleShooting:
 
     @property
     def equalities(self) -> list[bool]:
-        """Whether each row of g is a gap."""
+        """(rows,) True for each row of g that is a gap."""
         return [gap for ng in self.ng for gap in [True] * self.state.ndx + [False] * ng]
 
     def pack_parameters(self, problem: ShootingProblem, base: Trajectory) -> Array:

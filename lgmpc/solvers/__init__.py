@@ -4,8 +4,17 @@ from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, Augmente
 from lgmpc.solvers.fddp import BoxFddp, Fddp
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
-from lgmpc.solvers.loop import Callback, History, Iterate, IterativeSolver, PrintProgress, Progress, SolverSettings
-from lgmpc.solvers.methods import AnySolverSettings, Solver, check_method, make_solver
+from lgmpc.solvers.loop import (
+    Callback,
+    History,
+    Iterate,
+    IterativeSolver,
+    PrintProgress,
+    Progress,
+    Solver,
+    SolverSettings,
+)
+from lgmpc.solvers.methods import AnySolverSettings, check_method, make_solver
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.solvers.real_time_sqp import RealTimeSqp
 from lgmpc.solvers.solution import Solution, Timings

@@ -66,7 +66,7 @@ class _Regularization:
 
     @property
     def exhausted(self) -> bool:
-        """Whether it cannot grow."""
+        """True if it cannot grow."""
         return self.value >= self.highest
 
     def increase(self) -> None:

@@ -25,6 +25,7 @@ __all__ = [
     "IterativeSolver",
     "PrintProgress",
     "Progress",
+    "Solver",
     "SolverSettings",
     "check_limits",
     "settings_of",
@@ -192,18 +193,20 @@ def check_limits(max_iterations: object, time_limit: object, callback: object) -
         raise InputError("callback", type(callback).__name__, "a function of the Progress")
 
 
-class IterativeSolver(ABC):
-    """A solver of one :class:`~lgmpc.ocp.ShootingProblem` that works in iterations.
+class Solver(ABC):
+    """A solver of one :class:`~lgmpc.ocp.ShootingProblem`.
 
     Attributes:
         name: in messages.
         problem: the problem; its data are read at every solve.
         settings: tolerances and limits.
+        interruptible: whether a solve can have limits and a callback.
     """
 
     name: str
     problem: ShootingProblem
     settings: SolverSettings
+    interruptible: bool = True
     _known: Solution | None = None  # the solution that the current solve starts from
 
     def solve(
@@ -220,16 +223,19 @@ class IterativeSolver(ABC):
         Args:
             guess: initial states and controls (the first state is replaced by the problem's); the first state at all
                 nodes and zero controls unless given. Of a solution, the SQP also takes the multipliers.
-            max_iterations: most iterations, at least 0; the settings' unless given.
+            max_iterations: most iterations, at least 0; the settings' unless given. Of ipopt not more than those.
             time_limit: s; checked before each iteration; the settings' unless given.
             callback: called with the progress after every iteration; stops the solve by returning True.
             throw: raise if the solve ends without a solution.
 
         Raises:
-            InputError: a guess of the wrong shape, or negative limits.
+            InputError: a guess of the wrong shape, negative limits, or any of the last three for fatrop.
             SolverError: no solution, with ``throw``; the message contains the remedy and the explanation.
         """
         check_limits(max_iterations, time_limit, callback)
+        for name, value in (("max_iterations", max_iterations), ("time_limit", time_limit), ("callback", callback)):
+            if not self.interruptible and value is not None:
+                raise InputError(name, f"one for {self.name}", f"none: {self.name} cannot be interrupted")
         max_iterations = self.settings.max_iterations if max_iterations is None else max_iterations
         time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         self._known = guess if isinstance(guess, Solution) else None
@@ -241,6 +247,16 @@ class IterativeSolver(ABC):
         if throw and not solution.status.solved:
             raise SolverError(self.name, solution.status.name.lower(), solution.explain())
         return solution
+
+    @abstractmethod
+    def _run(
+        self, guess: Trajectory, max_iterations: int, time_limit: float | None, callback: Callback | None
+    ) -> Solution:
+        """Solve from a guess of the right shape."""
+
+
+class IterativeSolver(Solver):
+    """A solver whose iterations are calls of its own."""
 
     def _run(
         self, guess: Trajectory, max_iterations: int, time_limit: float | None, callback: Callback | None

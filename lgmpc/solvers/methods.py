@@ -7,35 +7,21 @@ table.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, Union
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Discriminator, Tag
 
-from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.ocp import ShootingProblem
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box import control_bounds
 from lgmpc.solvers.fddp import BoxFddp, Fddp, check_unconstrained
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
-from lgmpc.solvers.loop import Callback, SolverSettings
+from lgmpc.solvers.loop import Solver, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
-from lgmpc.solvers.solution import Solution
 from lgmpc.typing import instance
 
-__all__ = ["AnySolverSettings", "Solver", "check_method", "make_solver"]
-
-
-class Solver(Protocol):
-    """A solver of one problem."""
-
-    name: str
-
-    @property
-    def settings(self) -> SolverSettings:
-        """Tolerances and limits."""
-
-    def solve(self, guess: Trajectory | Solution | None = None, *, callback: Callback | None = None) -> Solution:
-        """Solve from a guess; see :meth:`lgmpc.solvers.IterativeSolver.solve`."""
+__all__ = ["AnySolverSettings", "check_method", "make_solver"]
 
 
 _METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {

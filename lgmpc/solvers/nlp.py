@@ -17,12 +17,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from lgmpc.compile import compile_programme
-from lgmpc.errors import InputError, SolverError
+from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
 from lgmpc.settings import Positive
 from lgmpc.settings import problem as problem_with
 from lgmpc.solvers.curvature import is_minimum
-from lgmpc.solvers.loop import Callback, Progress, SolverSettings, check_limits, settings_of
+from lgmpc.solvers.loop import Callback, Progress, Solver, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
 
@@ -57,7 +57,7 @@ class NlpSettings(SolverSettings):
         return self
 
 
-class NlpSolver:
+class NlpSolver(Solver):
     """Solves any :class:`~lgmpc.ocp.ShootingProblem`, path constraints included, by multiple shooting.
 
     Args:
@@ -78,8 +78,8 @@ class NlpSolver:
         compiled: bool = False,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.settings = settings_of(problem, settings, NlpSettings)
-        self.name: str = self.settings.method
+        self.settings: NlpSettings = settings_of(problem, settings, NlpSettings)
+        self.name, self.interruptible = self.settings.method, self.settings.method == "ipopt"
         self.problem = problem
         self._shooting = transcribe(problem)
         self._watch = _Watch(self._shooting)
@@ -99,51 +99,23 @@ class NlpSolver:
         if library is not None:
             self._solver = ca.nlpsol(name, self.name, str(library), chosen)
 
-    def solve(
-        self,
-        guess: Trajectory | Solution | None = None,
-        *,
-        max_iterations: int | None = None,
-        time_limit: float | None = None,
-        callback: Callback | None = None,
-        throw: bool = False,
+    def _run(
+        self, base: Trajectory, max_iterations: int, time_limit: float | None, callback: Callback | None
     ) -> Solution:
-        """Solve from a guess.
-
-        Args:
-            guess: initial states and controls (the first state is replaced by the problem's); the first state at all
-                nodes and zero controls unless given.
-            max_iterations: most iterations (of ipopt), at least 0; not more than the settings'.
-            time_limit: s; checked after each iteration (of ipopt); the settings' unless given.
-            callback: called with the progress after every iteration (of ipopt); stops the solve by returning True.
-            throw: raise if the solve ends without a solution.
-
-        Raises:
-            InputError: a guess of the wrong shape; negative limits; iterations, time limit or callback for fatrop,
-                which does not support them.
-            SolverError: no solution, with ``throw``.
-        """
-        for name, value in (("max_iterations", max_iterations), ("time_limit", time_limit), ("callback", callback)):
-            if self.name != "ipopt" and value is not None:
-                raise InputError(name, "one for fatrop", "none: fatrop cannot be interrupted")
-        check_limits(max_iterations, time_limit, callback)
-        time_limit = self.settings.time_limit_s if time_limit is None else time_limit
         start = time.perf_counter()
         shooting, problem = self._shooting, self.problem
-        given = guess.trajectory if isinstance(guess, Solution) else guess
-        base = problem.check(problem.hold() if given is None else given)
         p = shooting.pack_parameters(problem, base)
         lower, upper = shooting.bounds(p)
         if not self._finite_at(p):  # ipopt would report it; fatrop would not terminate
-            return self._unsolved(base, Status.NOT_FINITE, start, throw)
+            return self._unsolved(base, Status.NOT_FINITE, start)
         crossed = bool((lower.full() > upper.full()).any())  # CasADi would raise
         if crossed or problem.first_violation() is not None:
-            return self._unsolved(base, Status.INFEASIBLE, start, throw)
+            return self._unsolved(base, Status.INFEASIBLE, start)
         self._watch.begin(start, max_iterations, time_limit, callback)
         try:
             found = self._solver(x0=np.zeros(shooting.size), p=p, lbg=lower, ubg=upper)
         except RuntimeError:  # raised by fatrop if an iterate contains NaN
-            return self._unsolved(base, Status.FAILED, start, throw)
+            return self._unsolved(base, Status.FAILED, start)
         if self._watch.error is not None:
             raise self._watch.error
         stats = self._solver.stats()
@@ -152,11 +124,7 @@ class NlpSolver:
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED) if finite else Status.NOT_FINITE
         if status is Status.STOPPED and self._watch.reached is not None:
             status = self._watch.reached
-        with np.errstate(invalid="ignore"):
-            solution = self._solution(z, p, found, status, stats, start)
-        if throw and not status.solved:
-            raise SolverError(self.name, status.name.lower(), solution.explain())
-        return solution
+        return self._solution(z, p, found, status, stats, start)
 
     def _finite_at(self, p: Any) -> bool:
         """Return whether data, cost and constraints are finite at the guess (bounds may be infinite)."""
@@ -164,7 +132,7 @@ class NlpSolver:
         states_and_controls = p.size - self.problem.parameters.size
         return not np.isnan(p).any() and all(np.isfinite(v).all() for v in (p[:states_and_controls], *values))
 
-    def _unsolved(self, base: Trajectory, status: Status, start: float, throw: bool) -> Solution:
+    def _unsolved(self, base: Trajectory, status: Status, start: float) -> Solution:
         """Return the guess as the result, where the solver cannot start or failed."""
         problem, ng = self.problem, max(self._shooting.ng)
         n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
@@ -175,11 +143,7 @@ class NlpSolver:
             np.zeros((0, nu)), np.zeros((n, ndx)), np.zeros((n, ng)), status, 0, cost,
             np.full((n + 1, ndx), np.nan), KktResidual.unknown(), Timings(time.perf_counter() - start),
         )  # fmt: skip
-        if status is not Status.NOT_FINITE:
-            solution = solution.measured()
-        if throw:
-            raise SolverError(self.name, status.name.lower(), solution.explain())
-        return solution
+        return solution if status is Status.NOT_FINITE else solution.measured()
 
     def _solution(self, z: Any, p: Any, found: dict[str, Any], status: Status, stats: Any, start: float) -> Solution:
         shooting, problem = self._shooting, self.problem

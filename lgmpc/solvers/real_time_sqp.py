@@ -75,7 +75,7 @@ class RealTimeSqp:
 
     @property
     def compiled(self) -> bool:
-        """Whether the horizon's functions are machine code."""
+        """True if the horizon's functions are machine code."""
         return self._functions.compiled
 
     def set_guess(self, trajectory: Trajectory) -> None:

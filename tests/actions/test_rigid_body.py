@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from rigid_body import RigidBody, RigidBodyAction
 from scipy.integrate import solve_ivp
 
 from lgmpc.actions import (
     Integrator,
     MultibodyAction,
-    RigidBody,
-    RigidBodyAction,
     RungeKutta4,
     SemiImplicitEuler,
     Variational,
@@ -19,7 +18,6 @@ from lgmpc.actions import (
 )
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, FramePlacement, StateError
-from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.ocp import ShootingProblem, check_derivatives
 from lgmpc.solvers import Fddp, NlpSolver, Status
@@ -202,22 +200,3 @@ def test_solvers_agree_on_turning_a_body_over() -> None:
     # The turn is about x alone, whose equation is linear: a double integrator's.
     np.testing.assert_allclose(ours.us[:, [0, 1, 2, 4, 5]], 0.0, atol=1e-7)
     assert np.abs(ours.us[:, 3]).max() > 0.1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"mass": 0.0}, "mass: got 0.0"),
-        ({"mass": float("nan")}, "mass: got nan"),
-        ({"inertia": [0.1, 0.1]}, r"inertia: got shape \(2,\)"),
-        ({"inertia": [[0.1, 0.1, 0], [0, 0.1, 0], [0, 0, 0.1]]}, "inertia: got a matrix that is not symmetric"),
-        ({"inertia": [0.1, 0.1, -0.1]}, "inertia: got principal moments"),
-        ({"inertia": [0.1, 0.1, 0.3]}, "none above the sum"),
-        ({"center_of_mass": [0.0, np.inf, 0.0]}, "center_of_mass"),
-        ({"gravity": [9.81]}, "gravity: got shape"),
-        ({"actuation": np.eye(5)}, r"actuation: got shape \(5, 5\)"),
-    ],
-)
-def test_impossible_bodies_are_refused(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        RigidBody(**{"mass": MASS, "inertia": INERTIA} | arguments)

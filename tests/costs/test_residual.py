@@ -21,7 +21,6 @@ from lgmpc.costs import (
     Residual,
     SmoothTwoNorm,
     StageSymbols,
-    WeightedQuadratic,
     constraint_of,
     cost_of,
 )
@@ -96,7 +95,6 @@ def test_the_terminal_cost_depends_on_the_state_alone() -> None:
     ("activation", "value"),
     [
         (Quadratic(), lambda r: r**2 / 2),
-        (WeightedQuadratic([1.0, 2.0]), lambda r: np.array([1.0, 2.0]) * r**2 / 2),
         (
             QuadraticBarrier([-1.0, -np.inf], [np.inf, 1.5]),
             lambda r: np.r_[min(r[0] + 1, 0), max(r[1] - 1.5, 0)] ** 2 / 2,
@@ -181,10 +179,9 @@ def test_bad_input_is_named() -> None:
         CostItem("my hand", Height())
     with pytest.raises(InputError, match=r"weight of 'hand': got shape \(2,\)"):
         CostItem("hand", Height(), weight=[1.0, 2.0])
-    with pytest.raises(InputError, match=r"c_weights: got shape \(3,\)"):
-        CostItem("c", Speeds(), activation=WeightedQuadratic([1.0, 2.0, 3.0])).parameters()
+    with pytest.raises(InputError, match=r"c_threshold: got shape \(3,\)"):
+        CostItem("c", Speeds(), activation=Huber([1.0, 2.0, 3.0])).parameters()
     for activation, name in (
-        (WeightedQuadratic([1.0, -2.0]), "weights"),
         (Huber([-0.1, 1.0]), "threshold"),
         (SmoothTwoNorm(0.0), "epsilon"),
         (FlatExponential(0.0), "width"),

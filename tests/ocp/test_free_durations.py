@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.actions import FreeForwardDynamics, HoldAction, ImpulseAction, MultibodyAction, Stretched
-from lgmpc.costs import ConstraintItem, CostItem, Huber, QuadraticBarrier, WeightedQuadratic
+from lgmpc.costs import ConstraintItem, CostItem, Huber, QuadraticBarrier
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import FreeDurations, FreePhase, ShootingProblem, Trajectory, check_derivatives
@@ -78,7 +78,6 @@ def test_derivatives_with_costs_of_all_kinds_and_impacts() -> None:
     dynamics, frame = FreeForwardDynamics(model), model.frames[-1].name
     still = StateError(dynamics.state)
     costs = [
-        CostItem("weighted", still, 2.0, WeightedQuadratic(0.7)),
         CostItem("barrier", still, 3.0, QuadraticBarrier(-0.2, 0.1)),
         CostItem("effort", Control(dynamics.nu), 0.3),
     ]

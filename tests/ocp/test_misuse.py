@@ -108,7 +108,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         lambda **k: CostItem("c", Control(6), 1.0, QuadraticBarrier(**k)),
         dict(lower=-1.0, upper=1.0),
     ),
-    "WeightedQuadratic": (lambda **k: CostItem("c", Control(6), 1.0, WeightedQuadratic(**k)), dict(weights=1.0)),
     "SmoothTwoNorm": (lambda **k: CostItem("c", Control(6), 1.0, SmoothTwoNorm(**k)), dict(epsilon=1.0)),
     "StateError": (residual(StateError), dict(state=DYNAMICS.state, reference=DYNAMICS.state.neutral())),
     "Control": (residual(Control), dict(nu=6, reference=0.0)),
@@ -143,14 +142,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "thrusters": (
         thrusters,
         dict(model=HUMANOID, positions=np.zeros((2, 3)), directions=np.tile([0, 0, 1.0], (2, 1)), drag_ratio=0.0),
-    ),
-    "RigidBody": (
-        RigidBody,
-        dict(mass=1.0, inertia=np.eye(3), center_of_mass=np.zeros(3), actuation=None, gravity=np.zeros(3)),
-    ),
-    "RigidBodyAction": (
-        RigidBodyAction,
-        dict(name="b", body=RigidBody(1.0, np.eye(3)), costs=(), constraints=(), integrator=None),
     ),
     "MultibodyAction": (MultibodyAction, dict(name="b", dynamics=DYNAMICS, costs=(), constraints=(), integrator=None)),
     "ImpulseAction": (ImpulseAction, dict(name="b", model=HUMANOID, contacts=FRAMES, costs=(), constraints=())),

@@ -17,7 +17,6 @@ from lgmpc.costs.library.frames import (
     FramePlacement,
     FrameRotation,
     FrameRotationMatrix,
-    FrameRotationPsi,
     FrameTranslation,
     FrameVelocity,
 )
@@ -34,7 +33,6 @@ __all__ = [
     "FramePlacement",
     "FrameRotation",
     "FrameRotationMatrix",
-    "FrameRotationPsi",
     "FrameTranslation",
     "FrameVelocity",
     "FrictionCone",

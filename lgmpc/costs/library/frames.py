@@ -18,7 +18,6 @@ __all__ = [
     "FramePlacement",
     "FrameRotation",
     "FrameRotationMatrix",
-    "FrameRotationPsi",
     "FrameTranslation",
     "FrameVelocity",
     "root_of",
@@ -76,7 +75,9 @@ class FrameRotation(_Rotation):
 
 
 class FrameRotationMatrix(_Rotation):
-    """``vec(R - Rd) / sqrt 2`` (9,): half its square is Psi (see :class:`FrameRotationPsi`); smooth everywhere.
+    """``vec(R - Rd) / sqrt 2`` (9,): half its square is ``Psi = 1/2 tr(I - Rd^T R)``; smooth everywhere.
+
+    Psi is ``1 - cos`` of the angle between them. Bullo and Lewis, Geometric Control of Mechanical Systems (2005).
 
     Args:
         frame: name of the frame.
@@ -89,25 +90,6 @@ class FrameRotationMatrix(_Rotation):
         """Return the entries' differences."""
         rotation, desired = self._matrices(s)
         return ca.vec(rotation - desired) / math.sqrt(2.0)
-
-
-class FrameRotationPsi(_Rotation):
-    """``Psi(R, Rd) = 1/2 tr(I - Rd^T R)`` (1,), which is ``1 - cos`` of the angle between them: smooth, 0 to 2.
-
-    As a constraint it bounds that angle. To minimise Psi itself use :class:`FrameRotationMatrix`. Bullo and Lewis,
-    Geometric Control of Mechanical Systems (2005).
-
-    Args:
-        frame: name of the frame.
-        reference: (4,) default of the parameter ``reference``: quaternion x y z w of Rd.
-    """
-
-    nr = 1
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return Psi."""
-        rotation, desired = self._matrices(s)
-        return (3.0 - ca.sum1(ca.sum2(rotation * desired))) / 2.0
 
 
 class FrameTranslation(Residual):

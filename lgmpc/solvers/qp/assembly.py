@@ -195,7 +195,7 @@ class GeneralQpSolver(ABC):
     takes_indefinite = False
     may_take_over = True
     warm_started: ClassVar[bool]
-    """Whether a solve begins at the package's last iterates, which are discarded after a failure."""
+    """True if a solve begins at the package's last iterates, which are discarded after a failure."""
 
     def __init__(self, assembly: SparseAssembly) -> None:
         self.qp: OcpQp = assembly.qp

@@ -74,6 +74,7 @@ class Falling(PythonAction):
 
 @pytest.fixture(scope="module", autouse=True)
 def saved() -> Iterator[None]:
+    FILES.mkdir(exist_ok=True)
     still().save(FILES / "trajectory.npz")
     Fddp(reach()).solve(max_iterations=1).save(FILES / "solution.npz")
     yield

@@ -65,6 +65,7 @@ ARROWS: dict[str, str] = {
     "config.closed_loop": f"{_PARTS} simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
+    "config.extensions": "costs mpc robot wbc",
     "config.execution": "ocp problems robot runs solvers viz",
     "config.showing": "robot world problems solvers runs viz",
     "config.solutions": "actions ocp problems robot runs solvers",

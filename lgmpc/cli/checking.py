@@ -9,6 +9,7 @@ from rich.text import Text
 
 from lgmpc.cli.screen import out
 from lgmpc.config import Config, Document, SolveConfig
+from lgmpc.config.extensions import own_costs, own_tasks
 from lgmpc.config.notes import notes_on
 from lgmpc.config.robots import build_robot
 from lgmpc.problems import Scenario
@@ -62,6 +63,8 @@ def _closed_loop(config: Config, robot: Robot) -> Lines:
     horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {solver}"
     yield "mpc", horizon if mpc.enabled else "off"
     yield "wbc", f"{config.wbc.rate_hz:g} Hz, friction {config.wbc.friction:g}"
+    yield from (("own task", each.name) for each in own_tasks(config, robot))
+    yield from (("own cost", each.name) for each in own_costs(config, robot))
     yield "reference", config.reference.kind
     for push in config.pushes:
         size = sum(each**2 for each in push.impulse_ns) ** 0.5

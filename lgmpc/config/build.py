@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config.extensions import own_costs, own_tasks
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
@@ -14,10 +15,11 @@ from lgmpc.control.interface import CommandGuard, Measurement, RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
+from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor, JointFrictionEstimator, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
-from lgmpc.mpc import make_mpc
+from lgmpc.mpc import Mpc, make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
@@ -28,7 +30,7 @@ from lgmpc.simulation.parameters import real_effort_limit
 from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyController
+from lgmpc.wbc import WholeBodyController, standard_tasks
 from lgmpc.world import World, make_world
 
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
@@ -90,10 +92,10 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
     """
     period = 1.0 / config.wbc.rate_hz
     gaits = gaits_of(robot, config.locomotion)
-    mpc = make_mpc(robot, config.mpc, notify) if config.mpc.enabled else None
+    mpc = _build_mpc(config, robot, notify) if config.mpc.enabled else None
     return LeggedController(
         robot,
-        WholeBodyController(robot, config.wbc),
+        _build_whole_body(config, robot),
         FrictionMonitor(config.wbc.friction, period),
         Planner(robot, mpc, period, config.delays.total_s) if mpc is not None else None,
         commands=CommandTimeline(config.commands, gaits=gaits),
@@ -106,6 +108,26 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         drives=config.drives,
         period=period,
     )
+
+
+def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
+    costs = own_costs(config, robot)
+    try:
+        return make_mpc(robot, config.mpc, notify, costs)
+    except InputError as error:
+        if not costs:
+            raise
+        raise config.error("mpc.costs", f"{error.argument}: {error.got}", error.expected) from error
+
+
+def _build_whole_body(config: Config, robot: Robot) -> WholeBodyController:
+    own = own_tasks(config, robot)
+    try:
+        return WholeBodyController(robot, config.wbc, [*standard_tasks(robot, config.wbc), *own])
+    except InputError as error:
+        if not own:
+            raise
+        raise config.error("wbc.tasks", f"{error.argument}: {error.got}", error.expected) from error
 
 
 def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimator | None:

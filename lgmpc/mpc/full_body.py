@@ -6,7 +6,7 @@ longer while a push changes the active rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import casadi as ca
@@ -61,6 +61,7 @@ class FullBodyMpc(MultibodyMpc):
         robot: the robot, with a floating base and contact frames.
         settings: horizon, weights, limits.
         progress: called with a description of what is being compiled.
+        costs: further costs, whose weights are in the units of ``settings.weights``.
 
     Raises:
         InputError: the robot has no contact frames.
@@ -73,21 +74,23 @@ class FullBodyMpc(MultibodyMpc):
         robot: Robot,
         settings: FullBodyMpcSettings | None = None,
         progress: Callable[[str], None] | None = None,
+        costs: Sequence[CostItem] = (),
     ) -> None:
         s = FullBodyMpcSettings() if settings is None else settings
         model, contacts = contact_point_model(robot)
         self._dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
-        costs = [
+        items = [
             *common_costs(self._dynamics.state),
             CostItem("effort", Control(robot.nu)),
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
+            *costs,
         ]
         limits = [
             *common_constraints(contacts, s.friction_facets),
             ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
         ]
-        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", self._dynamics, costs, limits)
-        super().__init__(robot, action, s, s.weights, progress)
+        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", self._dynamics, items, limits)
+        super().__init__(robot, action, s, s.weights, costs, progress)
         efforts = holding_efforts(model, contacts, robot.q_reference)
         self._efforts = efforts
         self.problem.set("contact_gains", [0.0, 1.0 / s.node_s])

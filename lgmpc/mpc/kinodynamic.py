@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import casadi as ca
@@ -52,6 +52,7 @@ class KinodynamicMpc(MultibodyMpc):
         robot: the robot, with a floating base and contact frames.
         settings: horizon, weights, limits.
         progress: called with a description of what is being compiled.
+        costs: further costs, whose weights are in the units of ``settings.weights``.
 
     Raises:
         InputError: the robot has no contact frames.
@@ -64,17 +65,18 @@ class KinodynamicMpc(MultibodyMpc):
         robot: Robot,
         settings: KinodynamicMpcSettings | None = None,
         progress: Callable[[str], None] | None = None,
+        costs: Sequence[CostItem] = (),
     ) -> None:
         s = KinodynamicMpcSettings() if settings is None else settings
         self._model, contacts = contact_point_model(robot)
         self._data = self._model.createData()
         self._nf = 3 * robot.nc
         state = StateMomentum(self._model)
-        costs = [*common_costs(state), CostItem("control", Control(self._nf + robot.nu))]
+        items = [*common_costs(state), CostItem("control", Control(self._nf + robot.nu)), *costs]
         limits = common_constraints(contacts, s.friction_facets)
         name = f"kinodynamic_{robot.nc}x{s.friction_facets}"
-        self._action = KinodynamicAction(name, self._model, contacts, costs, limits)
-        super().__init__(robot, self._action, s, s.weights, progress)
+        self._action = KinodynamicAction(name, self._model, contacts, items, limits)
+        super().__init__(robot, self._action, s, s.weights, costs, progress)
         w = s.weights
         turn, posture = np.full(3, w.base_orientation), np.full(robot.nu, w.posture)
         self._set_weight(self.problem, "state", np.concatenate([np.zeros(3), turn, posture, np.zeros(6)]))

@@ -6,11 +6,12 @@ table here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Discriminator, Tag
 
+from lgmpc.costs import CostItem
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
 from lgmpc.mpc.interface import Mpc
@@ -26,18 +27,20 @@ __all__ = ["AnyMpcSettings", "make_mpc"]
 Progress = Callable[[str], None]
 
 
-def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[[Robot, Any, Progress | None], Mpc]:
+def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[..., Mpc]:
     """Return the constructor of a multibody model with a centroidal stand-in of the same horizon and limits."""
 
-    def make(robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None) -> Mpc:
+    def make(
+        robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None, costs: Sequence[CostItem] = ()
+    ) -> Mpc:
         shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
         centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
-        return StandInMpc(model(robot, settings, progress), centroidal)
+        return StandInMpc(model(robot, settings, progress, costs), centroidal)
 
     return make
 
 
-_MODELS: Mapping[type[MpcSettings], Callable[[Robot, Any, Progress | None], Mpc]] = {
+_MODELS: Mapping[type[MpcSettings], Callable[..., Mpc]] = {
     CentroidalMpcSettings: CentroidalMpc.of,
     KinodynamicMpcSettings: with_stand_in(KinodynamicMpc),
     FullBodyMpcSettings: with_stand_in(FullBodyMpc),
@@ -60,12 +63,15 @@ else:
     """The settings of one of the models; the key ``model`` selects which."""
 
 
-def make_mpc(robot: Robot, settings: MpcSettings, progress: Progress | None = None) -> Mpc:
+def make_mpc(
+    robot: Robot, settings: MpcSettings, progress: Progress | None = None, costs: Sequence[CostItem] = ()
+) -> Mpc:
     """Return the predictive controller for ``settings``.
 
     Args:
         robot: the controller's model of the robot.
         settings: settings of one of the models.
         progress: called with a description of what is being compiled.
+        costs: further costs of a model with base and joints.
     """
-    return _MODELS[type(settings)](robot, settings, progress)
+    return _MODELS[type(settings)](robot, settings, progress, *([costs] if costs else []))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 import casadi as ca
@@ -27,7 +27,7 @@ from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, touching
-from lgmpc.settings import Positive
+from lgmpc.settings import Extension, Positive
 from lgmpc.solvers import Solution
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -68,6 +68,15 @@ def common_constraints(contacts: tuple[str, ...], facets: int) -> list[Constrain
     return [ConstraintItem(f"cone{i}", FrictionCone(frame, facets), 0.0, np.inf) for i, frame in enumerate(contacts)]
 
 
+class OwnCost(Extension):
+    """A cost of one's own: a class derived from :class:`lgmpc.Residual`, called with the arguments.
+
+    Or a function, called with the robot and the arguments, that returns a residual or a :class:`lgmpc.CostItem`.
+    """
+
+    weight: Positive = Field(default=1.0, description="Weight of the squared residual; not that of a CostItem.")
+
+
 class MultibodyMpcSettings(SqpMpcSettings):
     """Settings of models that have base and joints."""
 
@@ -79,6 +88,7 @@ class MultibodyMpcSettings(SqpMpcSettings):
         description="Largest joint displacement of a plan from the reference posture, rad; below that of a stretched"
         " leg. Beyond it, the centroidal model plans instead.",
     )
+    costs: tuple[OwnCost, ...] = Field(default=(), description="Costs of one's own, beside those with weights.")
 
 
 class MultibodyMpc(SqpMpc):
@@ -92,6 +102,7 @@ class MultibodyMpc(SqpMpc):
         action: with the items of :func:`common_costs` and :func:`common_constraints`, and others.
         settings: horizon, limits.
         weights: of the common costs.
+        own: further costs among those of the action, each with the weight of its item.
         progress: called with a description of what is being compiled.
 
     Raises:
@@ -104,6 +115,7 @@ class MultibodyMpc(SqpMpc):
         action: ItemAction,
         settings: MultibodyMpcSettings,
         weights: MultibodyWeights,
+        own: Sequence[CostItem] = (),
         progress: Callable[[str], None] | None = None,
     ) -> None:
         n, nc = settings.nodes, robot.nc
@@ -112,6 +124,8 @@ class MultibodyMpc(SqpMpc):
         problem.set("duration", settings.node_s)
         self._set_weight(problem, "com", weights.state(robot.mass)[:3])
         self._set_weight(problem, "momentum", weights.state(robot.mass)[3:])
+        for item in own:
+            self._set_weight(problem, item.name, item.weight)
         super().__init__(problem, settings, robot.mass, -robot.mass * robot.gravity, progress)
         self.settings: MultibodyMpcSettings = settings
         self.robot = robot

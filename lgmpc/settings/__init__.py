@@ -3,6 +3,7 @@
 from lgmpc.settings.base import (
     LARGEST,
     Count,
+    Extension,
     Finite,
     Fraction,
     Friction,
@@ -26,6 +27,7 @@ __all__ = [
     "LARGEST",
     "Interval",
     "Count",
+    "Extension",
     "Finite",
     "Fraction",
     "Friction",

@@ -12,8 +12,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic._internal._model_construction import ModelMetaclass
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import PydanticCustomError
 from typing_extensions import Self
 
@@ -24,6 +36,7 @@ __all__ = [
     "LARGEST",
     "PROBLEM",
     "Count",
+    "Extension",
     "Finite",
     "Fraction",
     "Friction",
@@ -165,6 +178,34 @@ def _plain(value: Any) -> Any:
 
 class Words(str):
     """A value in words, as a message shows it."""
+
+
+class Extension(Settings):
+    """A class or a function of one's own, named in a config. In place of the table its name suffices."""
+
+    use: str = Field(
+        description="module:name, such as my_module:HandTask; the module is beside the config, in the working folder or"
+        " installed."
+    )
+    arguments: dict[str, Any] = Field(default={}, description="Its keyword arguments.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_name(cls, data: Any) -> Any:
+        return {"use": data} if isinstance(data, str) else data
+
+    @field_validator("use")
+    @classmethod
+    def _check_name(cls, value: str) -> str:
+        module, colon, name = value.partition(":")
+        if not colon or not name.isidentifier() or not all(part.isidentifier() for part in module.split(".")):
+            raise problem("module:name, such as my_module:HandTask")
+        return value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Return a schema that allows the name alone."""
+        return {"anyOf": [{"type": "string"}, handler(core)]}
 
 
 @dataclass(frozen=True)

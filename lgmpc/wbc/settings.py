@@ -9,9 +9,9 @@ from pydantic import Field
 
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
-from lgmpc.settings import Count, NonNegative, RangeFromZero, Settings, Vector3
+from lgmpc.settings import Count, Extension, NonNegative, RangeFromZero, Settings, Vector3
 
-__all__ = ["Gain", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
+__all__ = ["Gain", "OwnTask", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
 
 _NORMAL_FORCE = (0.04, 24.0)
 """Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
@@ -28,6 +28,17 @@ class Gain(Settings):
     def damping(self) -> float:
         """Damping, 1/s."""
         return 2.0 * math.sqrt(self.kp) if self.kd is None else self.kd
+
+
+class OwnTask(Extension):
+    """A task of one's own: a class derived from :class:`lgmpc.wbc.Task`, or a function that returns one.
+
+    A :class:`~lgmpc.wbc.SymbolicTask` is called with gain, weight and the arguments; a :class:`~lgmpc.wbc.NumericTask`
+    and a function with the robot before these.
+    """
+
+    gain: Gain = Field(default=Gain(kp=100.0), description="Feedback.")
+    weight: NonNegative = Field(default=1.0, description="Weight of the squared errors.")
 
 
 class WholeBodyWeights(Settings):
@@ -111,6 +122,7 @@ class WholeBodySettings(Settings):
         default=SteppingWeights(), description="Weights of tasks while the robot steps."
     )
     gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
+    tasks: tuple[OwnTask, ...] = Field(default=(), description="Tasks of one's own, beside the standard ones.")
     solver: Literal["active_set", "proxqp"] = Field(
         default="active_set",
         description="active_set: exact, compiled, warm-started from the last tick's active limits; ProxQP where it "

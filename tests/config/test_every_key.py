@@ -111,6 +111,8 @@ OTHER: dict[str, Any] = {
     "walk/sensors.torque_noise_nm": 100.0,
     "walk/timing.tick_ms": (0.1, 0.2),
     "walk/timing.plan_ms": (0.1, 0.2),
+    "walk/wbc.tasks": ({"use": "own_parts:Height"},),
+    "walk/mpc.costs": ({"use": "own_parts:Level"},),
     "walk/mpc.friction": 0.02,
     "walk/mpc.normal_force_n": (1.0, 50.0),
     "walk/wbc.normal_force_n": (1.0, 50.0),

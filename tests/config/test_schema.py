@@ -59,7 +59,9 @@ def keys(schema: Any) -> Any:
     return {
         (name, key): (value.get("description"), value.get("default"))
         for name, definition in definitions.items()
-        for key, value in definition["properties"].items()
+        for key, value in definition.get("anyOf", [definition])[-1][
+            "properties"
+        ].items()  # a text may stand for a table
     }
 
 

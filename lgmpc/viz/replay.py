@@ -100,7 +100,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: Terrain) -> _Content:
     body = load_body(robot)
     travel = log.base_pose[frames.ticks, :3]
     lowest, highest = _bounds(body, log.q[frames.ticks], travel, ground)
-    height = float(highest[2] - lowest[2])
+    height = float(np.subtract(*body.bounds(robot.q_reference)[::-1])[2])  # that of a start on a slope is larger
     scale = Scale.of(height, _weight(robot), len(log.contact_frames))
     fog = add_stage(scene, lowest, highest, travel, ground)
     body.add_to(scene)

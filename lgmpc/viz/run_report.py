@@ -54,7 +54,7 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, gro
         yield from _sources(run)
 
     about = f"{run.result.when} · {robot.name} · seed {run.result.seed}"
-    reasons = (*run.result.verdict.reasons, *explanation.summary)
+    reasons = dict.fromkeys((*run.result.verdict.reasons, *explanation.summary))  # a summary may be the reason
     return report_page(run.result.name, run.result.verdict.outcome.value, about, reasons, sections())
 
 

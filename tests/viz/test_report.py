@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Outcome, Run, Verdict
+from lgmpc.runs.forensics import explain_run
+from lgmpc.viz import plots, run_report
 from lgmpc.viz.figure_files import svg_figures
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 from lgmpc.viz.style import INK
@@ -90,3 +97,18 @@ def test_the_report_of_a_run_is_whole_and_self_contained(report_file: Path) -> N
     assert all(each.startswith("#") for each in outline.references)
     used = set(re.findall(r"url\(#([^)$]+)\)", text)) | {each[1:] for each in outline.references}
     assert used <= set(re.findall(r'id="([^"]+)"', text))
+
+
+def test_a_reason_is_told_once(solo12: Robot, pushed_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The summary of a run that broke a limit on a figure of the whole run is its reason."""
+    monkeypatch.setattr(plots, "FIGURES", {})
+    verdict = Verdict(Outcome.FAIL, ("a joint was at its torque limit too often",))
+    run = replace(pushed_run, result=replace(pushed_run.result, verdict=verdict))
+    page = run_report(solo12, run, Gate(), explain_run(run, Gate()))
+    head = page[page.index("<header>") : page.index("</header>")]
+    assert head.count("a joint was at its torque limit too often") == 1
+
+
+def test_a_report_begins_with_verdict_replay_and_figures(report_file: Path) -> None:
+    titles = re.findall(r"<h2>([^<]*)</h2>", report_file.read_text(encoding="utf-8"))
+    assert titles[:4] == ["Replay", "Figures of merit", "Figures", "Events"]

@@ -41,6 +41,10 @@ from lgmpc.world import Plane
 __all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
 
 _GRAVITY = 9.81
+_ROUNDING = 1e-9  # m
+_PROJECTIONS = 12
+"""Alternating projections onto reach and distance from the other feet; one suffices unless both bind."""
+
 _STEEPEST = 0.1
 """Sine of the least angle between a line of feet and the plane of a leg for which one is moved along the line."""
 
@@ -270,27 +274,18 @@ class FootholdPlanner:
     ) -> Point:
         """Return the point within reach of the hip, on the foot's own side of the base and clear of the other feet.
 
-        A planar leg has it in its plane, where the line to the middle of the feet meets that plane: on a diagonal of
-        feet, only the distance of the centre of mass from their line determines how the robot falls.
+        Where these exclude each other, clear of the other feet. A planar leg has it in its plane, where the line to the
+        middle of the feet meets that plane: on a diagonal of feet, only the distance of the centre of mass from their
+        line determines how the robot falls.
         """
-        x, y = point
-        for other in others:
-            dx, dy = x - other[0], y - other[1]
-            distance = math.hypot(dx, dy)
-            if distance < self.spacing:
-                if distance == 0.0:
-                    dx, dy = _turn(*self.feet[foot], yaw)
-                    distance = math.hypot(dx, dy)
-                x, y = other[0] + dx * self.spacing / distance, other[1] + dy * self.spacing / distance
-        # In the axes of the base at touchdown:
-        x, y = _turn(x - com[0], y - com[1], -yaw)
-        left = self.feet[foot][1]
-        y = max(y, self.sides[foot]) if left > 0.0 else min(y, self.sides[foot]) if left < 0.0 else y
-        hx, hy = self.hips[foot]
-        dx, dy = x - hx, y - hy
-        distance, reach = math.hypot(dx, dy), self.reach(foot, motion.height)
-        if distance > reach:
-            x, y = hx + dx * reach / distance, hy + dy * reach / distance
+        near = [_turn(x - com[0], y - com[1], -yaw) for x, y in others]  # in the axes of the base at touchdown
+        x, y = self._clear(foot, _turn(point[0] - com[0], point[1] - com[1], -yaw), near)
+        for _ in range(_PROJECTIONS):
+            x, y = self._reachable(foot, x, y, motion.height)
+            apart = self._clear(foot, (x, y), near)
+            if apart == (x, y):
+                break
+            x, y = apart
         nx, ny = self.normals[foot]
         if nx or ny:
             (fx, fy), (tx, ty) = self.feet[foot], self._towards[foot]
@@ -300,6 +295,30 @@ class FootholdPlanner:
             x, y = x - out * tx, y - out * ty
         x, y = _turn(x, y, yaw)
         return com[0] + x, com[1] + y
+
+    def _clear(self, foot: int, point: Point, others: Sequence[Point]) -> Point:
+        """Return the point moved away from each of the other feet that is nearer than the least distance."""
+        x, y = point
+        for ox, oy in others:
+            dx, dy = x - ox, y - oy
+            distance = math.hypot(dx, dy)
+            if distance < self.spacing - _ROUNDING:
+                if distance == 0.0:
+                    dx, dy = self.feet[foot]
+                    distance = math.hypot(dx, dy)
+                x, y = ox + dx * self.spacing / distance, oy + dy * self.spacing / distance
+        return x, y
+
+    def _reachable(self, foot: int, x: float, y: float, height: float) -> Point:
+        """Return the point on the foot's own side of the base, and within reach of the hip."""
+        left, side = self.feet[foot][1], self.sides[foot]
+        y = max(y, side) if left > 0.0 else min(y, side) if left < 0.0 else y
+        hx, hy = self.hips[foot]
+        dx, dy = x - hx, y - hy
+        distance, reach = math.hypot(dx, dy), self.reach(foot, height)
+        if distance > reach:
+            x, y = hx + dx * reach / distance, hy + dy * reach / distance
+        return x, y
 
     def horizon(
         self,

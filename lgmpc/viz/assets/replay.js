@@ -224,7 +224,7 @@ class Player {
       g.lineWidth = 1.6;
       g.stroke();
     };
-    // What stays below ten of its last digits is drawn as the small thing it is.
+    // Curves below ten of their last digits are drawn small.
     for (const c of series.curves) curve(c.values, Math.max(...c.values, 10 ** (1 - c.digits)), c.color);
     g.fillStyle = "#5b6877";
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => duration / s <= width / 60) || 100;

@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
-from lgmpc.config.loading import apply_overrides
+from lgmpc.config.loading import apply_overrides, load_config
 from lgmpc.errors import ConfigError
+from lgmpc.world import FloorSettings, SlopeSettings
 
 
 def changed(*overrides: str) -> dict[str, Any]:
@@ -65,3 +66,33 @@ def test_an_impossible_change_is_one_error_with_its_reason(override: str, messag
     with pytest.raises(ConfigError) as caught:
         changed(override)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["world=slope"], SlopeSettings()),
+        (["world=slope", "world.angle_deg=15"], SlopeSettings(angle_deg=15.0)),
+        (["world={kind: slope, uphill_deg: 90}"], SlopeSettings(uphill_deg=90.0)),
+        (["world.height_m=0.5"], FloorSettings(height_m=0.5)),
+        (["world=floor"], FloorSettings()),
+    ],
+)
+def test_the_name_of_a_ground_stands_for_its_section(overrides: list[str], expected: object) -> None:
+    assert load_config("solo12_balance", overrides).world == expected
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["world=slop"], "world.kind: got the text 'slop'; expected one of floor, slope. Did you mean slope?"),
+        (["world.heigth_m=1"], "Did you mean world.height_m?"),
+        (["world.angle_deg=5"], "a key that only world.kind = slope has"),
+        (["world=slope", "world.angle_deg=50"], "world.angle_deg: got 50; expected a number not above 45"),
+        (["world=3"], "world: got 3; expected a table of keys"),
+    ],
+)
+def test_a_wrong_ground_is_one_error_with_the_nearest_choice(overrides: list[str], message: str) -> None:
+    with pytest.raises(ConfigError) as raised:
+        load_config("solo12_balance", overrides)
+    assert message in str(raised.value)

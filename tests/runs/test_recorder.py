@@ -8,8 +8,9 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import RunLog, push_intervals
 from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS
+from lgmpc.world import SlopeSettings, make_world
 
-from .conftest import new_recorder, record_standing
+from .conftest import FEET, new_recorder, record_standing
 
 
 def test_log_holds_what_was_recorded_with_its_axes() -> None:
@@ -185,3 +186,34 @@ def test_limits_that_change_are_channels_of_the_log() -> None:
     np.testing.assert_array_equal(log.effort_limit_over_time, np.full((6, 12), 1.8))
     np.testing.assert_array_equal(log.since(3).friction_over_time, [0.6, 0.3, 0.3])
     np.testing.assert_array_equal(log.decimated(2).friction_over_time, [0.6, 0.6, 0.3])
+
+
+def test_a_log_from_before_there_was_other_ground_is_read_as_on_a_level_floor(standing) -> None:
+    new = {*GROUND_CHANNELS, "contact_normals"}
+    old = RunLog.from_arrays({name: array for name, array in standing.arrays().items() if name not in new})
+    for name in new:
+        np.testing.assert_allclose(getattr(old, name), getattr(standing, name), rtol=0, atol=1e-15)
+    with pytest.raises(RunFolderError, match="log lacks contact_normals"):  # damaged, not old
+        RunLog.from_arrays({name: array for name, array in standing.arrays().items() if name != "contact_normals"})
+
+
+def test_a_log_says_what_it_contains_in_a_few_lines(standing) -> None:
+    assert len(repr(standing).splitlines()) <= 3 and "1000 ticks" in repr(standing)
+    assert standing.channels["contact_forces"] == ((1000, 4, 3), "N")
+    assert set(standing.channels) <= set(standing.arrays())
+
+
+def test_contact_points_are_those_of_the_ground() -> None:
+    """Spheres of 16 mm whose lowest points lie in z = 0 touch a slope of 30 degrees beside them, and are above it."""
+    slope = make_world(SlopeSettings(angle_deg=30.0, height_m=-0.2), 0.6)
+    recorder = new_recorder(world=slope)
+    record_standing(recorder, 2)
+    log, normal = recorder.log(), np.array([-0.5, 0.0, np.sqrt(0.75)])
+    centres = FEET + [0.0, 0.0, 0.016]
+    np.testing.assert_allclose(log.contact_points[0], centres - 0.016 * normal, rtol=0, atol=1e-15)
+    distance = (FEET[:, 2] + 0.016 + 0.2 - np.tan(np.radians(30.0)) * FEET[:, 0]) * np.sqrt(0.75) - 0.016
+    np.testing.assert_allclose(log.contact_clearance[0], distance, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(log.normal_forces, 6.0 * np.sqrt(0.75))
+    np.testing.assert_allclose(log.tangential_forces, 3.0)
+    np.testing.assert_allclose(log.base_height, (0.24 + 0.2) * np.sqrt(0.75))
+    np.testing.assert_allclose(log.tilt_deg, 30.0)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import ast
 import functools
 import graphlib
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -291,3 +292,17 @@ for name in ["lgmpc", *("lgmpc." + subpackage for subpackage in {subpackages!r})
 def test_no_module_is_too_long() -> None:
     lengths = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in modules(PACKAGE)}
     assert {module: length for module, length in lengths.items() if length > LONGEST_MODULE} == {}
+
+
+def test_runs_are_judged_along_the_normals_of_the_ground() -> None:
+    """No z of a force, a foot or a base stands for its part along the normal, or for its height above the ground."""
+    vertical = re.compile(r"\b(contact_points|contact_forces\w*|base_pose|push)\[[^]]*[ ,]2(:3)?\]")
+    found = [
+        f"{module}: {match.group()}"
+        for module, path in modules(PACKAGE)
+        if inside(module, "runs simulation config")
+        for match in vertical.finditer(path.read_text(encoding="utf-8"))
+    ]
+    assert found == []
+    knowing = {module for module, path in modules(PACKAGE / "runs") if "radius *" in path.read_text(encoding="utf-8")}
+    assert knowing == {"ground"}

@@ -64,7 +64,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.config.showing": "/tour",
         "lgmpc.config.continuing": "/guide/runs",
         "lgmpc.config.deploying": "/guide/hardware",
-        "lgmpc.world": "",
+        "lgmpc.world": "/guide/plants",
         "lgmpc.simulation": "/guide/plants",
         "lgmpc.runs": "/guide/runs",
         "lgmpc.sweeps": "/guide/sweeps",

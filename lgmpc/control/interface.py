@@ -102,8 +102,11 @@ class Command(NamedTuple):
     @property
     def fault(self) -> str:
         """The first element that is not finite, as "tau[2] is nan"; empty if there is none."""
-        gains = [] if self.kp is self.kd else [*self.kp.tolist(), *self.kd.tolist()]
-        if math.isfinite(sum([*self.tau.tolist(), *self.q_des.tolist(), *self.v_des.tolist(), *gains])):
+        total = sum(self.tau.tolist()) + sum(self.q_des.tolist())
+        none = zeros(self.tau.size)
+        if not (self.v_des is none and self.kp is none and self.kd is none):
+            total += sum([*self.v_des.tolist(), *self.kp.tolist(), *self.kd.tolist()])
+        if math.isfinite(total):
             return ""
         found = ((name, k, x) for name, each in self._asdict().items() for k, x in enumerate(each.tolist()))
         return next((f"{name}[{k}] is {x}" for name, k, x in found if not math.isfinite(x)), "a sum is not finite")

@@ -63,8 +63,13 @@ class MeasurementMonitor:
         self.faults = 0
         self.counts = dict.fromkeys(QUANTITIES, 0)
         self._last: Measurement | None = None
-        self._series = dict.fromkeys(QUANTITIES, 0)
         self._told = -math.inf
+        self._begin_series()
+
+    def _begin_series(self) -> None:
+        """Forget how long faults have persisted."""
+        self._series = dict.fromkeys(QUANTITIES, 0)
+        self._faulty = False
 
     @np.errstate(over="ignore", invalid="ignore")
     def check(self, reading: Measurement) -> Measurement:
@@ -75,12 +80,12 @@ class MeasurementMonitor:
             period = max(reading.time - last.time, 0.1 * self._period)
             step = reading.speeds - last.speeds
             rate = (reading.joints - last.joints) / period - last.speeds
-            force, turn = math.hypot(*reading.accelerometer.tolist()), reading.gyro - last.gyro
+            turn = reading.gyro - last.gyro
+            # Norms are fast, and where those of the shares of the limits are below 1, so is every share.
             plain = (
-                (np.abs(step) <= self._jump).all()
-                and (np.abs(rate) <= self._jump).all()
-                and (np.abs(reading.torques) <= self._torque).all()
-                and force <= _FORCE
+                math.hypot(*(step / self._jump).tolist(), *(rate / self._jump).tolist()) <= 1.0
+                and math.hypot(*(reading.torques / self._torque).tolist()) <= 1.0
+                and math.hypot(*reading.accelerometer.tolist()) <= _FORCE
                 and math.hypot(*turn.tolist()) <= _GYRO_JUMP
             )
             if not plain:
@@ -88,6 +93,8 @@ class MeasurementMonitor:
                 if not _finite(checked):
                     self._last = last._replace(time=reading.time)
                     return checked
+            elif self._faulty:
+                self._begin_series()
         self._last = checked
         return checked
 
@@ -138,6 +145,7 @@ class MeasurementMonitor:
             self._series[name] = 0
             return wrong
         self._series[name] += 1
+        self._faulty = True
         if self._series[name] > _MOST:
             return np.zeros_like(wrong)
         self.faults |= 1 << QUANTITIES.index(name)

@@ -43,6 +43,16 @@ def test_without_gains_the_torques_are_those_of_the_qp(robot: Robot) -> None:
     np.testing.assert_array_equal(same.torque(q + 1.0, v + 1.0), tau)
 
 
+@pytest.mark.parametrize("name", Command._fields)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_the_first_element_that_is_not_finite_is_named(name: str, value: float) -> None:
+    command = Command.feed_forward(np.ones(4), np.ones(4))
+    assert not command.fault and not Command.damping(np.ones(4), np.full(4, np.nan), 0.1).fault
+    broken = np.where(np.arange(4) == 2, value, 0.0)
+    assert command._replace(**{name: broken}).fault == f"{name}[2] is {value}"
+    assert Command(*(broken,) * 5).fault == f"tau[2] is {value}"
+
+
 def test_a_key_that_matches_no_joint_is_named() -> None:
     config = load_config("solo12_stand", ["drives.kp_nm_rad={FL_KFF: 1.0}"])
     with pytest.raises(ConfigError, match=r"drives\.kp_nm_rad: got .*FL_KFF.*names or patterns of joints.*FL_KFE"):

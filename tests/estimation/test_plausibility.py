@@ -171,6 +171,15 @@ def test_a_value_that_persists_is_believed_and_one_that_is_not_finite_left_to_th
     assert monitor.check(again) is again
 
 
+def test_spikes_that_recur_are_replaced_each_time(robot: Robot) -> None:
+    monitor = MeasurementMonitor(robot, 0.001)
+    for tick in range(40):
+        spike = tick % 3 == 2
+        checked = monitor.check(reading(robot, tick, gyro=np.array([35.0 if spike else 0.0, 0.0, 0.0])))
+        assert not checked.gyro.any() and bool(monitor.faults) is spike
+    assert monitor.counts["gyro"] == 13
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308])
 def test_whatever_is_read_raises_nothing(robot: Robot, value: float) -> None:
     monitor = MeasurementMonitor(robot, 0.001)

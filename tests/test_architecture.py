@@ -58,9 +58,7 @@ ARROWS: dict[str, str] = {
     "config": "",
     # A document composes the settings of the subpackages.
     "config.schema": f"{_PARTS} world simulation control hardware runs problems",
-    "config.limits": "robot runs simulation",
-    "config.notes": "simulation",
-    "config.robots": "robot world locomotion control simulation",
+    "config.robots": "robot world locomotion control simulation runs",
     "config.build": f"{_PARTS} world simulation control runs",
     "config.solving": "ocp problems solvers runs",
     "config.closed_loop": f"{_PARTS} simulation control runs",

@@ -12,7 +12,7 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
-from lgmpc.config.limits import joint_limits
+from lgmpc.config.robots import joint_limits
 from lgmpc.runs import RunLog, compute_metrics, flat_metrics
 from lgmpc.runs.certificate import Balances, certify, window_edges
 from lgmpc.runs.limited import limited_quantities

@@ -246,7 +246,7 @@ def check(
     from lgmpc.config import load_any_config
 
     loaded = load_any_config(config, [*overrides, *more])
-    from lgmpc.cli.checking import show_checked
+    from lgmpc.cli.inspecting import show_checked
 
     show_checked(loaded)
 
@@ -272,7 +272,7 @@ def configs(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """List the configs that come with lgmpc, or write one of them to a file to edit."""
-    from lgmpc.cli.configs import copy_config, list_configs
+    from lgmpc.cli.inspecting import copy_config, list_configs
     from lgmpc.errors import InputError
 
     if copy:
@@ -290,7 +290,7 @@ def doctor() -> None:
 
     Exit code 0 if everything works, 1 if something is broken.
     """
-    from lgmpc.cli.diagnosing import show_diagnosis
+    from lgmpc.cli.inspecting import show_diagnosis
 
     raise typer.Exit(show_diagnosis())
 
@@ -301,6 +301,6 @@ def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
 ) -> None:
     """Print the JSON schema of configs, from which editors complete and explain keys."""
-    from lgmpc.cli.configs import print_schema
+    from lgmpc.cli.inspecting import print_schema
 
     print_schema(out)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Generic, Protocol, TextIO, TypeVar
+from typing import Any, Generic, Protocol, TextIO, TypeVar
 
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
-from rich.progress import Progress as Bar
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -22,35 +21,27 @@ __all__ = [
     "Counted",
     "Display",
     "Row",
-    "Silent",
     "counting_display",
     "duration_words",
     "figure_table",
-    "progress_bar",
+    "progress_display",
     "warnings_on",
 ]
 
-Step = TypeVar("Step", contravariant=True)
+Step = TypeVar("Step")
 
 
-class Display(Protocol[Step]):
-    """Displays progress."""
+@dataclass(frozen=True)
+class Display(Generic[Step]):
+    """Displays progress.
 
-    def announce(self, message: str) -> None:
-        """Display what is being prepared."""
+    Attributes:
+        announce: displays what is being prepared.
+        advance: displays a progress report.
+    """
 
-    def advance(self, now: Step) -> None:
-        """Display a progress report."""
-
-
-class Silent:
-    """Displays nothing."""
-
-    def announce(self, message: str) -> None:
-        """Do nothing."""
-
-    def advance(self, now: object) -> None:
-        """Do nothing."""
+    announce: Callable[[str], None]
+    advance: Callable[[Step], None]
 
 
 class Counted(Protocol):
@@ -68,41 +59,59 @@ class Counted(Protocol):
 CountedStep = TypeVar("CountedStep", bound=Counted)
 
 
-class _Lines(Generic[CountedStep]):
-    """For pipes and files: a line for each ``every`` steps."""
+@contextmanager
+def progress_display(
+    console: Console,
+    lines: Callable[[Step], Iterable[str]],
+    bar: Callable[[Step], Mapping[str, Any]],
+    *,
+    quiet: bool,
+    above: bool = False,
+) -> Iterator[Display[Step]]:
+    """Display progress: a bar on terminals, lines elsewhere.
 
-    def __init__(self, console: Console, steps: str, every: int, state: Callable[[CountedStep], str]) -> None:
-        self._console, self._steps, self._every, self._state = console, steps, every, state
-        self._next = 0
+    Args:
+        console: to print to.
+        lines: the lines of a report.
+        bar: description, completed, total and state of a report, those that change.
+        quiet: display nothing.
+        above: print the lines on terminals too, above the bar.
+    """
 
-    def announce(self, message: str) -> None:
-        self._console.print(message, markup=False)
+    def write(text: str) -> None:
+        console.print(text, markup=False)
 
-    def advance(self, now: CountedStep) -> None:
-        if now.done >= self._next:
-            self._next = now.done + self._every
-            self._console.print(f"{now.done} of {now.total} {self._steps}{self._state(now)}", markup=False)
+    def write_lines(now: Step) -> None:
+        for line in lines(now):
+            write(line)
+
+    if quiet:
+        yield Display(_ignore, _ignore)
+        return
+    if not console.is_terminal:
+        yield Display(write, write_lines)
+        return
+    description, state = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[state]}"))
+    with Progress(SpinnerColumn(), description, BarColumn(), state, console=console, transient=True) as shown:
+        task = shown.add_task("preparing", total=None, state="")
+
+        def advance(now: Step) -> None:
+            if above:
+                write_lines(now)
+            shown.update(task, **bar(now))
+
+        yield Display(lambda message: shown.update(task, description=message), advance)
 
 
-class _Moving(Generic[CountedStep]):
-    """For terminals: a bar over the steps."""
-
-    def __init__(self, bar: Bar, total: int, state: Callable[[CountedStep], str]) -> None:
-        self._bar, self._state = bar, state
-        self._task = bar.add_task("preparing", total=total, state="")
-
-    def announce(self, message: str) -> None:
-        self._bar.update(self._task, description=message)
-
-    def advance(self, now: CountedStep) -> None:
-        self._bar.update(self._task, completed=now.done, state=self._state(now))
+def _ignore(_: object) -> None:
+    pass
 
 
 @contextmanager
 def counting_display(
     console: Console, total: int, steps: str, state: Callable[[CountedStep], str], *, every: int = 1, quiet: bool
 ) -> Iterator[Display[CountedStep]]:
-    """Display progress through ``total`` steps: a bar on terminals, lines elsewhere.
+    """Display progress through ``total`` steps.
 
     Args:
         console: to print to.
@@ -112,13 +121,19 @@ def counting_display(
         every: steps between two lines.
         quiet: display nothing.
     """
-    if quiet:
-        yield Silent()
-    elif not console.is_terminal:
-        yield _Lines(console, steps, every, state)
-    else:
-        with progress_bar(console, "{task.completed} / {task.total}{task.fields[state]}") as bar:
-            yield _Moving(bar, total, state)
+    due = 0
+
+    def lines(now: CountedStep) -> Iterator[str]:
+        nonlocal due
+        if now.done >= due:
+            due = now.done + every
+            yield f"{now.done} of {now.total} {steps}{state(now)}"
+
+    def bar(now: CountedStep) -> Mapping[str, Any]:
+        return {"completed": now.done, "total": total, "state": f"{now.done} / {total}{state(now)}"}
+
+    with progress_display(console, lines, bar, quiet=quiet) as display:
+        yield display
 
 
 def duration_words(seconds: float) -> str:
@@ -126,12 +141,6 @@ def duration_words(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
-
-
-def progress_bar(console: Console, text: str) -> Bar:
-    """Return a line with spinner, the task's description, bar, and ``text``, a template of the task's fields."""
-    description, state = (TextColumn(template, markup=False) for template in ("{task.description}", text))
-    return Bar(SpinnerColumn(), description, BarColumn(), state, console=console, transient=True)
 
 
 @contextmanager

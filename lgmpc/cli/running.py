@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress as Bar
 from rich.text import Text
 
-from lgmpc.cli.display import Display, Row, Silent, figure_table, progress_bar, warnings_on
+from lgmpc.cli.display import Display, Row, figure_table, progress_display, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import load_config
 from lgmpc.config.continuing import run_from
@@ -112,46 +112,20 @@ def _always_shown(metrics: Metrics) -> Iterator[Row]:
     return (row for row in rows if row.value is not None)
 
 
-class _Lines:
-    """Display for pipes and files: one line per stage."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._simulating = False
-
-    def announce(self, message: str) -> None:
-        self._console.print(message, markup=False)
-
-    def advance(self, now: Progress) -> None:
-        if not self._simulating:
-            self._simulating = True
-            self.announce(f"simulating {now.duration_s:g} s")
-
-
-class _Moving:
-    """Display for terminals: a bar over simulated time."""
-
-    def __init__(self, bar: Bar) -> None:
-        self._bar = bar
-        self._task = bar.add_task("preparing", total=None, state="")
-
-    def announce(self, message: str) -> None:
-        self._bar.update(self._task, description=message)
-
-    def advance(self, now: Progress) -> None:
-        simulated = f"{now.time_s:.1f} / {now.duration_s:g} s"
-        state = f"{simulated}  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
-        self._bar.update(self._task, description="simulating", completed=now.time_s, total=now.duration_s, state=state)
-
-
 @contextmanager
 def run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]:
     """Show the progress of a run on ``console``: a bar on a terminal, a line per stage elsewhere."""
-    if quiet:
-        yield Silent()
-        return
-    if not console.is_terminal:
-        yield _Lines(console)
-        return
-    with progress_bar(console, "{task.fields[state]}") as bar:
-        yield _Moving(bar)
+    begun: list[Progress] = []
+
+    def lines(now: Progress) -> Iterator[str]:
+        if not begun:
+            begun.append(now)
+            yield f"simulating {now.duration_s:g} s"
+
+    def bar(now: Progress) -> Mapping[str, Any]:
+        simulated = f"{now.time_s:.1f} / {now.duration_s:g} s"
+        state = f"{simulated}  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
+        return {"description": "simulating", "completed": now.time_s, "total": now.duration_s, "state": state}
+
+    with progress_display(console, lines, bar, quiet=quiet) as display:
+        yield display

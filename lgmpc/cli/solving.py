@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
-from rich.console import Console, Group
-from rich.live import Live
-from rich.spinner import Spinner
-from rich.table import Table
+from rich.console import Console
 from rich.text import Text
 
-from lgmpc.cli.display import Display, Row, Silent, figure_table, warnings_on
+from lgmpc.cli.display import Display, Row, figure_table, progress_display, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import SolveConfig
 from lgmpc.config.execution import FinishedSolve, solve_config
@@ -23,9 +20,6 @@ from lgmpc.runs import Outcome
 from lgmpc.runs.figures import figure_of
 
 __all__ = ["solve_shown"]
-
-_ROWS = 12
-"""Number of iterations in the moving table, the last ones."""
 
 
 def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool) -> int:
@@ -61,50 +55,6 @@ def _rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator
             yield Row.of(figure, value)
 
 
-class _Lines:
-    """Display for pipes and files: a line for each stage and iteration."""
-
-    def __init__(self, console: Console, columns: Columns) -> None:
-        self._console = console
-        self._columns = columns
-        self._count = 0
-
-    def announce(self, message: str) -> None:
-        self._console.print(message, markup=False)
-
-    def advance(self, now: Iteration) -> None:
-        if self._count % 20 == 0:
-            self._console.print("".join(f"{name:>14}" for name in self._columns), markup=False)
-        self._count += 1
-        self._console.print("".join(f"{write(now):>14}" for write in self._columns.values()), markup=False)
-
-
-class _Moving:
-    """Display for terminals: a table of the last iterations, updated in place."""
-
-    def __init__(self, live: Live, columns: Columns) -> None:
-        self._live = live
-        self._columns = columns
-        self._rows: deque[Iteration] = deque(maxlen=_ROWS)
-        self._spinner = Spinner("dots", "")
-
-    def announce(self, message: str) -> None:
-        self._spinner.update(text=Text(message))
-        self._draw()
-
-    def advance(self, now: Iteration) -> None:
-        self._rows.append(now)
-        self._draw()
-
-    def _draw(self) -> None:
-        table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-        for name in self._columns:
-            table.add_column(name, justify="right")
-        for row in self._rows:
-            table.add_row(*(write(row) for write in self._columns.values()))
-        self._live.update(Group(*((table,) if self._rows else ()), self._spinner))
-
-
 Columns = Mapping[str, Callable[[Iteration], str]]
 """Heading of each column, and its text for an iteration."""
 
@@ -129,11 +79,13 @@ def _scientific(value: float) -> str:
 
 @contextmanager
 def _display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[Display[Iteration]]:
-    columns = _columns(config.solver.method)
-    if quiet:
-        yield Silent()
-    elif not console.is_terminal:
-        yield _Lines(console, columns)
-    else:
-        with Live(console=console, transient=True, refresh_per_second=12) as live:
-            yield _Moving(live, columns)
+    """Print a line for each iteration, with headings in between, and on terminals a bar of the stage."""
+    columns, rows = _columns(config.solver.method), count()
+
+    def lines(now: Iteration) -> Iterator[str]:
+        if next(rows) % 20 == 0:
+            yield "".join(f"{name:>14}" for name in columns)
+        yield "".join(f"{write(now):>14}" for write in columns.values())
+
+    with progress_display(console, lines, lambda now: {}, quiet=quiet, above=True) as display:
+        yield display

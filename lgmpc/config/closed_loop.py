@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lgmpc.config.limits import joint_limits
+from lgmpc.config.robots import joint_limits
 from lgmpc.config.session import Progress, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode

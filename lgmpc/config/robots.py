@@ -1,4 +1,4 @@
-"""The robot of a config, checked against the rest of the config."""
+"""The robot of a config, checked against the rest of the config, and the limits of its joints and drives."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.robot import Robot, load_robot
 from lgmpc.robot.checks import point_masses
+from lgmpc.runs.limited import DriveLine, JointLimits
+from lgmpc.simulation.drives import ActuatorSettings
 from lgmpc.simulation.initial import initial_state
 
-__all__ = ["build_any_robot", "build_robot"]
+__all__ = ["build_any_robot", "build_robot", "joint_limits"]
 
 _NARROWEST = 1e-3  # width of the contact points per length, below which they are on one line
 
@@ -50,6 +52,18 @@ def build_robot(config: Config) -> Robot:
     if found:
         raise as_one_error(found)
     return robot
+
+
+def joint_limits(robot: Robot, drives: ActuatorSettings) -> JointLimits:
+    """Return the limits of joints that a log does not contain.
+
+    Args:
+        robot: the robot, with limits of position and speed.
+        drives: settings of its drives, with or without a torque-speed line.
+    """
+    stall, no_load = drives.stall_torque_nm, drives.no_load_speed_rad_s
+    line = None if stall is None or no_load is None else DriveLine(stall, no_load)
+    return JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit, line)
 
 
 def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from lgmpc.config.limits import joint_limits
 from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
-from lgmpc.config.robots import build_any_robot
+from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.schema import Config
 from lgmpc.config.solutions import solution_as_run
 from lgmpc.notebook import in_notebook

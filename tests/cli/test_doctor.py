@@ -33,7 +33,7 @@ def test_failed_checks_are_counted_and_have_a_remedy(invoke: Invoke, monkeypatch
         yield Check("numpy", True, "2.0")
 
     monkeypatch.setattr("lgmpc.doctor.iterate_checks", checks)
-    monkeypatch.setattr("lgmpc.cli.diagnosing.iterate_checks", checks)
+    monkeypatch.setattr("lgmpc.cli.inspecting.iterate_checks", checks)
     code, output = invoke("doctor")
     assert code == 1
     lines = output.splitlines()

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from lgmpc.cli.checking import show_checked
+from lgmpc.cli.inspecting import show_checked
 from lgmpc.config import parse_any_config
 from lgmpc.config.yaml_text import parse_yaml, write_yaml
 from lgmpc.errors import LgmpcError

@@ -2,8 +2,8 @@
 
 import pytest
 
+from lgmpc.cli.inspecting import notes_on
 from lgmpc.config import parse_config
-from lgmpc.config.notes import notes_on
 
 
 def test_a_plain_config_has_no_notes(small: str) -> None:

@@ -1,0 +1,192 @@
+"""``lgmpc check``, ``configs``, ``schema`` and ``doctor``: contents of configs, and the state of the installation."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from lgmpc.cli.screen import err, out
+from lgmpc.config import Config, Document, SolveConfig
+from lgmpc.config.extensions import own_costs, own_tasks
+from lgmpc.config.robots import build_robot
+from lgmpc.config.schema import GroundTruth
+from lgmpc.doctor import iterate_checks
+from lgmpc.errors import InputError
+from lgmpc.problems import Scenario
+from lgmpc.robot import Robot
+from lgmpc.runs.atomic import atomic_write
+from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
+
+__all__ = ["copy_config", "list_configs", "notes_on", "print_schema", "show_checked", "show_diagnosis"]
+
+_WIDTH = 28
+"""Width of the names of checks, in characters."""
+
+Lines = Iterable[tuple[str, str]]
+"""Pairs of names and descriptions."""
+
+
+def show_checked(config: Config | SolveConfig) -> None:
+    """Build a session from a config, without running or solving it, and print its parts.
+
+    Raises:
+        LgmpcError: what cannot be built, naming the key.
+    """
+    if isinstance(config, SolveConfig):
+        from lgmpc.config.solving import check_scenario
+
+        scenario, figures = check_scenario(config)
+        _show(config, _problem(config, scenario, figures), scenario.robot.notes)
+    else:
+        robot = build_robot(config)
+        _show(config, _closed_loop(config, robot), (*notes_on(config), *robot.notes))
+
+
+def _show(config: Document, lines: Lines, notes: Sequence[str]) -> None:
+    console = out()
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, words in lines:
+        table.add_row(name, words)
+    console.print(table)
+    for note in notes:
+        console.print(Text.assemble(("note: ", "yellow"), note))
+    console.print(Text.assemble(("OK", "bold green"), f"  {config.source.file}"))
+
+
+def _robot(robot: Robot) -> Lines:
+    base = "free" if robot.floating_base else "fixed"
+    yield "robot", f"{robot.name}, {robot.mass:.3f} kg, {base} base, {robot.nu} joints"
+    yield "contacts", ", ".join(robot.contact_frames) or "none"
+
+
+def _closed_loop(config: Config, robot: Robot) -> Lines:
+    yield from _robot(robot)
+    plant, mpc = config.plant, config.mpc
+    yield "plant", f"{plant.kind} at {plant.rate_hz:g} Hz, friction {plant.friction:g}"
+    yield "estimator", config.estimator.kind.replace("_", " ")
+    solver = getattr(mpc, "qp_solver", "no quadratic programme")
+    horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {solver}"
+    yield "mpc", horizon if mpc.enabled else "off"
+    yield "wbc", f"{config.wbc.rate_hz:g} Hz, friction {config.wbc.friction:g}"
+    yield from (("own task", each.name) for each in own_tasks(config, robot))
+    yield from (("own cost", each.name) for each in own_costs(config, robot))
+    yield "reference", config.reference.kind
+    for push in config.pushes:
+        size = sum(each**2 for each in push.impulse_ns) ** 0.5
+        force = size / push.duration_s
+        yield "push", f"{push.body} at {push.time_s:g} s: {size:g} N.s in {push.duration_s:g} s ({force:g} N)"
+    limits = [f"{name} {limit:g}" for name, limit in config.gate.limits.items()]
+    yield "gate", ", ".join(limits) or "none: every run that does not fall passes"
+    yield "duration", f"{config.duration_s:g} s simulated"
+
+
+def _problem(config: SolveConfig, scenario: Scenario, figures: Sequence[str]) -> Lines:
+    yield from _robot(scenario.robot)
+    problem, solver = scenario.problem, config.solver
+    grid = f"{problem.nodes} intervals, {scenario.times[-1]:g} s, {problem.state.ndx} states, {problem.nu} controls"
+    yield "problem", f"{config.problem.kind}: {grid}"
+    for waypoint in scenario.waypoints:
+        where = ", ".join(f"{x:.3g}" for x in waypoint.position)
+        yield "waypoint", f"{waypoint.name} at [{where}] m, {waypoint.time:g} s"
+    yield "solver", f"{solver.method}, at most {solver.max_iterations} iterations"
+    bounds = config.gate.bounds
+    yield "gate", f"{'converged' if config.gate.converged else 'need not converge'}, {len(bounds)} bounds"
+    yield "figures", ", ".join(figures)
+
+
+def notes_on(config: Config) -> tuple[str, ...]:
+    """Return one sentence for each setting of ``config`` that was probably not intended."""
+    notes = []
+    for i, push in enumerate(config.pushes):
+        if push.time_s >= config.duration_s:
+            notes.append(f"pushes.{i} begins at {push.time_s:g} s, after the end of the run ({config.duration_s:g} s)")
+        elif push.time_s + push.duration_s > config.duration_s:
+            notes.append(f"pushes.{i} is cut short by the end of the run ({config.duration_s:g} s)")
+    if config.gate.steady_from_s >= config.duration_s:
+        notes.append("gate.steady_from_s is after the end of the run: steady errors are not measured")
+    if isinstance(config.estimator, GroundTruth) and config.sensors != type(config.sensors)():
+        notes.append("sensors: not used while estimator.kind is ground_truth")
+    for section, friction in (("wbc", config.wbc.friction), ("mpc", config.mpc.friction)):
+        if friction > config.plant.friction and (section == "wbc" or config.mpc.enabled):
+            notes.append(
+                f"{section}.friction ({friction:g}) is above the floor's ({config.plant.friction:g}): feet may slip"
+            )
+    return tuple(notes)
+
+
+def list_configs() -> None:
+    """Print name, command and summary of each shipped config, and of each sweep."""
+    console = out()
+    for configs in (shipped_configs(), shipped_sweeps()):
+        width = max(map(len, configs), default=0)
+        for name, config in configs.items():
+            console.print(Text.assemble((f"{name:{width}}", "bold"), f"  {config.command:5}  {config.summary}"))
+        console.print()
+    console.print("next: lgmpc run, solve or sweep NAME; lgmpc configs --copy NAME writes one to edit", style="dim")
+
+
+def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
+    """Write a copy of a shipped config to a file.
+
+    Args:
+        name: of the config.
+        destination: file, or folder for a file of the config's name; the working directory unless given.
+        force: whether to replace an existing file.
+
+    Raises:
+        ConfigError: if no shipped config has this name.
+        InputError: if the file exists and ``force`` is false, or its folder does not exist.
+        RunFolderError: if the file cannot be written.
+    """
+    config = shipped_config(name)
+    file = destination or Path()
+    if file.is_dir():
+        file /= config.file.name
+    if not file.parent.is_dir():
+        raise InputError("DEST", file, "a file in a folder that exists")
+    if file.exists() and not force:
+        raise InputError("DEST", file, "a file that does not exist (--force replaces it)")
+    with atomic_write(file) as stream:
+        stream.write(config.copy_text().encode("utf-8"))
+    out().print(Text(f"wrote {file}"))
+    out().print(Text(f"next: lgmpc {config.command} {shlex.quote(str(file))}"), style="dim")
+
+
+def print_schema(file: Path | None) -> None:
+    """Write the JSON schema of configs to a file, or to stdout.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    from lgmpc.config.schema import json_schema_text
+
+    text = json_schema_text()
+    if file is None:
+        print(text, end="")
+        return
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError("--out", file, f"a file that can be written ({error.strerror})") from error
+
+
+def show_diagnosis() -> int:
+    """Print the result of each check, and return 0 if all passed, else 1."""
+    console = out()
+    failed = 0
+    with err().status("checking"):
+        for check in iterate_checks():
+            failed += not check.ok
+            mark = ("ok    ", "green") if check.ok else ("broken", "bold red")
+            console.print(Text.assemble(mark, f"  {check.name:<{_WIDTH}}{check.detail}"))
+            if check.remedy:
+                console.print(Text(f"{'':8}{'':{_WIDTH}}-> {check.remedy}", "yellow"))
+    if failed:
+        console.print(Text.assemble((f"{failed} broken", "bold red"), ": remedies are in the lines that begin with ->"))
+        return 1
+    console.print(Text("sound", "bold green"))
+    return 0

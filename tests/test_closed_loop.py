@@ -15,7 +15,7 @@ from lgmpc.config.build import build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.config.session import SessionResult
-from lgmpc.mpc import StandInMpc
+from lgmpc.mpc import FallbackMpc
 from lgmpc.runs import Metrics
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -97,8 +97,8 @@ def test_whole_body_models_reject_a_push_that_would_stretch_the_legs(model: str,
     result = session.run(lambda progress: None)
     assert result.verdict.passed, result.verdict.reasons
     planner = session.controller.planner
-    assert planner is not None and isinstance(planner.mpc, StandInMpc)
-    assert 5 < planner.mpc.stood_in < 60  # of 125 updates; measured 22 (MuJoCo)
+    assert planner is not None and isinstance(planner.mpc, FallbackMpc)
+    assert 5 < planner.mpc.fallback_updates < 60  # of 125 updates; measured 22 (MuJoCo)
 
 
 @pytest.mark.parametrize("plant", MUJOCO_FIRST)

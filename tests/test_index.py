@@ -174,7 +174,7 @@ def _compiled_horizon(factor: float, nodes: int, progress: Callable[[str], None]
     return compile_map(scaled(factor), nodes, progress=progress)
 
 
-class Lift(SymbolicTask):
+class RiseMotion(SymbolicTask):
     """Height of the base, times a number that is part of its expression."""
 
     dim = 1
@@ -188,7 +188,7 @@ class Lift(SymbolicTask):
         return self.factor * s.q[2]
 
 
-def lifted(task: Lift) -> ca.Function:
+def lifted(task: RiseMotion) -> ca.Function:
     """The task's memory, multiplied by its factor."""
     written.append(task.factor)
     memory = ca.SX.sym("memory", task.layout.size)
@@ -197,11 +197,11 @@ def lifted(task: Lift) -> ca.Function:
 
 def test_gains_weights_and_targets_are_not_in_the_key() -> None:
     for kp, weight in ((100.0, 1.0), (50.0, 3.0)):
-        task = Lift(2.0, kp, weight)
+        task = RiseMotion(2.0, kp, weight)
         task.target.position[:] = kp
         assert value(StageKernel.of(lifted, task), task.memory) == 2.0 * kp
     assert written == [2.0]
-    task = Lift(3.0, 100.0, 1.0)
+    task = RiseMotion(3.0, 100.0, 1.0)
     assert value(StageKernel.of(lifted, task), task.memory) == 300.0
     assert written == [2.0, 3.0]
 

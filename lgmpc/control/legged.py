@@ -14,8 +14,8 @@ import numpy as np
 from lgmpc.control.drives import DriveSettings, JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
-from lgmpc.control.lying import Folding, Lift
-from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Situation, Transition
+from lgmpc.control.lying import LegFolding, RiseMotion
+from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference, DesiredMotion
@@ -115,11 +115,11 @@ class LeggedController:
         self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass)
         self._mode_settings = ModeSettings() if modes is None else modes
         self.modes = ModeMachine()
-        self._situation = Situation()
+        self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.rest_s, self._mode_settings.rearm == "automatic")
-        self._folding = Folding(robot, self._mode_settings.lying)
-        self._lift = Lift(self._mode_settings.lying)
+        self._leg_folding = LegFolding(robot, self._mode_settings.lying)
+        self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._displaced_since = math.inf
         self._weight = -robot.mass * float(robot.gravity[2])
         self._begun = self._waits = False
@@ -222,7 +222,7 @@ class LeggedController:
             self._planned, self._plan_s = True, perf_counter() - started
         elif steps.deciding:
             if steps.decide(time, planner):
-                self._situation.reacting = True
+                self._inputs.reacting = True
                 planner.expire()
             self._forecast_s = perf_counter() - started
         planner.follow(time, wbc)
@@ -249,26 +249,26 @@ class LeggedController:
 
     def _choose_mode(self, state: RobotState, request: MotionCommand) -> Mode:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
-        machine, situation, time = self.modes, self._situation, state.time
+        machine, inputs, time = self.modes, self._inputs, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
         upright, moving = self._upright if terms.finite else math.nan, self.command.moves
-        situation.request, situation.moving, situation.stepping = request.mode, moving, feet.stepping
-        situation.reacting = situation.reacting and feet.stepping and not moving
-        situation.failure = ""
+        inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
+        inputs.reacting = inputs.reacting and feet.stepping and not moving
+        inputs.failure = ""
         if mode is Mode.DAMP:
-            situation.rearmed = self._rest.update(time, upright, state.v, request.mode)
+            inputs.rearmed = self._rest.update(time, upright, state.v, request.mode)
         elif mode is Mode.LIE:
-            situation.failure, situation.folded = self._fall.tilted(upright), self._folding.done(time)
+            inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_folding.done(time)
         else:
             height = terms.z if terms.finite else math.nan
             solved = self.wbc.status is Status.CONVERGED
-            situation.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
-            if mode.upright and not situation.failure:
+            inputs.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
+            if mode.upright and not inputs.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
-                situation.failure = self._fall.update_support(
+                inputs.failure = self._fall.update_support(
                     time, height - feet.ground.height_at(terms.x, terms.y), touching
                 )
-        transition = machine.update(situation)
+        transition = machine.update(inputs)
         if transition is not None:
             self._enter(transition, state)
         return machine.mode
@@ -281,23 +281,23 @@ class LeggedController:
 
     def _enter(self, transition: Transition, state: RobotState) -> None:
         """Prepare the mode that a transition leads to."""
-        mode, situation = transition.target, self._situation
-        why = f" ({situation.failure})" if transition.name == "give up" else ""
+        mode, inputs = transition.target, self._inputs
+        why = f" ({inputs.failure})" if transition.name == "give up" else ""
         level = logging.WARNING if mode is Mode.DAMP else logging.INFO
         _LOG.log(level, "%s at %.3f s%s: the robot %s", transition.name, state.time, why, mode.value)
-        situation.lifted = False
+        inputs.lifted = False
         self._fall.reset()
         if mode is Mode.DAMP:
             self.wbc.reset()
-            self._rest.begin(situation.request)
+            self._rest.begin(inputs.request)
         elif mode is Mode.LIE:
-            self._folding.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_folding.begin(state.time, state.q[self._joints], self.wbc.tau)
             self.wbc.reset()
         elif mode is Mode.RISE:
             self._begin_rising(state.time)
         elif mode is Mode.SIT:
-            lying = np.array([0.0, 0.0, self._folding.crouch - self.feet.legs.height])
-            self._lift.begin(state.time, np.zeros(3), lying)
+            lying = np.array([0.0, 0.0, self._leg_folding.crouch - self.feet.legs.height])
+            self._rise_motion.begin(state.time, np.zeros(3), lying)
         elif transition.name == "risen" and self.planner is not None:
             self.planner.reset()
         elif transition.name == "halt":
@@ -319,7 +319,7 @@ class LeggedController:
         self._desired.rest()
         standing = self._above_feet(yaw)
         self._desired.builder.begin(standing, yaw)
-        self._lift.begin(time, terms.com - standing, np.zeros(3))
+        self._rise_motion.begin(time, terms.com - standing, np.zeros(3))
 
     def _above_feet(self, yaw: float) -> Array:
         """Return (3,) where the centre of mass of the reference posture is, the feet where they are, m."""
@@ -353,12 +353,12 @@ class LeggedController:
         wbc.contacts.friction[...] = self.floor.update(
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals
         )
-        wbc.weigh(feet.stepping)
+        wbc.use_stepping_weights(feet.stepping)
         self._desired.write_targets(wbc.tasks, time, feet.ground)
         if lifting:
-            self._situation.lifted = self._lift.update(time)
-            wbc.external_wrench[2] = self._lift.support * self._weight
-            self._desired.write_lift(wbc.tasks, self._lift, self._folding)
+            self._inputs.lifted = self._rise_motion.update(time)
+            wbc.external_wrench[2] = self._rise_motion.support * self._weight
+            self._desired.write_lift(wbc.tasks, self._rise_motion, self._leg_folding)
 
     def _return_feet(self, time: float) -> None:
         """Step in place if a foot of a robot at rest is far from where it belongs."""
@@ -372,7 +372,7 @@ class LeggedController:
         self._displaced_since = min(self._displaced_since, time) if displaced else math.inf
         if time - self._displaced_since >= settings.displaced_s:
             self._displaced_since = math.inf
-            self._situation.reacting = self.feet.step_in_place(time)
+            self._inputs.reacting = self.feet.step_in_place(time)
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
@@ -391,20 +391,20 @@ class LeggedController:
         ground.begin(terms.contact_points)
         contacts = ground.carried(_LEVEL_SHARE * legs.height)
         floor = ground.height_at(terms.x, terms.y) if contacts.all() else float(terms.contact_points[:, 2].min())
-        low = terms.z - floor < 0.5 * (self._folding.height + legs.height)
+        low = terms.z - floor < 0.5 * (self._leg_folding.height + legs.height)
         if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
             self._rest.begin(self.commands.at(state.time).mode)
             return
         if low:
             self.modes.begin(Mode.LIE)
-            self._folding.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_folding.begin(state.time, state.q[self._joints], self.wbc.tau)
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
         if state.contacts is not None:
             contacts |= state.contacts
-        self._situation.reacting = not bool(contacts.all())
+        self._inputs.reacting = not bool(contacts.all())
         self.feet.begin(state.time, terms.contact_points, contacts)
         self._desired.builder.begin(terms.com, terms.yaw)
         if self.planner is not None:
@@ -421,7 +421,7 @@ class LeggedController:
         """Return the command that folds the legs under the trunk and holds them."""
         joints, rates = state.q[self._joints], state.v[self._rates]
         self.target[:], self.base_target[:] = self.wbc.terms.com, state.q[:7]
-        self.wbc.tau[:] = self._folding.torques(state.time, joints, rates)
+        self.wbc.tau[:] = self._leg_folding.torques(state.time, joints, rates)
         return Command.feed_forward(self.wbc.tau.copy(), joints)
 
     def _wait(self, state: RobotState) -> Command:

@@ -33,7 +33,7 @@ __all__ = [
     "ModeMachine",
     "ModeSettings",
     "RestMonitor",
-    "Situation",
+    "TransitionInputs",
     "Transition",
 ]
 
@@ -100,7 +100,7 @@ _ARMED = frozenset(Mode) - {Mode.DAMP}
 
 
 @dataclass(slots=True)
-class Situation:
+class TransitionInputs:
     """The conditions of transitions at one tick.
 
     Attributes:
@@ -138,10 +138,12 @@ class Transition:
     name: str
     sources: frozenset[Mode]
     target: Mode
-    condition: Callable[[Situation], bool]
+    condition: Callable[[TransitionInputs], bool]
 
 
-def _way(name: str, sources: frozenset[Mode], target: Mode, condition: Callable[[Situation], bool]) -> Transition:
+def _way(
+    name: str, sources: frozenset[Mode], target: Mode, condition: Callable[[TransitionInputs], bool]
+) -> Transition:
     return Transition(name, sources, target, condition)
 
 
@@ -179,10 +181,10 @@ class ModeMachine:
         self.last: Transition | None = None
         self._ways = _WAYS[mode]
 
-    def update(self, situation: Situation) -> Transition | None:
+    def update(self, inputs: TransitionInputs) -> Transition | None:
         """Return the transition that takes place; :attr:`mode` is its target then."""
         for transition in self._ways:
-            if transition.condition(situation):
+            if transition.condition(inputs):
                 self.mode, self.last = transition.target, transition
                 self._ways = _WAYS[transition.target]
                 return transition

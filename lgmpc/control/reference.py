@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from lgmpc.control.lying import Folding, Lift
+from lgmpc.control.lying import LegFolding, RiseMotion
 from lgmpc.locomotion.command import CommandLimiter, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.horizon import MotionReference
@@ -161,7 +161,7 @@ class DesiredMotion:
                 each.position[:] += offset
                 each.velocity[:] += velocity
 
-    def write_lift(self, tasks: Mapping[str, Task], lift: Lift, folding: Folding) -> None:
+    def write_lift(self, tasks: Mapping[str, Task], lift: RiseMotion, folding: LegFolding) -> None:
         """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""
         com, origin, joints = (tasks[name].target for name in ("com", "base_position", "posture"))
         self.target += lift.offset

@@ -38,7 +38,7 @@ class ContactEventSettings(Settings):
     lost_time_s: NonNegative = Field(
         default=0.03, description="Time without measured contact after which a stance foot counts as lost, s."
     )
-    patience_s: NonNegative = Field(
+    touchdown_tolerance_s: NonNegative = Field(
         default=0.005,
         description="Where measurements are older than decisions: how long after a scheduled touchdown no contact is"
         " measured until the foot, which carries meanwhile, counts as late, s.",
@@ -95,7 +95,7 @@ class ContactEvents:
         self.clock = clock
         self.settings = s = ContactEventSettings() if settings is None else settings
         self._age = age
-        self._patience = s.patience_s if age > 0.0 else 0.0  # what is measured at once needs none
+        self._touchdown_tolerance = s.touchdown_tolerance_s if age > 0.0 else 0.0  # what is measured at once needs none
         nc = clock.nc
         flags = clock.flags(clock.time)
         self.states = [ContactState.STANCE if stands else ContactState.SWING for stands in flags]
@@ -166,7 +166,7 @@ class ContactEvents:
         if before is ContactState.SWING:
             self._due[foot] = t
         if self._due[foot] < math.inf:
-            if measured_at < self._due[foot] + (0.0 if touching else self._patience) - _SAME_TIME:
+            if measured_at < self._due[foot] + (0.0 if touching else self._touchdown_tolerance) - _SAME_TIME:
                 return ContactState.STANCE
             self._due[foot] = math.inf
             return ContactState.STANCE if touching else self._wait(foot, t)

@@ -23,19 +23,21 @@ from lgmpc.typing import Array
 
 __all__ = ["DesiredPose", "ReferenceBuilder", "ReferenceSettings"]
 
-_LEASH_SHARE = 0.1
+_LEAD_SHARE = 0.1
 _CONSTANT = Ramp()
 
 
 class ReferenceSettings(Settings):
     """Largest distances between desired and measured motion."""
 
-    leash_m: Positive | None = Field(
+    max_reference_lead_m: Positive | None = Field(
         default=None,
         description="Longest horizontal distance from the measured to the desired centre of mass, m. null: a tenth of"
         " its height.",
     )
-    yaw_leash_rad: Positive = Field(default=0.3, description="Largest yaw from the measured to the desired one, rad.")
+    max_yaw_lead_rad: Positive = Field(
+        default=0.3, description="Largest yaw from the measured to the desired one, rad."
+    )
 
 
 @dataclass
@@ -91,8 +93,8 @@ class ReferenceBuilder:
         self.settings = ReferenceSettings() if settings is None else settings
         self.x = self.y = self.yaw = 0.0
         self._legs = legs
-        leash = self.settings.leash_m
-        self._leash = _LEASH_SHARE * legs.height if leash is None else leash
+        lead = self.settings.max_reference_lead_m
+        self._max_lead = _LEAD_SHARE * legs.height if lead is None else lead
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._bound: MotionReference | None = None  # what _run writes to
         self._now = np.zeros(19)
@@ -130,12 +132,12 @@ class ReferenceBuilder:
         s = self.settings
         dx, dy = self.x - float(com[0]), self.y - float(com[1])
         distance = math.hypot(dx, dy)
-        if distance > self._leash:
-            self.x = float(com[0]) + dx * self._leash / distance
-            self.y = float(com[1]) + dy * self._leash / distance
+        if distance > self._max_lead:
+            self.x = float(com[0]) + dx * self._max_lead / distance
+            self.y = float(com[1]) + dy * self._max_lead / distance
         ahead = math.remainder(self.yaw - yaw, 2.0 * math.pi)
-        if abs(ahead) > s.yaw_leash_rad:
-            self.yaw += math.copysign(s.yaw_leash_rad, ahead) - ahead
+        if abs(ahead) > s.max_yaw_lead_rad:
+            self.yaw += math.copysign(s.max_yaw_lead_rad, ahead) - ahead
 
     def velocity(self, command: MotionCommand) -> tuple[float, float]:
         """Return the commanded velocity in world axes, m/s."""

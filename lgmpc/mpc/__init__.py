@@ -1,6 +1,7 @@
 """Model-predictive control: receding horizons on top of the real-time solvers, behind one contract."""
 
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
+from lgmpc.mpc.fallback import FallbackMpc
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings, FullBodyWeights
 from lgmpc.mpc.interface import MeasuredState, Mpc
 from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings, KinodynamicWeights
@@ -10,7 +11,6 @@ from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
 from lgmpc.mpc.plan import MotionSample, MotionSampler, MpcStatus, Plan, PosturePlan, PostureSample
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings, MultibodyWeights, SqpMpcSettings, TrackingWeights
 from lgmpc.mpc.sqp import SqpMpc
-from lgmpc.mpc.stand_in import StandInMpc
 
 __all__ = [
     "AnyMpcSettings",
@@ -40,7 +40,7 @@ __all__ = [
     "PostureSample",
     "SqpMpc",
     "SqpMpcSettings",
-    "StandInMpc",
+    "FallbackMpc",
     "TrackingWeights",
     "linearize_centroidal",
     "make_mpc",

@@ -13,13 +13,13 @@ from pydantic import Discriminator, Tag
 
 from lgmpc.costs import CostItem
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
+from lgmpc.mpc.fallback import FallbackMpc
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
 from lgmpc.mpc.interface import Mpc
 from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings
 from lgmpc.mpc.lqr import CentroidalLqr, LqrSettings
 from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
 from lgmpc.mpc.settings import MpcSettings
-from lgmpc.mpc.stand_in import StandInMpc
 from lgmpc.robot import Robot
 
 __all__ = ["AnyMpcSettings", "make_mpc"]
@@ -27,23 +27,23 @@ __all__ = ["AnyMpcSettings", "make_mpc"]
 Progress = Callable[[str], None]
 
 
-def with_stand_in(model: Callable[..., MultibodyMpc]) -> Callable[..., Mpc]:
-    """Return the constructor of a multibody model with a centroidal stand-in of the same horizon and limits."""
+def with_fallback(model: Callable[..., MultibodyMpc]) -> Callable[..., Mpc]:
+    """Return the constructor of a multibody model with a centroidal fallback of the same horizon and limits."""
 
     def make(
         robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None, costs: Sequence[CostItem] = ()
     ) -> Mpc:
         shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
         centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
-        return StandInMpc(model(robot, settings, progress, costs), centroidal)
+        return FallbackMpc(model(robot, settings, progress, costs), centroidal)
 
     return make
 
 
 _MODELS: Mapping[type[MpcSettings], Callable[..., Mpc]] = {
     CentroidalMpcSettings: CentroidalMpc.of,
-    KinodynamicMpcSettings: with_stand_in(KinodynamicMpc),
-    FullBodyMpcSettings: with_stand_in(FullBodyMpc),
+    KinodynamicMpcSettings: with_fallback(KinodynamicMpc),
+    FullBodyMpcSettings: with_fallback(FullBodyMpc),
     LqrSettings: CentroidalLqr.of,
 }
 

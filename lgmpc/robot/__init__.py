@@ -2,7 +2,7 @@
 
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
 from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
-from lgmpc.robot.legs import carried_joints, leg_chain, leg_clearances, leg_joints, leg_normals
+from lgmpc.robot.legs import leg_chain, leg_clearances, leg_joints, leg_normals, upper_body_joints
 from lgmpc.robot.loading import load_robot
 from lgmpc.robot.model import ModelSource, Robot
 from lgmpc.robot.sources import available_models
@@ -20,7 +20,7 @@ __all__ = [
     "RobotSpec",
     "Swing",
     "available_models",
-    "carried_joints",
+    "upper_body_joints",
     "leg_chain",
     "leg_clearances",
     "leg_joints",

@@ -10,7 +10,7 @@ import pinocchio as pin
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["carried_joints", "leg_chain", "leg_clearances", "leg_joints", "leg_normals"]
+__all__ = ["upper_body_joints", "leg_chain", "leg_clearances", "leg_joints", "leg_normals"]
 
 _SWUNG = (-0.4, 0.0, 0.4)
 """rad from the reference posture: no leg is stretched in all three."""
@@ -34,7 +34,7 @@ def leg_chain(robot: Robot, frame: int) -> list[int]:
     return joints[1:] if len(joints) > 2 else joints
 
 
-def carried_joints(robot: Robot) -> list[int]:
+def upper_body_joints(robot: Robot) -> list[int]:
     """Return the joints that move no foot, such as those of an arm on the base."""
     legs = {joint for frame in robot.contact_ids for joint in leg_joints(robot, frame)}
     return [joint for joint in range(2 if robot.floating_base else 1, robot.model.njoints) if joint not in legs]

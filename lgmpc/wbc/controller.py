@@ -103,7 +103,7 @@ class WholeBodyController:
         for task in self.tasks.values():
             task.stand(self.robot, self.terms)
 
-    def weigh(self, stepping: bool) -> None:
+    def use_stepping_weights(self, stepping: bool) -> None:
         """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.
 
         A task whose own weights are zero is not part of the QP in either case.

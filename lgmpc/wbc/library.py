@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
-from lgmpc.robot import Robot, carried_joints, leg_normals
+from lgmpc.robot import Robot, leg_normals, upper_body_joints
 from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
@@ -22,7 +22,7 @@ __all__ = [
     "AngularMomentumTask",
     "BaseOrientationTask",
     "BasePositionTask",
-    "CarriedJointsTask",
+    "UpperBodyTask",
     "ComTask",
     "PostureTask",
     "StanceTask",
@@ -191,16 +191,16 @@ class PostureTask(_JointsTask):
         super().__init__(robot.joint_q, robot.joint_v, robot.nu, gain, weight)
 
 
-class CarriedJointsTask(_JointsTask):
+class UpperBodyTask(_JointsTask):
     """Positions of the joints that move no foot, such as an arm's on the base, rad (m).
 
     Contacts leave them free: with the small weight of the posture alone, they would move to shift momentum.
     """
 
-    name = "carried_joints"
+    name = "upper_body_joints"
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
-        joints = [robot.model.joints[joint] for joint in carried_joints(robot)]
+        joints = [robot.model.joints[joint] for joint in upper_body_joints(robot)]
         q, v = ([int(getattr(joint, entry)) for joint in joints] for entry in ("idx_q", "idx_v"))
         super().__init__(q, v, len(joints), gain, weight)
 
@@ -322,7 +322,7 @@ TASKS: dict[str, Callable[[Robot, WholeBodySettings], Task]] = {
     "com": lambda r, s: ComTask(s.gains.com, s.weights.com),
     "base_orientation": lambda r, s: BaseOrientationTask(s.gains.base_orientation, s.weights.base_orientation),
     "posture": lambda r, s: PostureTask(r, s.gains.posture, s.weights.posture),
-    "carried_joints": lambda r, s: CarriedJointsTask(r, s.gains.posture, s.weights.carried_joints),
+    "upper_body_joints": lambda r, s: UpperBodyTask(r, s.gains.posture, s.weights.upper_body_joints),
     "base_position": lambda r, s: BasePositionTask(s.gains.base_position, s.weights.base_position),
     "angular_momentum": lambda r, s: AngularMomentumTask(
         Gain(kp=0.0, kd=s.gains.angular_momentum), s.weights.angular_momentum

@@ -52,7 +52,7 @@ class WholeBodyWeights(Settings):
     base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
     angular_momentum: NonNegative = Field(default=100.0, description="Rate of the angular momentum (scaled by mass).")
     posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
-    carried_joints: NonNegative = Field(
+    upper_body_joints: NonNegative = Field(
         default=10.0,
         description="Accelerations of joints that move no foot, such as an arm's, towards the reference posture.",
     )

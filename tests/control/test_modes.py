@@ -7,42 +7,42 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lgmpc.control.modes import TRANSITIONS, FallMonitor, FallSettings, Mode, ModeMachine, RestMonitor, Situation
+from lgmpc.control.modes import TRANSITIONS, FallMonitor, FallSettings, Mode, ModeMachine, RestMonitor, TransitionInputs
 from lgmpc.runs.log import MODES
 
 HEIGHT = 0.2
 ARMED = [mode for mode in Mode if mode is not Mode.DAMP]
-WALKS = Situation(moving=True, stepping=True)
+WALKS = TransitionInputs(moving=True, stepping=True)
 
 CASES = [
-    *(("emergency stop", mode, Situation(request="damp"), Mode.DAMP) for mode in ARMED),
-    *(("give up", mode, Situation(failure="tilted"), Mode.DAMP) for mode in ARMED),
-    ("re-arm", Mode.DAMP, Situation(rearmed=True), Mode.LIE),
-    ("rise", Mode.LIE, Situation(folded=True), Mode.RISE),
-    ("risen", Mode.RISE, Situation(lifted=True), Mode.STAND),
+    *(("emergency stop", mode, TransitionInputs(request="damp"), Mode.DAMP) for mode in ARMED),
+    *(("give up", mode, TransitionInputs(failure="tilted"), Mode.DAMP) for mode in ARMED),
+    ("re-arm", Mode.DAMP, TransitionInputs(rearmed=True), Mode.LIE),
+    ("rise", Mode.LIE, TransitionInputs(folded=True), Mode.RISE),
+    ("risen", Mode.RISE, TransitionInputs(lifted=True), Mode.STAND),
     ("set off", Mode.STAND, WALKS, Mode.LOCOMOTE),
-    ("recover", Mode.STAND, Situation(stepping=True, reacting=True), Mode.RECOVER),
-    ("recover", Mode.LOCOMOTE, Situation(stepping=True, reacting=True), Mode.RECOVER),
+    ("recover", Mode.STAND, TransitionInputs(stepping=True, reacting=True), Mode.RECOVER),
+    ("recover", Mode.LOCOMOTE, TransitionInputs(stepping=True, reacting=True), Mode.RECOVER),
     ("walk on", Mode.RECOVER, WALKS, Mode.LOCOMOTE),
-    ("halt", Mode.LOCOMOTE, Situation(), Mode.STAND),
-    ("recovered", Mode.RECOVER, Situation(), Mode.STAND),
-    ("sit down", Mode.STAND, Situation(request="lie"), Mode.SIT),
-    ("lain", Mode.SIT, Situation(request="lie", lifted=True), Mode.LIE),
+    ("halt", Mode.LOCOMOTE, TransitionInputs(), Mode.STAND),
+    ("recovered", Mode.RECOVER, TransitionInputs(), Mode.STAND),
+    ("sit down", Mode.STAND, TransitionInputs(request="lie"), Mode.SIT),
+    ("lain", Mode.SIT, TransitionInputs(request="lie", lifted=True), Mode.LIE),
 ]
 
 STAYS = [
-    (Mode.DAMP, Situation()),
-    (Mode.DAMP, Situation(request="damp", rearmed=True)),
-    (Mode.LIE, Situation()),
-    (Mode.LIE, Situation(request="lie", folded=True)),
-    (Mode.RISE, Situation()),
-    (Mode.RISE, Situation(request="lie")),
-    (Mode.STAND, Situation()),
-    (Mode.STAND, Situation(request="lie", moving=True)),
+    (Mode.DAMP, TransitionInputs()),
+    (Mode.DAMP, TransitionInputs(request="damp", rearmed=True)),
+    (Mode.LIE, TransitionInputs()),
+    (Mode.LIE, TransitionInputs(request="lie", folded=True)),
+    (Mode.RISE, TransitionInputs()),
+    (Mode.RISE, TransitionInputs(request="lie")),
+    (Mode.STAND, TransitionInputs()),
+    (Mode.STAND, TransitionInputs(request="lie", moving=True)),
     (Mode.LOCOMOTE, WALKS),
     (Mode.LOCOMOTE, replace(WALKS, request="lie")),
-    (Mode.RECOVER, Situation(stepping=True, reacting=True)),
-    (Mode.SIT, Situation()),
+    (Mode.RECOVER, TransitionInputs(stepping=True, reacting=True)),
+    (Mode.SIT, TransitionInputs()),
 ]
 
 
@@ -52,10 +52,10 @@ def machine_in(mode: Mode) -> ModeMachine:
     return machine
 
 
-@pytest.mark.parametrize(("name", "source", "situation", "target"), CASES)
-def test_a_transition_takes_place(name: str, source: Mode, situation: Situation, target: Mode) -> None:
+@pytest.mark.parametrize(("name", "source", "inputs", "target"), CASES)
+def test_a_transition_takes_place(name: str, source: Mode, inputs: TransitionInputs, target: Mode) -> None:
     machine = machine_in(source)
-    transition = machine.update(situation)
+    transition = machine.update(inputs)
     assert transition is not None and transition.name == name
     assert machine.mode is target is transition.target
 
@@ -66,10 +66,10 @@ def test_every_transition_is_tested() -> None:
         assert {source for name, source, *_ in CASES if name == transition.name} == transition.sources
 
 
-@pytest.mark.parametrize(("mode", "situation"), STAYS)
-def test_a_mode_stays_without_its_conditions(mode: Mode, situation: Situation) -> None:
+@pytest.mark.parametrize(("mode", "inputs"), STAYS)
+def test_a_mode_stays_without_its_conditions(mode: Mode, inputs: TransitionInputs) -> None:
     machine = machine_in(mode)
-    assert machine.update(situation) is None and machine.mode is mode
+    assert machine.update(inputs) is None and machine.mode is mode
 
 
 def test_the_log_names_every_mode() -> None:

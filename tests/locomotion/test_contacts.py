@@ -252,7 +252,7 @@ def test_an_old_measurement_delays_no_touchdown(age: int) -> None:
 def test_a_touchdown_that_is_measured_a_little_late_is_none(age: int) -> None:
     """The force of a foot that lands has to grow before it is measured."""
     script = Script(age=age)
-    landing = TROT.swing_s + 0.5 * SETTINGS.patience_s
+    landing = TROT.swing_s + 0.5 * SETTINGS.touchdown_tolerance_s
     script.run(TROT.period_s - 0.01, lambda t, contacts: contacts.__setitem__(0, t >= landing))
     assert script.sequence() == [SWING, STANCE]
     assert script.begin(STANCE) == pytest.approx(TROT.swing_s, abs=1.1 * TICK)
@@ -261,7 +261,7 @@ def test_a_touchdown_that_is_measured_a_little_late_is_none(age: int) -> None:
 @AGES
 def test_a_late_foot_is_found_out_when_the_measurement_of_its_touchdown_arrives(age: int) -> None:
     script = Script(ContactEventSettings(max_late_s=0.1), age)
-    found, waited = TROT.swing_s + 0.03, SETTINGS.patience_s + age * TICK
+    found, waited = TROT.swing_s + 0.03, SETTINGS.touchdown_tolerance_s + age * TICK
 
     def hole(t: float, contacts: np.ndarray) -> None:
         contacts[0] = t >= found

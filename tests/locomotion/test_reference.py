@@ -1,4 +1,4 @@
-"""Motion references: integrated commands on a leash, and poses that fit them."""
+"""Motion references: integrated commands on a lead, and poses that fit them."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs:
 
 
 def test_the_desired_position_stays_on_its_leash(solo12: Robot, legs: LegGeometry) -> None:
-    settings = ReferenceSettings(leash_m=0.04, yaw_leash_rad=0.2)
+    settings = ReferenceSettings(max_reference_lead_m=0.04, max_yaw_lead_rad=0.2)
     builder = ReferenceBuilder(solo12, legs, settings)
     com = np.array([0.0, 0.0, 0.2])
     builder.begin(com, 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.robot import Robot, RobotSpec, carried_joints, leg_chain, leg_clearances, leg_normals, load_robot
+from lgmpc.robot import Robot, RobotSpec, leg_chain, leg_clearances, leg_normals, load_robot, upper_body_joints
 from tests.support.samples import b1_with_arm, solo8
 
 
@@ -92,6 +92,6 @@ def test_a_leg_that_only_slides_is_not_planar(data_dir: Path) -> None:
 
 
 def test_joints_of_an_arm_are_on_no_leg(robot: Robot) -> None:
-    assert carried_joints(robot) == []
+    assert upper_body_joints(robot) == []
     both = b1_with_arm()
-    assert names(both, carried_joints(both)) == [*(f"joint{i}" for i in range(1, 7)), "jointGripper"]
+    assert names(both, upper_body_joints(both)) == [*(f"joint{i}" for i in range(1, 7)), "jointGripper"]

@@ -144,7 +144,7 @@ def test_same_inputs_after_a_reset_give_the_same_bits(solo12, random_state):
 def test_stepping_replaces_weights_and_standing_restores_them(controller):
     weights = {name: task.weight.copy() for name, task in controller.tasks.items()}
     stepping = controller.settings.scaled(controller.robot).stepping_weights
-    controller.weigh(stepping=True)
+    controller.use_stepping_weights(stepping=True)
     for name in ("com", "base_orientation", "angular_momentum", "posture"):
         np.testing.assert_array_equal(
             controller.tasks[name].weight, np.broadcast_to(getattr(stepping, name), weights[name].shape)
@@ -152,7 +152,7 @@ def test_stepping_replaces_weights_and_standing_restores_them(controller):
         assert (controller.tasks[name].weight != weights[name]).any()
     for name in ("stance", "swing", "base_position"):
         np.testing.assert_array_equal(controller.tasks[name].weight, weights[name])
-    controller.weigh(stepping=False)
+    controller.use_stepping_weights(stepping=False)
     for name, task in controller.tasks.items():
         np.testing.assert_array_equal(task.weight, weights[name])
 

@@ -11,11 +11,11 @@ from lgmpc.wbc.library import (
     AngularMomentumTask,
     BaseOrientationTask,
     BasePositionTask,
-    CarriedJointsTask,
     ComTask,
     PostureTask,
     StanceTask,
     SwingTask,
+    UpperBodyTask,
 )
 from tests.support.samples import b1_with_arm, solo8
 
@@ -233,7 +233,7 @@ def test_ones_own_task_in_three_lines(solo12, random_state, rows_of):
 
 @pytest.mark.usefixtures("interpreted")
 def test_a_controller_follows_ones_own_task(solo12):
-    """Lift a foot by its height alone, while the others carry the weight."""
+    """RiseMotion a foot by its height alone, while the others carry the weight."""
     settings = WholeBodySettings().replace({"weights.swing": 0.0})
     task = FootHeight(Gain(kp=100.0), weight=100.0, name="lift")
     controller = WholeBodyController(solo12, settings, [*standard_tasks(solo12, settings), task])
@@ -341,12 +341,12 @@ def test_swings_of_planar_legs_demand_nothing_normal_to_their_plane(rows_of, ran
 def test_joints_that_move_no_foot_have_a_task_of_their_own(solo12, rows_of, random_state):
     robot, rng = b1_with_arm(), np.random.default_rng(17)
     settings = WholeBodySettings()
-    assert "carried_joints" not in {task.name for task in standard_tasks(solo12, settings)}
-    (task,) = (task for task in standard_tasks(robot, settings) if task.name == "carried_joints")
+    assert "upper_body_joints" not in {task.name for task in standard_tasks(solo12, settings)}
+    (task,) = (task for task in standard_tasks(robot, settings) if task.name == "upper_body_joints")
     task.stand(robot, None)
     q, v = random_state(rng, robot)
     jacobian, rhs, weight = rows_of(robot, task)(q, v)
     np.testing.assert_array_equal(jacobian, np.eye(25)[18:])
     np.testing.assert_allclose(rhs, 100.0 * (robot.q_reference - q)[19:] - 20.0 * v[18:], atol=1e-9)
     np.testing.assert_array_equal(weight, 10.0)
-    assert isinstance(task, CarriedJointsTask)
+    assert isinstance(task, UpperBodyTask)

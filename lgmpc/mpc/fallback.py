@@ -1,4 +1,4 @@
-"""A multibody predictive controller with a centroidal one as its stand-in while its own plans are rejected."""
+"""A multibody predictive controller with a centroidal one as its fallback while its own plans are rejected."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.typing import Array
 
-__all__ = ["StandInMpc"]
+__all__ = ["FallbackMpc"]
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = 4
 """Number of updates without the multibody model after a rejected plan: its subproblems are most costly then."""
 
 
-class StandInMpc:
+class FallbackMpc:
     """Plans with the multibody model within the reach of the legs, and with the centroidal model beyond it.
 
     A stretched leg is singular: the linearisation there contains motions that the leg does not have, and an iteration
@@ -30,18 +30,18 @@ class StandInMpc:
 
     Args:
         mpc: the multibody controller.
-        stand_in: centroidal controller with the same horizon.
+        fallback: centroidal controller with the same horizon.
 
     Attributes:
         mpc: as given.
-        stand_in: as given.
-        stood_in: number of updates planned by the stand-in.
+        fallback: as given.
+        fallback_updates: number of updates planned by the fallback.
     """
 
-    def __init__(self, mpc: MultibodyMpc, stand_in: CentroidalMpc) -> None:
+    def __init__(self, mpc: MultibodyMpc, fallback: CentroidalMpc) -> None:
         self.mpc = mpc
-        self.stand_in = stand_in
-        self.stood_in = 0
+        self.fallback = fallback
+        self.fallback_updates = 0
         self._usable = True
         self._pause = 0
 
@@ -53,13 +53,13 @@ class StandInMpc:
     @property
     def failures(self) -> int:
         """Number of updates for which neither model had a fresh plan."""
-        return self.stand_in.failures
+        return self.fallback.failures
 
     def reset(self) -> None:
         """Discard all history."""
         self.mpc.reset()
-        self.stand_in.reset()
-        self.stood_in = 0
+        self.fallback.reset()
+        self.fallback_updates = 0
         self._usable = True
         self._pause = 0
 
@@ -74,8 +74,8 @@ class StandInMpc:
                 return plan
             if usable_before:
                 _LOG.info("at %.3f s the plan stretches the legs or failed: centroidal model instead", state.time)
-        self.stood_in += 1
-        return self.stand_in.update(state, contacts, reference, wrench)
+        self.fallback_updates += 1
+        return self.fallback.update(state, contacts, reference, wrench)
 
     def _plan(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan with the multibody model, and accept or reject the plan."""

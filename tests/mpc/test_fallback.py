@@ -12,7 +12,7 @@ import pytest
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import MeasuredState, Mpc, MpcStatus, Plan, StandInMpc, make_mpc
+from lgmpc.mpc import FallbackMpc, MeasuredState, Mpc, MpcStatus, Plan, make_mpc
 from lgmpc.robot import Robot
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -22,16 +22,16 @@ PUSHED = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @lru_cache
-def made() -> tuple[Robot, StandInMpc]:
+def made() -> tuple[Robot, FallbackMpc]:
     config = load_config(CONFIG)
     robot = build_robot(config)
     mpc = make_mpc(robot, config.mpc)
-    assert isinstance(mpc, StandInMpc)
+    assert isinstance(mpc, FallbackMpc)
     return robot, mpc
 
 
 @pytest.fixture
-def mpc() -> StandInMpc:
+def mpc() -> FallbackMpc:
     """As new."""
     made()[1].reset()
     return made()[1]
@@ -57,22 +57,22 @@ def by_legs(plan: Plan) -> bool:
     return plan.posture is not None
 
 
-def test_the_centroidal_model_plans_while_the_legs_would_be_stretched(mpc: StandInMpc) -> None:
+def test_the_centroidal_model_plans_while_the_legs_would_be_stretched(mpc: FallbackMpc) -> None:
     plans = [update(mpc, k, PUSHED if k in (1, 2) else CALM) for k in range(9)]
     # The multibody model pauses for four updates, and its first plan after that, made without a guess, is not followed.
     assert [k for k, plan in enumerate(plans) if not by_legs(plan)] == [1, 2, 3, 4, 5, 6]
     assert all(plan.status is MpcStatus.SOLVED for plan in plans)
-    assert mpc.stood_in == 6
+    assert mpc.fallback_updates == 6
 
 
-def test_the_centroidal_model_plans_what_it_would_have_planned_alone(mpc: StandInMpc) -> None:
+def test_the_centroidal_model_plans_what_it_would_have_planned_alone(mpc: FallbackMpc) -> None:
     plan = update(mpc, 0, PUSHED)
     mpc.reset()
-    alone = update(mpc.stand_in, 0, PUSHED)
+    alone = update(mpc.fallback, 0, PUSHED)
     np.testing.assert_array_equal(plan.forces, alone.forces)
 
 
-def test_the_centroidal_model_plans_when_the_other_fails(mpc: StandInMpc) -> None:
+def test_the_centroidal_model_plans_when_the_other_fails(mpc: FallbackMpc) -> None:
     good = update(mpc, 0)
     weights = mpc.mpc.problem.view("com_weight")
     kept = weights.copy()
@@ -86,7 +86,7 @@ def test_the_centroidal_model_plans_when_the_other_fails(mpc: StandInMpc) -> Non
     np.testing.assert_allclose(plan.forces, good.forces, atol=0.05)
 
 
-def test_a_state_that_is_not_finite_fails_both(mpc: StandInMpc) -> None:
+def test_a_state_that_is_not_finite_fails_both(mpc: FallbackMpc) -> None:
     good = update(mpc, 0, PUSHED)
     q = made()[0].q_reference.copy()
     q[9] = np.nan
@@ -98,6 +98,6 @@ def test_a_state_that_is_not_finite_fails_both(mpc: StandInMpc) -> None:
 def test_the_stand_in_has_the_horizon_and_the_limits_of_the_model_it_stands_in_for() -> None:
     config = load_config(CONFIG, ["mpc.nodes=17", "mpc.friction=0.5", "mpc.friction_facets=8"])
     mpc = make_mpc(made()[0], config.mpc)
-    assert isinstance(mpc, StandInMpc)
+    assert isinstance(mpc, FallbackMpc)
     shared = ("nodes", "node_s", "friction", "friction_facets", "rate_hz", "qp_solver", "stale_after")
-    assert [getattr(mpc.stand_in.settings, name) for name in shared] == [getattr(config.mpc, name) for name in shared]
+    assert [getattr(mpc.fallback.settings, name) for name in shared] == [getattr(config.mpc, name) for name in shared]

@@ -12,12 +12,11 @@ from lgmpc.actions.full_body import (
     FreeInverseDynamics,
 )
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler
+from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.penalized import PenalizedAction, penalize
 from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
-from lgmpc.actions.variational import Variational
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [

@@ -11,9 +11,18 @@ from lgmpc.costs.activations import (
     SmoothTwoNorm,
 )
 from lgmpc.costs.parameters import Parameter, ParameterLayout
-from lgmpc.costs.residual import ConstraintItem, CostItem, Residual, constraint_of, cost_of
+from lgmpc.costs.residual import (
+    Bounded,
+    ConstraintItem,
+    Cost,
+    CostItem,
+    CostTerm,
+    LeastSquares,
+    Residual,
+    constraint_of,
+    cost_of,
+)
 from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
-from lgmpc.costs.terms import Bounded, Cost, CostTerm, LeastSquares
 
 __all__ = [
     "Activation",

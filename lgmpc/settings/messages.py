@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -30,7 +31,6 @@ _EXPECTED = {
     "int_from_float": "a whole number",
     "less_than": "a number less than {lt:g}",
     "less_than_equal": "a number not above {le:g}",
-    "literal_error": "{expected}",
     "model_type": "a table of keys",
     "model_attributes_type": "a table of keys",
     "path_type": "a path",
@@ -129,7 +129,7 @@ def _translate(detail: ErrorDetails, root: type[Settings], data: Any) -> Iterato
         got = context.get("tag")
         yield Finding(key, show_value(got), f"one of {', '.join(tags)}", tuple(tags) if got else (), word=str(got))
         return
-    choices = _literals(root, path, data) if kind == "literal_error" else []
+    choices = re.findall(r"'([^']*)'", context["expected"]) if kind == "literal_error" else []
     words = f"one of {', '.join(choices)}" if choices else _words(kind, context, detail["msg"])
     got = detail["input"]
     yield Finding(key, show_value(got), words + _description(root, path, data), tuple(choices), word=str(got))
@@ -206,20 +206,6 @@ def _all_keys(section: type[Settings], prefix: str = "") -> Iterator[str]:
         yield prefix + name
         for inner in _sections_of(info.annotation):
             yield from _all_keys(inner, f"{prefix}{name}.")
-
-
-def _literals(root: type[Settings], path: list[str], data: Any) -> list[str]:
-    info = _field(root, path, data)
-    return [str(value) for value in _literal_values(info.annotation)] if info else []
-
-
-def _literal_values(annotation: Any) -> Iterator[Any]:
-    """Return the values of an annotation such as ``Literal["a", "b"] | None`` or ``tuple[Literal["a"], ...]``."""
-    if get_origin(annotation) is Literal:
-        yield from get_args(annotation)
-    else:
-        for inner in get_args(annotation):
-            yield from _literal_values(inner)
 
 
 def _description(root: type[Settings], path: list[str], data: Any) -> str:

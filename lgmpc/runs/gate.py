@@ -120,7 +120,8 @@ class Gate(Settings):
         default=None, description="Time from the end of the command's motion until the robot stands, in gait cycles."
     )
     max_final_foot_error_m: NonNegative | None = Field(
-        default=None, description="Distance of a foot at the end from its initial position relative to the base, m."
+        default=None,
+        description="Distance of a foot at the end from its initial position relative to the other feet, m.",
     )
 
     max_falls: Number | None = Field(default=0, description="Falls; null: any number.")

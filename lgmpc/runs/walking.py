@@ -62,7 +62,7 @@ class WalkingMetrics:
         stop_strides: time from the end of the command's motion until the robot stands to the end of the run, in gait
             cycles.
         final_foot_error_m: largest horizontal distance of a foot at the end from its initial position relative to the
-            base; of a robot that ends standing.
+            other feet (the median of all), in axes that turn with the base; of a robot that ends standing.
     """
 
     velocity_rmse_m_s: float | None
@@ -276,7 +276,9 @@ def _ending(walk: _Walk) -> dict[str, Any]:
 def _foot_error(walk: _Walk) -> float:
     base = walk.log.base_pose[[0, -1]]
     apart = _ahead(heading(base[:, 3:])[:, None], walk.log.contact_points[[0, -1], :, :2] - base[:, None, :2])
-    return float(np.linalg.norm(apart[1] - apart[0], axis=-1).max(initial=0.0))
+    moved = apart[1] - apart[0]
+    # Not relative to the base: on a slope it begins above the feet along the normal, and stands above them vertically.
+    return float(np.linalg.norm(moved - np.median(moved, axis=0), axis=-1).max(initial=0.0)) if moved.size else 0.0
 
 
 def _ahead(yaw: Array, vectors: Array) -> Array:

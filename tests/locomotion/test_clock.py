@@ -299,3 +299,19 @@ def test_a_long_step_takes_time_from_the_stance_after_it_only(gait: Gait, foot: 
     assert clock.next_liftoff(foot, wait) - until >= min(MIN_STANCE, gait.stance_s) - 1e-9
     for other in range(4):
         assert clock.next_liftoff(other, wait) == pytest.approx(plain.next_liftoff(other, wait))
+
+
+def test_a_delay_costs_no_steps() -> None:
+    """A foot is found 0.2 s late: all later lift-offs are 0.2 s later, and three cycles stay three cycles."""
+    trot, delay = GAITS["trot"], 0.2
+    clock, twin = (GaitClock(GAITS["stand"]) for _ in range(2))
+    for each in (clock, twin):
+        each.start(0.0, trot, cycles=3)
+    due, half = trot.swing_s, 0.5 * trot.period_s
+    clock.advance(due - 1e-3)
+    clock.extend(0, due, half + delay)
+    for foot in range(4):
+        liftoffs = [[swing.liftoff for swing in each.swings(foot, 0.0, 5.0)] for each in (clock, twin)]
+        expected = [time + delay if time > due else time for time in liftoffs[1]]
+        assert len(expected) == 3
+        assert liftoffs[0] == pytest.approx(expected)

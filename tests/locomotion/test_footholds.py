@@ -149,6 +149,31 @@ def test_footholds_turn_with_the_base(legs: LegGeometry) -> None:
             np.testing.assert_allclose(planner.place(foot, turned, 0.1, 0.2), place, atol=1e-12)
 
 
+def test_footholds_move_with_the_whole_motion(legs: LegGeometry) -> None:
+    """Turned and shifted: a robot that turns, lags, accelerates and is pulled, with all footholds within reach."""
+
+    def motion(x: float, y: float, yaw: float) -> BaseMotion:
+        c, s = math.cos(yaw), math.sin(yaw)
+        (vx, vy), (wx, wy), (ex, ey), (ax, ay), (lx, ly), (px, py) = (
+            (c * a - s * b, s * a + c * b)
+            for a, b in ((0.4, 0.1), (0.5, -0.2), (-0.01, 0.02), (0.3, -0.6), (0.2, 0.4), (0.05, -0.03))
+        )
+        return BaseMotion(
+            x + px, y + py, vx, vy, yaw + 0.2, yaw_rate=0.9, commanded_vx=wx, commanded_vy=wy, error_x=ex,
+            error_y=ey, ramp=Ramp(ax, ay, 0.3), load_x=lx, load_y=ly,
+        )  # fmt: skip
+
+    planner = FootholdPlanner(
+        replace(legs, length=10.0 * legs.length), FootholdSettings(side_share=-1.0, position_feedback=0.5)
+    )
+    c, s = math.cos(0.7), math.sin(0.7)
+    for foot in range(4):
+        for stance in (0.12, math.inf):
+            place = planner.place(foot, motion(0.0, 0.0, 0.0), 0.1, stance)
+            moved = planner.place(foot, motion(3.0, -2.0, 0.7), 0.1, stance)
+            np.testing.assert_allclose(moved, [3.0, -2.0] + np.array([[c, -s], [s, c]]) @ place, atol=1e-12)
+
+
 def test_a_turn_in_place_puts_the_feet_ahead_by_half_a_stance(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs)
     motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.3, yaw_rate=2.0)

@@ -336,6 +336,18 @@ def test_steps_that_catch_a_push_have_weights_of_their_own() -> None:
     assert low < 0.5 * rise
 
 
+@pytest.mark.parametrize("catching", [False, True])
+def test_terminal_weights_of_steps_are_those_of_the_running_nodes_times_the_factor(catching: bool) -> None:
+    mpc, lifts = make(), np.ones((20, 4), dtype=bool)
+    lifts[10:14, 0] = False
+    s = mpc.settings
+    update(mpc, 0.0, STANDING, flags=lifts, catching=catching)
+    seen, weights = mpc.problem.view("x_weight")[:, :3], (s.catching_weights if catching else s.stepping_weights).com
+    np.testing.assert_array_equal(seen[:-1], np.tile(weights, (s.nodes, 1)))
+    np.testing.assert_allclose(seen[-1], s.weights.terminal * np.array(weights), rtol=1e-15)
+    assert s.weights.terminal not in (1.0, 2.0)
+
+
 def test_weights_steer() -> None:
     start = STANDING + [0.03, 0, 0, 0, 0, 0, 0, 0, 0]
     stiff = update(make(), 0.0, start)

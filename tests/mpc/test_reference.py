@@ -37,3 +37,14 @@ def test_a_motion_of_another_length_is_refused(name: str) -> None:
         CentroidalReference(np.zeros((5, 9)), MASS, RATE, NODE).write(
             state, MotionReference(q=np.tile([0, 0, 0, 0, 0, 0, 1.0], (5, 1)), **arrays)
         )
+
+
+def test_locked_joints_give_a_turning_robot_the_angular_momentum_of_its_masses() -> None:
+    """Point masses on a tilted base: the sum of m r x (w x r), for each of several angular velocities."""
+    rng = np.random.default_rng(61)
+    masses, spins, rotation = rng.uniform(0.1, 1.0, 7), rng.normal(size=(5, 3)), so3.exp(np.array([0.3, -0.2, 0.7]))
+    arms = rng.normal(0.0, 0.2, (7, 3)) @ rotation.T
+    inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True))
+    state = MeasuredState(0.0, np.zeros(0), np.zeros(0), np.zeros(3), np.zeros(6), rotation, inertia @ rotation)
+    moments = np.cross(arms, np.cross(spins[:, None], arms))
+    np.testing.assert_allclose(state.angular_momentum(spins), np.einsum("m,nmi->ni", masses, moments), atol=1e-13)

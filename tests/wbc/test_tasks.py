@@ -160,6 +160,17 @@ def test_orientation_feedback_follows_a_turning_target(solo12, rows_of):
     np.testing.assert_allclose(v[3:6], rate, atol=1e-3)
 
 
+def test_orientation_damping_acts_on_the_difference_of_the_angular_velocities(solo12, random_state, rows_of):
+    """In world axes, where a base and a target that are turned differently have their velocities in common."""
+    task, free = BaseOrientationTask(Gain(kp=0.0, kd=8.0), 1.0), BaseOrientationTask(NONE, 1.0)
+    rng = np.random.default_rng(15)
+    q, v = random_state(rng, solo12)
+    rotation, target, wanted = pin.Quaternion(q[3:7]).matrix(), pin.exp3(rng.normal(size=3)), rng.normal(size=3)
+    task.target.rotation[:], task.target.angular_velocity[:] = target, wanted
+    added = rows_of(solo12, task)(q, v)[1] - rows_of(solo12, free)(q, v)[1]
+    np.testing.assert_allclose(rotation @ added, 8.0 * (target @ wanted - rotation @ v[3:6]), atol=1e-11)
+
+
 @pytest.mark.parametrize("name", ["com", "base_position", "posture", "swing"])
 def test_feedback_points_to_the_target_and_damps(robot, random_state, rows_of, name):
     """kp multiplies target minus position, kd target rate minus rate."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -92,6 +94,17 @@ def test_forces_are_those_of_legs_and_base_that_accelerate(solo12: Robot, legs: 
     legs.reset()
     legs.update(reading(q[7:], v[6:], torques, v[3:6], felt), rotation, velocity, bias)
     assert np.abs(legs.forces[1:3]).max() > 0.5
+
+
+def test_known_friction_of_the_joints_is_no_force_of_the_feet(solo12: Robot, legs: LegSensing) -> None:
+    """The motors of joints that turn overcome it, in their direction."""
+    rng, friction = np.random.default_rng(5), np.linspace(0.02, 0.2, 12)
+    rubbing = LegSensing(replace(solo12, joint_friction=friction), PERIOD, ENCODER, FOOT)
+    speeds, torques = rng.choice([-5.0, 5.0], 12), rng.normal(size=12)
+    for each, applied in ((legs, torques), (rubbing, torques + friction * np.sign(speeds))):
+        each.reset()
+        each.update(reading(solo12.q_reference[7:], speeds, applied), np.eye(3), np.zeros(3), np.zeros(3))
+    np.testing.assert_allclose(rubbing.forces, legs.forces, atol=1e-9)
 
 
 def test_a_stretched_leg_gives_finite_forces(legs: LegSensing) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.control.feet import Feet
+from lgmpc.lie import so3
 from lgmpc.locomotion import BaseMotion, ContactState, MotionCommand
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
@@ -52,3 +54,16 @@ def test_a_foot_without_ground_swings_when_its_next_swing_is_due(
     assert state in found
     assert max(heights) > 0.9 * settings.swing.clearance_m
     np.testing.assert_allclose(np.array(aims) - points[FOOT, :2], 0.0, atol=0.02)
+
+
+def test_the_displacement_of_feet_is_that_from_the_reference_posture_wherever_the_robot_is(robot: Robot) -> None:
+    settings = LocomotionSettings()
+    feet = Feet(robot, settings, gaits_of(robot, settings), Contacts.standing(robot, WholeBodySettings().scaled(robot)))
+    x, y, yaw = 3.0, -2.0, 0.7
+    points = np.array([x, y, 0.0]) + feet.legs.feet @ so3.exp(np.array([0.0, 0.0, yaw])).T
+    feet.begin(0.0, points, None)
+    assert feet.displacement(x, y, yaw) == pytest.approx(0.0, abs=1e-12)
+    assert feet.displacement(x + 0.03, y - 0.04, yaw) == pytest.approx(0.05)
+    points[FOOT] += [0.02, -0.01, 0.0]
+    feet.begin(0.0, points, None)
+    assert feet.displacement(x, y, yaw) == pytest.approx(math.hypot(0.02, 0.01))

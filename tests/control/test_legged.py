@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc.config.build import build_controller, build_robot, prepare
@@ -13,9 +16,13 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.control.interface import RobotState
 from lgmpc.control.legged import LeggedController
+from lgmpc.control.modes import Mode
 from lgmpc.control.reference import CircleReference
+from lgmpc.lie import so3
+from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
+from lgmpc.robot.lying import place_feet
 from lgmpc.status import Status
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
@@ -182,3 +189,57 @@ def test_targets_that_no_plan_has_are_those_of_standing(robot: Robot, broken: bo
     np.testing.assert_array_equal(posture.position, robot.q_reference[robot.joint_q])
     np.testing.assert_allclose(momentum.rate, 0.0, atol=0.05)
     np.testing.assert_allclose(momentum.momentum, 0.0, atol=0.05)
+
+
+def test_a_robot_that_halts_stands_above_its_feet_wherever_it_is(robot: Robot) -> None:
+    """It was to walk, but its feet stayed: in the reference posture its centre of mass is where it is to be.
+
+    In that of this test it is not above the middle of the feet; the robot is at (3, -2) and turned by 0.7 rad.
+    """
+    data, q = robot.create_data(), robot.q_reference
+    pin.framesForwardKinematics(robot.model, data, q)
+    feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
+    placed = place_feet(robot, q, q[:3], feet + [0.02, 0.01, 0.0])
+    assert placed is not None
+    robot, turn = replace(robot, q_reference=placed), so3.exp(np.array([0.0, 0.0, 0.7]))
+    away = np.abs(LegGeometry.of(robot).feet.mean(axis=0)[:2])
+    assert away.min() > 0.005 and abs(away[0] - away[1]) > 0.005
+    walk = "commands=[{at_s: 0.0, velocity_m_s: [0.3, 0.1, 0], gait: trot}, {at_s: 0.1, velocity_m_s: [0, 0, 0]}]"
+    controller, modes, errors = build_controller(load_config(CONFIG, [walk]), robot), [Mode.STAND], []
+    q = np.concatenate([turn @ placed[:3] + [3.0, -2.0, 0.0], [0.0, 0.0, math.sin(0.35), math.cos(0.35)], placed[7:]])
+    while Mode.LOCOMOTE not in modes or modes[-1] is Mode.LOCOMOTE:
+        controller.update(RobotState(1e-3 * len(modes), q, np.zeros(robot.nv)))
+        modes.append(controller.modes.mode)
+        errors.append(float(np.linalg.norm(controller.target - controller.wbc.terms.com)))
+        assert len(modes) < 1000
+    assert modes[-1] is Mode.STAND
+    assert max(errors) > 0.005 and errors[-1] < 1e-7
+
+
+def test_missed_ticks_are_made_up_for(robot: Robot) -> None:
+    """The command is limited in acceleration, and leads as far as without them; the observer knows how many."""
+    walk = "commands=[{at_s: 0.0, velocity_m_s: [0.5, 0, 0], yaw_rate_rad_s: 0.2, gait: trot}]"
+    every, some = (build_controller(load_config(CONFIG, [walk]), robot) for _ in range(2))
+    planner, missed = some.planner, []
+    assert planner is not None
+    planner.observer.miss = missed.append  # type: ignore[method-assign]
+    for k in range(40):
+        state = RobotState(1e-3 * k, robot.q_reference, np.zeros(robot.nv))
+        every.update(state)
+        if not 20 <= k < 27:
+            some.update(state)
+    assert 0.01 < some.command.vx < 0.4
+    assert some.command.vx == pytest.approx(every.command.vx, rel=1e-9)
+    assert some.command.yaw_rate == pytest.approx(every.command.yaw_rate, rel=1e-9)
+    assert missed == [7]
+
+
+@pytest.mark.parametrize(("floor", "expected"), [(0.3, 0.3), (0.9, 0.6)])
+def test_the_mpc_relies_on_no_more_friction_than_it_is_set_to_nor_than_the_floor_has(
+    robot: Robot, floor: float, expected: float
+) -> None:
+    controller = build_controller(load_config(CONFIG, [f"wbc.friction={floor}"]), robot)
+    controller.update(RobotState(0.0, robot.q_reference, np.zeros(robot.nv)))
+    planner = controller.planner
+    assert planner is not None and planner.mpc.settings.friction == 0.6
+    np.testing.assert_array_equal(planner.contacts.friction, expected)

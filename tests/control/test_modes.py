@@ -154,3 +154,13 @@ def test_one_on_its_back_or_in_motion_does_not(upright: float, speed: float) -> 
     monitor = RestMonitor(0.3, automatic=True)
     monitor.begin("stand")
     assert rested(monitor, upright, speed, "stand") == np.inf
+
+
+@pytest.mark.parametrize(("base", "joints", "rests"), [(0.09, 0.9, True), (0.11, 0.0, False), (0.0, 1.1, False)])
+def test_at_rest_neither_base_nor_joints_move(base: float, joints: float, rests: bool) -> None:
+    """Limits are 0.1 (m/s, rad/s) of the base and 1 rad/s of all joints together."""
+    rng, monitor = np.random.default_rng(4), RestMonitor(0.3, automatic=True)
+    monitor.begin("stand")
+    parts = [size * v / np.linalg.norm(v) for size, v in ((base, rng.normal(size=6)), (joints, rng.normal(size=12)))]
+    found = [monitor.update(1e-3 * k, 1.0, np.concatenate(parts), "stand") for k in range(400)]
+    assert any(found) is rests

@@ -1,8 +1,20 @@
+from pathlib import Path
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from lgmpc.control.reference import CircleReference, StandReference
+from lgmpc.config.build import build_controller, build_robot
+from lgmpc.config.loading import load_config
+from lgmpc.control.lying import Folding, Lift, LyingSettings
+from lgmpc.control.reference import CircleReference, DesiredMotion, StandReference
 from lgmpc.errors import InputError
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.locomotion.terrain import TerrainBelief
+from lgmpc.robot.lying import lying_posture
+
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 CIRCLE = CircleReference(radius_m=0.03, frequency_hz=0.5, start_s=0.5, ramp_s=2.0)
 
@@ -53,3 +65,31 @@ def test_the_radius_grows_without_overshoot():
 def test_circles_that_are_none_are_refused(argument, value):
     with pytest.raises(InputError, match=f"^{argument}: got"):
         CircleReference(**({"radius_m": 0.03, "frequency_hz": 0.5} | {argument: value}))
+
+
+def test_a_lying_robot_has_the_base_of_its_lying_posture_as_target() -> None:
+    """Turned and shifted: the centre of mass descends less than the base, as the legs fold beside it."""
+    config = load_config(CONFIGS / "solo12_rise.yaml")
+    robot = build_robot(config)
+    lying, data = lying_posture(robot), robot.create_data()
+    heights = [float(pin.centerOfMass(robot.model, data, q)[2]) for q in (lying, robot.q_reference)]
+    tasks, settings, legs = build_controller(config, robot).wbc.tasks, LocomotionSettings(), LegGeometry.of(robot)
+    folding, lift, desired = (
+        Folding(robot, LyingSettings()),
+        Lift(LyingSettings()),
+        DesiredMotion(robot, legs, settings, None),
+    )
+    desired.builder.begin(np.array([3.0, -2.0, 0.0]), 0.7)
+    desired.write_targets(tasks, 0.0, TerrainBelief(robot.nc, legs.height))
+    com, base = desired.target.copy(), desired.base_target.copy()
+    lift.begin(0.0, np.array([0.02, -0.01, heights[0] - heights[1]]), np.zeros(3))
+    lift.update(0.0)
+    desired.write_lift(tasks, lift, folding)
+    np.testing.assert_allclose(desired.target - com, [0.02, -0.01, heights[0] - heights[1]], atol=1e-12)
+    descent = [0.02, -0.01, lying[2] - robot.q_reference[2]]
+    np.testing.assert_allclose(desired.base_target[:3] - base[:3], descent, atol=1e-12)
+    np.testing.assert_array_equal(desired.base_target[3:], base[3:])
+    assert abs(heights[0] - heights[1] - descent[2]) > 1e-3
+    np.testing.assert_array_equal(tasks["com"].target.position, desired.target)
+    np.testing.assert_array_equal(tasks["base_position"].target.position, desired.base_target[:3])
+    np.testing.assert_allclose(tasks["posture"].target.position, lying[robot.joint_q], atol=1e-12)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lgmpc.config.build import prepare
+from lgmpc.config.build import build_controller, build_robot, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
+from lgmpc.control.feet import Feet
+from lgmpc.control.interface import RobotState
+from lgmpc.control.push_steps import PushSteps
 from lgmpc.errors import ConfigError
+from lgmpc.locomotion import BaseMotion, MotionCommand
+from lgmpc.locomotion.reference import ReferenceBuilder
+from lgmpc.locomotion.settings import gaits_of
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_step_recovery.yaml"
 
@@ -83,6 +90,42 @@ def test_schedules_are_evaluated_for_the_same_state() -> None:
     left, right = (np.array(pushed((3.0, y), seconds=0.55).controller.push_steps.costs) for y in (5.196, -5.196))
     np.testing.assert_allclose(left.reshape(2, 2), right.reshape(2, 2)[:, ::-1], rtol=2e-3)
     assert np.abs(left[0] - left[1]) > 5e-3 * left[0]
+
+
+def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
+    """From 0.3 m ahead and to the right, turned by 0.5 rad: at the speed of the settings, then ever slower."""
+    config = load_config(CONFIG)
+    robot = build_robot(config)
+    controller, settings = build_controller(config, robot), config.locomotion
+    feet = Feet(robot, settings, gaits_of(robot, settings), controller.wbc.contacts)
+    reference = ReferenceBuilder(robot, feet.legs)
+    steps, home, yaw = PushSteps(settings.reaction, feet, reference, robot.mass), np.array([3.0, -2.0]), 0.7
+    reference.begin(np.array([*home, 0.0]), yaw)
+    fast = np.zeros(robot.nv)
+    fast[1] = 1.5
+    controller.update(RobotState(0.0, robot.q_reference, fast))
+    planner, terms, motion = controller.planner, controller.wbc.terms, BaseMotion(0.0, 0.0, 0.0, 1.5, 0.0)
+    assert planner is not None
+    feet.begin(0.0, terms.contact_points, None)
+    steps.watch(0.0, planner, terms, motion, 0.6, np.ones(4))
+    while steps.deciding:
+        steps.decide(0.0, planner)
+    assert steps.active
+    reference.begin(np.array([*home + [0.18, 0.24], 0.0]), yaw + 0.5)
+    ahead, left, speeds, turns = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], []
+    for _ in range(3000):
+        command = steps.way_back(MotionCommand())
+        speeds.append(math.hypot(command.vx, command.vy))
+        reference.advance(1e-3, command)
+        at = np.array([reference.x, reference.y]) - home
+        turns.append(reference.yaw - yaw)
+        assert abs(at @ left) < 2e-4 and at @ ahead > -1e-9
+        assert command.gait == settings.reaction.gait
+        if not speeds[-1]:
+            break
+    assert (reference.x, reference.y, reference.yaw) == pytest.approx((*home, yaw), abs=1e-12)
+    assert max(speeds) == pytest.approx(settings.reaction.return_speed_m_s)
+    assert np.diff(speeds).max() < 1e-9 and np.diff(turns).max() < 0.0
 
 
 @pytest.mark.slow

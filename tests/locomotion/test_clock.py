@@ -302,7 +302,7 @@ def test_a_long_step_takes_time_from_the_stance_after_it_only(gait: Gait, foot: 
 
 
 def test_a_delay_costs_no_steps() -> None:
-    """A foot is found 0.2 s late: all later lift-offs are 0.2 s later, and three cycles stay three cycles."""
+    """A foot is found 0.2 s late: all later swings are 0.2 s later, and three cycles stay three cycles."""
     trot, delay = GAITS["trot"], 0.2
     clock, twin = (GaitClock(GAITS["stand"]) for _ in range(2))
     for each in (clock, twin):
@@ -311,7 +311,19 @@ def test_a_delay_costs_no_steps() -> None:
     clock.advance(due - 1e-3)
     clock.extend(0, due, half + delay)
     for foot in range(4):
-        liftoffs = [[swing.liftoff for swing in each.swings(foot, 0.0, 5.0)] for each in (clock, twin)]
-        expected = [time + delay if time > due else time for time in liftoffs[1]]
-        assert len(expected) == 3
-        assert liftoffs[0] == pytest.approx(expected)
+        (first, *later), planned = (each.swings(foot, 0.0, 5.0) for each in (clock, twin))
+        assert len(later) == 2 and len(planned) == 3
+        for swing, original in zip(later, planned[1:], strict=True):
+            assert swing.liftoff == pytest.approx(original.liftoff + delay)
+            assert swing.touchdown == pytest.approx(original.touchdown + delay)
+        assert first.liftoff == pytest.approx(planned[0].liftoff + (0.0 if foot in (0, 3) else delay))
+
+
+def test_a_foot_that_lifted_off_at_the_last_tick_is_not_delayed() -> None:
+    trot = GAITS["trot"]
+    clock = GaitClock(trot)
+    lifts = clock.next_liftoff(1, 0.0)
+    clock.advance(lifts)
+    clock.extend(0, lifts, lifts + 0.3)
+    assert clock.swings(1, lifts, lifts + 1e-3)[0].liftoff == lifts
+    assert clock.next_liftoff(1, lifts) > lifts + trot.period_s

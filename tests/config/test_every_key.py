@@ -1,10 +1,9 @@
-"""Every key of a config reaches something that is built from it.
+"""Every key of a config changes something that is computed.
 
-The walk gives each leaf key another valid value and compares fingerprints of what is built: all numbers, arrays and
-texts in the attributes of plant, controllers, estimator, sensors, recorder and gate; of a problem to solve, those of
-the problem, its guess, the figures of the guess, and the solver. Settings that a built object merely holds do not
-count, but for those that are used as they are (those of gates, pushes, feet, solvers); a key of a closed loop that is
-only read later has to change what 60 ticks record.
+Each leaf key gets another valid value. Of a closed loop, what is compared are the logs and verdicts of short runs in
+which the key should act: standing and pushed, walking, falling, folding its legs, with an estimator and late drives. Of
+a problem to solve, they are the fingerprints of the problem, its guess, and the figures of the guess: numbers, arrays
+and expressions, not the settings that a built object merely holds.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ import io
 import json
 import pickle
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import casadi as ca
 import mujoco
@@ -30,40 +29,19 @@ import pytest
 import lgmpc.compile.index
 import lgmpc.config.build
 import lgmpc.config.solving
-from lgmpc.config import Config, SolveConfig, load_solve_config, parse_any_config
-from lgmpc.config.build import build_robot, prepare
-from lgmpc.config.closed_loop import ClosedLoopSession
+from lgmpc.config import Config, SolveConfig, load_config, load_solve_config, parse_any_config
+from lgmpc.config.build import prepare
 from lgmpc.config.schema import Document
 from lgmpc.config.solving import build_scenario, prepare_solve
-from lgmpc.control.lying import LyingSettings
-from lgmpc.control.modes import FallSettings, ModeSettings
-from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import InputError
-from lgmpc.locomotion.clock import GaitClockSettings
-from lgmpc.locomotion.command import CommandLimits
-from lgmpc.locomotion.contacts import ContactEventSettings
-from lgmpc.locomotion.footholds import FootholdSettings
-from lgmpc.locomotion.gait import Gait
-from lgmpc.locomotion.reaction import StepReactionSettings
-from lgmpc.locomotion.reference import ReferenceSettings
-from lgmpc.locomotion.swing import SwingSettings
 from lgmpc.problems import Scenario
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, SolveGate
+from lgmpc.runs import Gate, SolveGate, judge
 from lgmpc.settings import Settings
-from lgmpc.simulation.disturbances import Push
-from lgmpc.simulation.drives import Drives, StateLink
-from lgmpc.simulation.initial import initial_state
-from lgmpc.simulation.plant import make_plant
 from lgmpc.solvers import SolverSettings
-from lgmpc.world import World, make_world
 
 TRIPOD = Path(__file__).resolve().parents[1] / "robot" / "data" / "tripod.urdf"
-USED_AS_THEY_ARE = (
-    *(Gate, SolveGate, Push, CircleReference, StandReference, SolverSettings),
-    *(Gait, GaitClockSettings, FootholdSettings, SwingSettings, ContactEventSettings, ReferenceSettings, CommandLimits),
-    *(StepReactionSettings, ModeSettings, LyingSettings, FallSettings),
-)
+USED_AS_THEY_ARE = (SolveGate, SolverSettings)
 
 LOOP = """
 name: walk
@@ -87,12 +65,136 @@ pushes: [{{body: body, time_s: 1.0, impulse_ns: [0, 1, 0]}}]
 mpc: {{model: {model}, nodes: 3, node_s: 0.02}}
 """
 
-WALKING = """
-locomotion:
-  gaits: [{{name: hop, period_s: 0.5, duty: 0.6, offsets: [0.0, 0.3, 0.6]}}]
-  reaction: {{gait: hop}}
-commands: [{{at_s: 1.0, velocity_m_s: [0.1, 0.0, 0.0], yaw_rate_rad_s: 0.1, height_m: -0.01, gait: stand}}]
-"""
+STANDING = {"duration_s": 0.06, "pushes.0.time_s": 0.01}
+LATE = {"timing.computing": "modelled", "delays.measurement_s": 0.003, "plant.link.command_latency_s": 0.002}
+SCENES: tuple[dict[str, Any], ...] = (STANDING, {**STANDING, **LATE, "estimator": {"kind": "ground_truth"}})
+"""Changes of the config of the small robot that give short runs, in one of which a key of its loop acts."""
+
+TROT = "commands=[{at_s: 0.01, velocity_m_s: [0.4, 0.2, 0.0], yaw_rate_rad_s: 1.0, height_m: 0.01, pitch_rad: 0.05, "
+PUSH = "pushes=[{{body: base_link, time_s: {}, duration_s: 0.05, impulse_ns: [{}, {}, {}]}}]"
+
+
+class Scene(NamedTuple):
+    """A short run of Solo12 in which some keys act.
+
+    Attributes:
+        config: shipped config.
+        changes: that make it short.
+        keys: glob patterns of the keys.
+    """
+
+    config: str
+    changes: Sequence[str]
+    keys: Sequence[str]
+
+
+SOLO = {
+    "walk": Scene(
+        "solo12_velocity",
+        [
+            f"{TROT}roll_rad: 0.05, gait: fast_trot}}, {{at_s: 0.3, gait: stand}}]",
+            PUSH.format(0.2, 0, 2, 0),
+            "duration_s=0.4",
+        ],
+        (
+            *("commands.0.*", "commands.1.at_s", "commands.1.gait", "locomotion.gaits.0.*", "locomotion.footholds.*"),
+            *("locomotion.swing.apex_share", "locomotion.swing.clearance_m", "locomotion.swing.[ft]*"),
+            *("locomotion.contacts.touch_time_s", "locomotion.contacts.ramp_s"),
+            *("locomotion.contacts.release_s", "locomotion.reference.*", "locomotion.limits.*", "locomotion.clock.*"),
+            *("mpc.qp_solver", "mpc.stepping_weights.com", "wbc.joint_horizon_s"),
+            *("wbc.weights.swing", "wbc.stepping_weights.*", "wbc.gains.swing.*"),
+            "wbc.solver",
+        ),
+    ),
+    "estimate": Scene(
+        "solo12_velocity",
+        [f"{TROT}gait: trot}}]", "estimator={kind: inekf}", "joint_friction={excitation_s: 0.01}", "duration_s=0.3"],
+        (
+            "estimator.joint_velocity_noise_rad_s",
+            "estimator.resting_speed_m_s",
+            "estimator.outlier_probability",
+            "joint_friction.*",
+            "locomotion.contacts.lookahead_s",
+            "mpc.observer_noise_share",
+        ),
+    ),
+    "uphill": Scene(
+        "solo12_velocity",
+        [
+            *("world={kind: slope, angle_deg: 12}", "commands=[{at_s: 0.01, velocity_m_s: [1, 0, 0], gait: trot}]"),
+            *("delays.measurement_s=0.002", "plant.link.measurement_latency_s=0.002", "duration_s=0.5"),
+            "locomotion.limits.acceleration_m_s2=5",
+        ],
+        (
+            "locomotion.contacts.early_share",
+            "locomotion.contacts.lost_time_s",
+            "locomotion.contacts.patience_s",
+            "locomotion.contacts.max_late_s",
+            "locomotion.terrain.filter_share",
+        ),
+    ),
+    "steps": Scene(
+        "solo12_step_recovery",
+        [PUSH.format(0.01, 0, 3, 0), "duration_s=1.2"],
+        ("locomotion.reaction.*", "mpc.catching_weights.com"),
+    ),
+    "pushed trot": Scene(
+        "solo12_velocity",
+        [
+            "commands=[{at_s: 0.01, velocity_m_s: [0.4, 0, 0], gait: trot}]",
+            PUSH.format(0.2, 0, 3.5, 0),
+            "duration_s=0.6",
+        ],
+        ("locomotion.swing.acceleration_m_s2", "locomotion.swing.longest_share"),
+    ),
+    "tilted": Scene(
+        "solo12_fall",
+        [PUSH.format(0.01, 0, 6, 0), "duration_s=0.6", "modes.fall.tracking_s=0.03"],
+        ("modes.fall.tilt_error_deg", "modes.fall.tracking_s"),
+    ),
+    "fall": Scene(
+        "solo12_fall",
+        [PUSH.format(0.01, 0, 6, 0), "after_fall_s=0.1", "duration_s=0.6"],
+        (
+            "after_fall_s",
+            "wbc.fallback_damping_nms",
+            "modes.fall.tilt_deg",
+            "modes.fall.height_share",
+        ),
+    ),
+    "lie": Scene(
+        "solo12_rise",
+        [
+            *("modes.lying.rise_s=0.2", "modes.lying.load_s=0.1", "duration_s=0.9"),
+            "commands=[{at_s: 0.02, mode: stand}, {at_s: 0.5, mode: lie}]",
+        ],
+        ("modes.lying.*", "commands.1.mode"),
+    ),
+    "stopped": Scene(
+        "solo12_rise",
+        ["commands=[{at_s: 0.02, mode: damp}, {at_s: 0.3, mode: stand}]", "duration_s=0.8"],
+        ("modes.rest_s",),
+    ),
+    "weak": Scene(
+        "solo12_fall",
+        ["plant.actuators.torque_limit_nm=0.3", "duration_s=0.6"],
+        ("modes.fall.low_s", "modes.fall.height_error_share"),
+    ),
+    "thrown": Scene("solo12_fall", [PUSH.format(0.01, 0, 0, 12), "duration_s=0.4"], ("modes.fall.unsupported_s",)),
+    "unsolved": Scene(
+        "solo12_stand",
+        ["wbc.solver=proxqp", "wbc.max_iterations=1", "duration_s=0.05"],
+        ("wbc.max_iterations",),
+    ),
+    "base held": Scene(
+        "solo12_stand", ["wbc.weights.base_position=10", "duration_s=0.1"], ("wbc.gains.base_position.*",)
+    ),
+    "circle": Scene(
+        "solo12_com_circle", ["reference.start_s=0", "reference.ramp_s=0.05", "duration_s=0.1"], ("reference.*",)
+    ),
+}
+QUICK = ("walk", "circle", "base held", "unsolved")
+"""Scenes of the fast tests."""
 
 BALL = {
     "first": {"kind": "capsule", "link": "panda_hand", "radius_m": 0.1, "half_length_m": 0.1},
@@ -148,6 +250,28 @@ OTHER: dict[str, Any] = {
     "iris_loop/problem.waypoints.1.time_s": 1.2,
     "iris_loop/problem.waypoints.2.time_s": 2.1,
     "iris_loop/problem.node_s": 0.015,
+    "*/mpc.qp_solver": "osqp",
+    "*/mpc.observer_noise_share": 1e-6,
+    "*/wbc.joint_acceleration_max_rad_s2": 5.0,
+    "*/wbc.max_iterations": 50,
+    "*/commands.0.velocity_m_s": (0.2, 0.0, 0.0),
+    "*/commands.?.gait": "trot",
+    "*/commands.0.height_m": -0.01,
+    "*/commands.0.mode": "lie",
+    "*/commands.1.mode": "damp",
+    "*/locomotion.gaits.0.offsets": (0.0, 0.4, 0.6, 0.0),
+    "*/locomotion.gaits.0.width": 0.5,
+    "*/locomotion.clock.min_stance_s": 0.2,
+    "*/locomotion.swing.longest_share": 1.0,
+    "*/locomotion.reference.yaw_leash_rad": 1e-3,
+    "*/locomotion.reaction.gait": "walk",
+    "*/locomotion.reaction.return_speed_m_s": 0.01,
+    "*/locomotion.limits.speed_m_s": 0.1,
+    "*/locomotion.limits.yaw_rate_rad_s": 0.1,
+    "*/joint_friction.largest_share": 1e-3,
+    "*/modes.fall.tilt_error_deg": 2.0,
+    "*/modes.fall.height_error_share": 0.1,
+    "*/modes.fall.unsupported_s": 0.05,
     "*/solver.step_lengths": (1.0, 0.5),
     "*/solver.regularization": (1e-8, 1e8),
 }
@@ -163,6 +287,23 @@ EXEMPT: dict[str, str] = {
     "robot.collision_shapes": "only a plant has them; walked in a closed loop, shape by shape",
     "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",
     "changes": "settings of the other keys",
+    "commands": "walked entry by entry where there are some",
+    "modes.rearm": "of robots that fell, see tests/test_modes.py",
+    "modes.fall.failing_s": "of robots whose solver fails, see tests/control/test_modes.py",
+    "mpc.costs": "modules of users",
+    "wbc.tasks": "modules of users",
+    "wbc.joint_acceleration_max_rad_s2": "of joints near their limits, see tests/wbc",
+    "mpc.reach_rad": "of joints that plans move far, see tests/mpc",
+    "mpc.stale_after": "of plans that fail, see tests/mpc",
+    "estimator.rest_s": "of feet that slid, see tests/estimation/test_legged.py",
+    "locomotion.gaits": "walked entry by entry where there are some",
+    "locomotion.gaits.?.name": "commands refer to it",
+    "locomotion.swing.search_depth_m": "of feet that find no ground, see tests/locomotion/test_swing.py",
+    "locomotion.terrain.level_deg": "of gentle slopes, see tests/locomotion",
+    "locomotion.terrain.steepest_deg": "of steep slopes, see tests/locomotion",
+    "modes.displaced_m": "of feet far from their place, see tests/control/test_steps.py",
+    "modes.displaced_s": "of feet far from their place, see tests/control/test_steps.py",
+    "robot.collision_shapes.?.*": "of bodies that touch the ground, see tests/simulation/test_plants.py",
     "deployment.silence_s": "of `lgmpc deploy`, whose tests are in tests/hardware",
     "deployment.lost_s": "of `lgmpc deploy`",
     "deployment.damping_nms": "of `lgmpc deploy`",
@@ -314,8 +455,10 @@ def changed(config: Document, key: str) -> Document:
 
 
 @pytest.fixture(autouse=True)
-def _interpreted(monkeypatch: pytest.MonkeyPatch, written: Written) -> None:
-    """Nothing is compiled: what is compared are expressions and numbers."""
+def _interpreted(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, written: Written) -> None:
+    """Nothing is compiled but for Solo12: what is compared are expressions and numbers."""
+    if "solo12" in request.node.name.partition("[")[0]:
+        return
     monkeypatch.setenv("LGMPC_JIT", "0")
     cached = lgmpc.compile.cached
     for module in [each for name, each in sys.modules.items() if name.startswith("lgmpc.")]:
@@ -358,58 +501,6 @@ def written() -> Written:
     return Written()
 
 
-class Parts:
-    """Builds of parts that several configs share, each built and hashed once for the same arguments."""
-
-    def __init__(self) -> None:
-        self.built: dict[Any, tuple[Any, str]] = {}
-        self.used: list[str] = []
-        self.enabled = True
-
-    def cached(self, build: Any) -> Any:
-        def build_once(*arguments: Any, **keywords: Any) -> Any:
-            if not self.enabled:
-                return build(*arguments, **keywords)
-            plain = [repr(each) for each in arguments if isinstance(each, (Settings, World, float, int, str))]
-            if build is make_plant:
-                plain += [repr(each.given_shapes) for each in arguments if isinstance(each, Robot)]
-            key = (build, *plain)
-            if key not in self.built:
-                made = build(*arguments, **keywords)
-                self.built[key] = made, fingerprint(made)
-            made, printed = self.built[key]
-            self.used.append(printed)
-            return made
-
-        return build_once
-
-
-_PARTS = Parts()
-
-
-@pytest.fixture
-def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
-    """Let a change of one section build only what it is handed to."""
-    for name in ("make_mpc", "WholeBodyController", "make_plant", "JointFrictionEstimator"):
-        monkeypatch.setattr(lgmpc.config.build, name, _PARTS.cached(getattr(lgmpc.config.build, name)))
-    monkeypatch.setattr(lgmpc.config.build, "LeggedEstimator", _PARTS.cached(lgmpc.config.build.LeggedEstimator))
-    return _PARTS
-
-
-def print_of_loop(config: Config, parts: Parts) -> tuple[Any, ...]:
-    """Return the fingerprints of all that a closed loop is built of."""
-    parts.used.clear()
-    session = prepare(config)
-    own = [session.robot, session.recorder, session.gate, session.pushes, session.rates, session.log_every]
-    own += [session.initial, session.after_fall_s]
-    controller, planner = vars(session.controller), session.controller.planner
-    pieces = [vars(session.sensing), session.hardware.drives, session.hardware.computing]
-    pieces.append({name: value for name, value in controller.items() if name not in ("robot", "wbc", "planner")})
-    if planner is not None:
-        pieces.append({name: value for name, value in vars(planner).items() if name != "mpc"})
-    return (*parts.used, *(fingerprint(each) for each in (*own, *pieces)))
-
-
 @pytest.fixture(scope="module")
 def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small robot on three legs, each joint of one coordinate."""
@@ -423,84 +514,98 @@ def exempt(key: str) -> bool:
     return any(fnmatch.fnmatchcase(key, each) for each in EXEMPT)
 
 
-def without_effect(config: Document, keys: Sequence[str], printed: Any) -> list[str]:
-    """Return the keys whose change changes nothing of what is built."""
+def without_effect(config: Document, keys: Sequence[str], printed: Callable[[Any], Any]) -> list[str]:
+    """Return the keys whose change changes nothing that is computed."""
     before = printed(config)
-    _PARTS.built.clear()
     assert printed(config) == before, "two builds of the same config differ"
     return [key for key in keys if not exempt(key) and printed(changed(config, key)) == before]
 
 
-def unused(config: Document, keys: Sequence[str], printed: Any, run: Any) -> list[str]:
-    """Return the keys whose change changes neither what is built nor, as a second chance, what a short run records."""
-    left = without_effect(config, keys, printed)
-    recorded = run(config) if left else ""
-    return [key for key in left if run(changed(config, key)) == recorded]
-
-
-def recorded_by(config: Document) -> str:
-    """Return the fingerprint of the log of 60 ticks, without durations; and of settings that act in failures only."""
+def outcome(config: Document) -> str:
+    """Return the fingerprint of what a run records, without durations, and of its verdict; or why it is refused."""
     assert isinstance(config, Config)
-    _PARTS.enabled = False
     try:
-        session = prepare(config.replace({"duration_s": 0.06, "pushes.0.time_s": 0.01}))
-        log = vars(session.run(lambda progress: None).log)
-    finally:
-        _PARTS.enabled = True
-    return fingerprint([{name: value for name, value in log.items() if not name.endswith("_ms")}, acting_late(session)])
+        session = prepare(config)
+    except InputError as error:
+        return str(error)
+    result = session.run(lambda progress: None)
+    log = {name: value for name, value in vars(result.log).items() if not name.endswith("_ms")}
+    return fingerprint([log, result.verdict.outcome.value, list(result.verdict.reasons), result.certificate])
 
 
-def acting_late(session: ClosedLoopSession) -> list[float]:
-    """Return the values that the controllers hold of the settings that act in failures only."""
-    wbc, mpc = session.controller.wbc.settings, getattr(session.controller.planner, "mpc", None)
-    return [getattr(held, name) for name in ACT_LATE for held in (wbc, mpc and mpc.settings) if hasattr(held, name)]
+def inert(config: Document, keys: Sequence[str]) -> list[str]:
+    """Return the keys whose change leaves a run as it is."""
+    own = [key for key in keys if not exempt(key)]
+    before = outcome(config) if own else ""
+    return [key for key in own if outcome(changed(config, key)) == before]
 
 
-def test_every_key_of_a_closed_loop_is_built_into_something(urdf: Path, parts: Parts) -> None:
-    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal"))
-    keys = [key for key in leaves(config) if not key.startswith(("commands", "locomotion."))]
-    left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
+def in_solo(key: str) -> bool:
+    return any(fnmatch.fnmatchcase(key, pattern) for scene in SOLO.values() for pattern in scene.keys)
+
+
+def scenes(urdf: Path, model: str = "centroidal") -> list[Document]:
+    """Return short runs of the small robot."""
+    config = parse_any_config(LOOP.format(urdf=urdf, model=model))
+    return [config.replace(changes) for changes in SCENES]
+
+
+def test_every_key_of_a_closed_loop_changes_what_is_computed(urdf: Path) -> None:
+    configs = scenes(urdf)
+    known = {key for config in configs for key in leaves(config)}
+    left = [key for key in known if not in_solo(key) and not key.startswith(("gate.", "locomotion.", "modes."))]
+    for config in configs:
+        own = set(leaves(config))
+        left = [key for key in left if key not in own] + inert(config, [key for key in left if key in own])
     assert left == [], ", ".join(left)
 
 
-@pytest.mark.parametrize("model", ["kinodynamic", "full_body"])
-def test_every_key_that_the_centroidal_model_lacks_is_built_into_something(
-    model: str, urdf: Path, parts: Parts
-) -> None:
-    config, centroidal = (parse_any_config(LOOP.format(urdf=urdf, model=each)) for each in (model, "centroidal"))
-    keys = [key for key in leaves(config) if key not in set(leaves(centroidal))]
-    assert keys and all(key.startswith("mpc.") for key in keys)
-    left = unused(config, keys, lambda each: print_of_loop(each, parts), lambda each: acting_late(prepare(each)))
+@pytest.mark.parametrize(
+    "model", ["lqr", *(pytest.param(each, marks=pytest.mark.slow) for each in ("kinodynamic", "full_body"))]
+)
+def test_every_key_that_the_centroidal_model_lacks_changes_solo12s_motion(model: str) -> None:
+    changes = [PUSH.format(0.01, 0, 1, 0), "duration_s=0.08"]
+    config, centroidal = load_config(f"solo12_balance_{model}", changes), load_config("solo12_balance", changes)
+    left = inert(config, [key for key in leaves(config) if key not in set(leaves(centroidal))])
     assert left == [], ", ".join(left)
 
 
-def test_every_key_of_the_regulator_is_built_into_something(urdf: Path, parts: Parts) -> None:
-    config = parse_any_config(LOOP.format(urdf=urdf, model="lqr"))
-    keys = [key for key in leaves(config) if key.startswith("mpc.")]
-    left = unused(config, keys, lambda each: print_of_loop(each, parts), recorded_by)
+@pytest.mark.parametrize(
+    "name", [each if each in QUICK else pytest.param(each, marks=pytest.mark.slow) for each in SOLO]
+)
+def test_every_key_of_solo12s_loop_changes_what_is_computed(name: str) -> None:
+    scene = SOLO[name]
+    config = load_config(scene.config, [*scene.changes, "log.rate_hz=1000"])
+    keys = [key for key in leaves(config) if any(fnmatch.fnmatchcase(key, pattern) for pattern in scene.keys)]
+    assert keys
+    left = inert(config, keys)
     assert left == [], ", ".join(left)
 
 
-@pytest.mark.parametrize("world", ["floor", "slope"])
-def test_every_key_of_plant_and_world_is_built_into_the_plant(urdf: Path, world: str) -> None:
-    """Friction and masses are also those by which the log is judged: that alone does not suffice."""
-    config = parse_any_config(LOOP.format(urdf=urdf, model="centroidal") + f"world: {world}\n")
-    keys = [key for key in leaves(config) if key.startswith(("plant.", "world."))]
-
-    def print_of_plant(each: Document) -> str:
-        assert isinstance(each, Config)
-        robot, world = build_robot(each), make_world(each.world, each.plant.friction)
-        rng, link = np.random.default_rng(0), each.plant.link
-        drives = [Drives(link, each.plant.actuators, each.plant.dt, rng), StateLink(link, rng)]
-        return fingerprint([make_plant(robot, each.plant, world), initial_state(robot, each.plant, world), *drives])
-
-    assert without_effect(config, keys, print_of_plant) == []
+def test_every_key_of_gaits_and_modes_is_in_a_scene() -> None:
+    known = {key for scene in SOLO.values() for key in leaves(load_config(scene.config, scene.changes))}
+    left = [key for key in known if key.startswith(("locomotion.", "modes.")) and not exempt(key) and not in_solo(key)]
+    assert left == [], ", ".join(left)
 
 
-def test_every_key_of_commands_and_locomotion_is_built_into_something(urdf: Path, parts: Parts) -> None:
-    config = parse_any_config((LOOP + WALKING).format(urdf=urdf, model="centroidal"))
-    keys = [key for key in leaves(config) if key.startswith(("commands.", "locomotion."))]
-    left = without_effect(config, keys, lambda each: print_of_loop(each, parts))
+def test_every_key_of_the_gate_changes_the_verdict(urdf: Path) -> None:
+    metrics = prepare(scenes(urdf)[0]).run(lambda progress: None).metrics  # type: ignore[arg-type]
+    assert metrics is not None
+    metrics = replace(metrics, torque_saturation_fraction=0.5, solver_failures=3)
+    reasons = judge(metrics, Gate()).reasons
+    strict = {True: 1e-9, False: 1e6}
+    limits = [key for key in leaves(Gate()) if key.startswith(("max_", "min_")) and key != "max_falls"]
+    left = []
+    for key in limits:
+        for value in (strict[key.startswith("max_")], int(not key.startswith("max_")), 10, 1.0):
+            try:
+                gate = Gate().replace({key: value})
+            except InputError:
+                continue
+            if judge(metrics, gate).reasons != reasons:
+                break
+        else:
+            left.append(key)
     assert left == [], ", ".join(left)
 
 

@@ -18,7 +18,7 @@ from lgmpc.control.lying import LegFolding, RiseMotion
 from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
-from lgmpc.control.reference import ComReference, DesiredMotion
+from lgmpc.control.reference import ComReference, DesiredMotion, MotionTasks
 from lgmpc.control.report import TickReport
 from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, StatePredictor
 from lgmpc.locomotion.command import CommandSource, CommandTimeline, MotionCommand
@@ -96,6 +96,7 @@ class LeggedController:
         settings = LocomotionSettings() if locomotion is None else locomotion
         self.robot = robot
         self.wbc = wbc
+        self._tasks = MotionTasks.of(wbc.tasks)
         self.floor = floor
         self.planner = planner
         named = gaits_of(robot, settings) if gaits is None else gaits
@@ -225,7 +226,7 @@ class LeggedController:
                 self._inputs.reacting = True
                 planner.expire()
             self._forecast_s = perf_counter() - started
-        planner.follow(time, wbc)
+        planner.follow(time, self._tasks, wbc.contacts)
 
     def _expect(self, planner: Planner | None, solved: bool) -> None:
         """Give the estimators what the new command should lead to."""
@@ -349,16 +350,16 @@ class LeggedController:
         else:
             feet.follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
-        feet.write_contacts(time, wbc.tasks["swing"])
+        feet.write_contacts(time, self._tasks.swing)
         wbc.contacts.friction[...] = self.floor.update(
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals
         )
         wbc.use_stepping_weights(feet.stepping)
-        self._desired.write_targets(wbc.tasks, time, feet.ground)
+        self._desired.write_targets(self._tasks, time, feet.ground)
         if lifting:
             self._inputs.lifted = self._rise_motion.update(time)
             wbc.external_wrench[2] = self._rise_motion.support * self._weight
-            self._desired.write_lift(wbc.tasks, self._rise_motion, self._leg_folding)
+            self._desired.write_lift(self._tasks, self._rise_motion, self._leg_folding)
 
     def _return_feet(self, time: float) -> None:
         """Step in place if a foot of a robot at rest is far from where it belongs."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from lgmpc.control.reference import MotionTasks
 from lgmpc.errors import InputError
 from lgmpc.estimation import SteadyForce, WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import MeasuredState, MotionSample, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyController, WholeBodyTerms
+from lgmpc.wbc import Contacts, WholeBodyTerms
 
 __all__ = ["PlanSampler", "Planner"]
 
@@ -91,7 +92,7 @@ class Planner:
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
-        plan = self.forecast(self.state(time, terms), self.contacts, self.wrench)
+        plan = self.forecast(self.state(time, terms), self.contacts, self.motion, self.wrench)
         self._sampler.load(plan, time)
         self.load.update(self.observer.wrench)
         self._expired = False
@@ -107,26 +108,26 @@ class Planner:
         predicted: Array = self._fading * self.observer.wrench
         return predicted
 
-    def forecast(self, state: MeasuredState, contacts: ContactHorizon, wrench: Array) -> Plan:
-        """Return the plan from a state with given contacts and external wrench (N, 6), which is not followed."""
-        return self.mpc.update(state, contacts, self.motion, wrench)
+    def forecast(self, state: MeasuredState, contacts: ContactHorizon, motion: MotionReference, wrench: Array) -> Plan:
+        """Return the plan from a state with given contacts, motion and external wrench (N, 6); it is not followed."""
+        return self.mpc.update(state, contacts, motion, wrench)
 
     def expire(self) -> None:
         """Make the next plan due at the next tick: the present one is based on other contacts."""
         self._expired = True
 
-    def follow(self, time: float, wbc: WholeBodyController) -> None:
-        """Write the plan's targets, unless it is stale."""
+    def follow(self, time: float, tasks: MotionTasks, contacts: Contacts) -> None:
+        """Write the plan's targets of tasks and forces, unless it is stale."""
         sampler = self._sampler
         if sampler.plan is None or sampler.plan.status is MpcStatus.STALE:
             return
         row, motion, posture = sampler.row(time), sampler.motion, sampler.posture
         assert motion is not None
-        wbc.tasks["com"].targets_together[...] = sampler.com[row]
-        wbc.tasks["angular_momentum"].targets_together[...] = sampler.turning[row]
-        wbc.contacts.target_forces[...] = motion.forces[row]
+        tasks.com.targets_together[...] = sampler.com[row]
+        tasks.angular_momentum.targets_together[...] = sampler.turning[row]
+        contacts.target_forces[...] = motion.forces[row]
         if posture is not None:
-            base, joints = wbc.tasks["base_orientation"].target, wbc.tasks["posture"].target
+            base, joints = tasks.base_orientation.target, tasks.posture.target
             base.rotation[:] = posture.base_rotation[row]
             base.angular_velocity[:] = posture.base_angular_velocity[row]
             joints.position[:] = posture.joint_position[row]

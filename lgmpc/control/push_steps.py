@@ -10,7 +10,7 @@ from lgmpc.control.feet import Feet
 from lgmpc.control.planner import Planner
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
-from lgmpc.locomotion.horizon import ContactHorizon
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.locomotion.reaction import StepReaction, StepReactionSettings, StepSchedule, forecast_cost, least
 from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.mpc import MeasuredState
@@ -30,6 +30,8 @@ class _Pushed:
         state: measured when the decision began.
         wrench: (N, 6) predicted then.
         motion: of the robot in the plane.
+        desired: over the horizon, to catch the push.
+        contacts: over the horizon, overwritten for each schedule.
         friction: to rely on.
         forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet that
             carry least.
@@ -38,6 +40,8 @@ class _Pushed:
     state: MeasuredState
     wrench: Array
     motion: BaseMotion
+    desired: MotionReference
+    contacts: ContactHorizon
     friction: float
     forces: Array
 
@@ -89,7 +93,7 @@ class PushSteps:
         dx, dy, turn = x - at.x, y - at.y, math.remainder(yaw - at.yaw, 2.0 * math.pi)
         distance = math.hypot(dx, dy)
         if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
-            at.x, at.y, at.yaw = x, y, at.yaw + turn
+            at.begin((x, y), at.yaw + turn)
             return request
         rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
         c, n = math.cos(at.yaw), math.sin(at.yaw)
@@ -123,7 +127,10 @@ class PushSteps:
             self.deciding = True
             self.costs = []
             state = planner.state(time, terms).copy()
-            self._pushed = _Pushed(state, planner.wrench, motion, friction, forces.copy())
+            desired, (intervals, feet) = planner.motion.copy(), planner.contacts.flags.shape
+            desired.catching = True
+            contacts = ContactHorizon.allocate(intervals, feet)
+            self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, forces.copy())
 
     def decide(self, time: float, planner: Planner) -> bool:
         """Evaluate the next schedule, if a decision is under way; return whether steps begin at ``time``, s."""
@@ -131,11 +138,11 @@ class PushSteps:
             return False
         pushed = self._pushed
         schedule = self._schedules[len(self.costs)]
-        planner.motion.catching = True
-        horizon = self._horizon(planner, schedule, pushed)
-        planner.forecast(pushed.state, horizon, pushed.wrench)  # from the last schedule's solution to near this one's
-        plan = planner.forecast(pushed.state, horizon, pushed.wrench)
-        self.costs.append(forecast_cost(plan.xs, planner.motion.com, self._mass) if plan.status.fresh else math.inf)
+        self._write_horizon(schedule, pushed, planner.mpc.settings.node_s)
+        given = pushed.state, pushed.contacts, pushed.desired, pushed.wrench
+        planner.forecast(*given)  # from the last schedule's solution to near this one's
+        plan = planner.forecast(*given)
+        self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.fresh else math.inf)
         if len(self.costs) < len(self._schedules):
             return False
         self.deciding = False
@@ -148,10 +155,8 @@ class PushSteps:
         self.active = True
         return True
 
-    def _horizon(self, planner: Planner, schedule: StepSchedule, pushed: _Pushed) -> ContactHorizon:
+    def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, node_s: float) -> None:
         """Write the contacts that a schedule would lead to."""
         time, clock = pushed.state.time, self._feet.clock.copy()
         clock.start(time, schedule.gait, first=schedule.first)
-        node_s, contacts = planner.mpc.settings.node_s, planner.contacts
-        self._feet.write_horizon(time, node_s, pushed.motion, pushed.friction, contacts, clock)
-        return contacts
+        self._feet.write_horizon(time, node_s, pushed.motion, pushed.friction, pushed.contacts, clock)

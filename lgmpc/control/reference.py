@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from pydantic import Field
 
 from lgmpc.control.lying import LegFolding, RiseMotion
+from lgmpc.errors import InputError
 from lgmpc.locomotion.command import CommandLimiter, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.horizon import MotionReference
@@ -21,7 +23,7 @@ from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.wbc import Task, WholeBodyTerms
 
-__all__ = ["CircleReference", "ComReference", "DesiredMotion", "StandReference"]
+__all__ = ["CircleReference", "ComReference", "DesiredMotion", "MotionTasks", "StandReference"]
 
 _GRIP_SHARE = 0.5  # of what friction allows: the rest is for the balance
 
@@ -77,6 +79,40 @@ class CircleReference(Settings):
         velocity = dr[:, None] * radial + (r * omega)[:, None] * tangential
         acceleration = (ddr - r * omega**2)[:, None] * radial + (2.0 * omega * dr)[:, None] * tangential
         return offset, velocity, acceleration
+
+
+@dataclass(frozen=True)
+class MotionTasks:
+    """The tasks of the whole-body QP through which a legged robot is led; others of its own do not matter here.
+
+    Attributes:
+        com: centre of mass.
+        base_position: origin of the base.
+        base_orientation: attitude of the base.
+        angular_momentum: about the centre of mass.
+        posture: joint positions.
+        swing: feet in the air.
+    """
+
+    com: Task
+    base_position: Task
+    base_orientation: Task
+    angular_momentum: Task
+    posture: Task
+    swing: Task
+
+    @classmethod
+    def of(cls, tasks: Mapping[str, Task]) -> MotionTasks:
+        """Return those of a whole-body controller's tasks.
+
+        Raises:
+            InputError: one is missing.
+        """
+        names = [each.name for each in fields(cls)]
+        for name in names:
+            if name not in tasks:
+                raise InputError("tasks", f"none called '{name}'", f"tasks called {', '.join(names)}, besides others")
+        return cls(*(tasks[name] for name in names))
 
 
 class DesiredMotion:
@@ -144,14 +180,14 @@ class DesiredMotion:
             float(terms.rotation[2, 0]), float(terms.rotation[2, 1]), load[0] / mass, load[1] / mass,
         )  # fmt: skip
 
-    def write_targets(self, tasks: Mapping[str, Task], time: float, ground: TerrainBelief) -> None:
+    def write_targets(self, tasks: MotionTasks, time: float, ground: TerrainBelief) -> None:
         """Write the desired motion into the tasks: what the whole-body QP tracks where no plan says otherwise."""
-        pose, com, origin = self.builder.pose(self.command, ground), tasks["com"], tasks["base_position"]
+        pose, com, origin = self.builder.pose(self.command, ground), tasks.com, tasks.base_position
         self.target[...], self.base_target[...] = pose.com, pose.base_pose
         com.targets_together[...], origin.targets_together[...] = pose.centre, pose.origin
-        tasks["base_orientation"].targets_together[...] = pose.attitude
-        tasks["angular_momentum"].targets_together[...] = 0.0
-        tasks["posture"].targets_together[...] = self._standing_joints
+        tasks.base_orientation.targets_together[...] = pose.attitude
+        tasks.angular_momentum.targets_together[...] = 0.0
+        tasks.posture.targets_together[...] = self._standing_joints
         if self._offset is not None:
             offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
             self.target += offset
@@ -161,9 +197,9 @@ class DesiredMotion:
                 each.position[:] += offset
                 each.velocity[:] += velocity
 
-    def write_lift(self, tasks: Mapping[str, Task], lift: RiseMotion, folding: LegFolding) -> None:
+    def write_lift(self, tasks: MotionTasks, lift: RiseMotion, folding: LegFolding) -> None:
         """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""
-        com, origin, joints = (tasks[name].target for name in ("com", "base_position", "posture"))
+        com, origin, joints = tasks.com.target, tasks.base_position.target, tasks.posture.target
         self.target += lift.offset
         self.base_target[:2] += lift.offset[:2]
         self.base_target[2] += folding.base_share * lift.offset[2]

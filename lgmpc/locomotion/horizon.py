@@ -64,6 +64,12 @@ class MotionReference:
     angular_velocity: Array
     catching: bool = False
 
+    def copy(self) -> MotionReference:
+        """Return the motion in buffers of its own."""
+        arrays = (self.com, self.com_velocity, self.q, self.angular_velocity)
+        com, com_velocity, q, angular_velocity = (each.copy() for each in arrays)
+        return MotionReference(com, com_velocity, q, angular_velocity, self.catching)
+
     @classmethod
     def standing(cls, robot: Robot, intervals: int, com: Array) -> MotionReference:
         """Return buffers that hold the reference posture at rest, the centre of mass (3,) at ``com``."""

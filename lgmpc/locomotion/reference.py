@@ -102,8 +102,8 @@ class ReferenceBuilder:
         self._attitude = (math.nan, 0.0, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
-    def begin(self, com: Array, yaw: float) -> None:
-        """Start at the measured centre of mass (3,) and heading."""
+    def begin(self, com: Sequence[float] | Array, yaw: float) -> None:
+        """Start at a centre of mass, of which x and y are read, and a heading."""
         self.x, self.y, self.yaw = float(com[0]), float(com[1]), yaw
 
     def advance(self, dt: float, command: MotionCommand) -> None:

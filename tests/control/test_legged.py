@@ -18,12 +18,15 @@ from lgmpc.control.interface import RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
 from lgmpc.control.reference import CircleReference
+from lgmpc.errors import InputError
+from lgmpc.estimation import FrictionMonitor
 from lgmpc.lie import so3
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import place_feet
 from lgmpc.status import Status
+from lgmpc.wbc import WholeBodyController, standard_tasks
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 
@@ -243,3 +246,11 @@ def test_the_mpc_relies_on_no_more_friction_than_it_is_set_to_nor_than_the_floor
     planner = controller.planner
     assert planner is not None and planner.mpc.settings.friction == 0.6
     np.testing.assert_array_equal(planner.contacts.friction, expected)
+
+
+def test_tasks_that_it_leads_the_robot_by_are_named_where_they_are_missing(robot: Robot) -> None:
+    settings = load_config("solo12_balance").wbc
+    tasks = [task for task in standard_tasks(robot, settings) if task.name != "base_position"]
+    wbc = WholeBodyController(robot, settings, tasks)
+    with pytest.raises(InputError, match=r"tasks: got none called 'base_position'; expected tasks called com, .*swing"):
+        LeggedController(robot, wbc, FrictionMonitor(0.6, 1e-3))

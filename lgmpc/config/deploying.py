@@ -26,7 +26,7 @@ from lgmpc.config.session import Notify, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettings, Driver, Ending, deploy
-from lgmpc.hardware.simulated import LockStep, NoControllerError, Pace, RealTime, Served, serve
+from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write
@@ -118,7 +118,7 @@ def serve_config(
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")
         plant.reset(initial_state(robot, config.plant, world))
-        pace: Pace = LockStep(end) if lock_step else RealTime(end, rates.period)
+        pace: LockStep | RealTime = LockStep(end) if lock_step else RealTime(end, rates.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, hardware)
 

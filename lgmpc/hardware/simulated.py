@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from signal import Signals
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from lgmpc.simulation.plant import Plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 
-__all__ = ["LockStep", "NoControllerError", "Pace", "RealTime", "Served", "serve"]
+__all__ = ["LockStep", "NoControllerError", "RealTime", "Served", "serve"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -42,25 +41,6 @@ class NoControllerError(LgmpcError):
     """No controller is connected to the other end of the link."""
 
     exit_code = 1
-
-
-class Pace(Protocol):
-    """Timing of the exchange: when measurements are sent, and from when on commands act.
-
-    Attributes:
-        behind: ticks that began more than a period late.
-        unanswered: ticks without a recent command.
-    """
-
-    behind: int
-    unanswered: int
-
-    def answer(self, measurement: Measurement) -> Command:
-        """Send a measurement and return the command that acts from its time on.
-
-        Raises:
-            NoControllerError: if commands have stopped arriving.
-        """
 
 
 class LockStep:
@@ -149,7 +129,7 @@ class _Sent:
 class _Answered:
     """Takes the place of the controller in the loop of a simulation: exchanges measurement and command by the link."""
 
-    def __init__(self, sent: _Sent, pace: Pace) -> None:
+    def __init__(self, sent: _Sent, pace: LockStep | RealTime) -> None:
         self._sent, self._pace = sent, pace
 
     def update(self, state: RobotState) -> Command:
@@ -196,7 +176,7 @@ def serve(
     sensors: Sensors,
     pushes: PushSchedule,
     rates: Rates,
-    pace: Pace,
+    pace: LockStep | RealTime,
     hardware: Hardware | None = None,
     on_tick: Callable[[float], None] = lambda time: None,
 ) -> Served:

@@ -24,7 +24,7 @@ from lgmpc.lie import so3
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
-from lgmpc.robot.lying import place_feet
+from lgmpc.robot.lying import lying_posture, place_feet
 from lgmpc.status import Status
 from lgmpc.wbc import WholeBodyController, standard_tasks
 
@@ -217,6 +217,19 @@ def test_a_robot_that_halts_stands_above_its_feet_wherever_it_is(robot: Robot) -
         assert len(modes) < 1000
     assert modes[-1] is Mode.STAND
     assert max(errors) > 0.005 and errors[-1] < 1e-7
+
+
+def test_a_robot_rises_from_where_it_lies(robot: Robot) -> None:
+    """At (3, -2) and turned by 0.7 rad: the target of its centre of mass begins where that is."""
+    controller, lying = build_controller(load_config(CONFIG), robot), lying_posture(robot)
+    q = np.concatenate([[3.0, -2.0, lying[2]], [0.0, 0.0, math.sin(0.35), math.cos(0.35)], lying[7:]])
+    modes: list[Mode] = []
+    while Mode.RISE not in modes:
+        controller.update(RobotState(0.01 * len(modes), q, np.zeros(robot.nv)))
+        modes.append(controller.modes.mode)
+        assert len(modes) < 1000
+    assert modes[0] is Mode.LIE
+    np.testing.assert_allclose(controller.target, controller.wbc.terms.com, atol=1e-9)
 
 
 def test_missed_ticks_are_made_up_for(robot: Robot) -> None:

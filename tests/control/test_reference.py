@@ -6,8 +6,8 @@ import pytest
 
 from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
-from lgmpc.control.lying import Folding, Lift, LyingSettings
-from lgmpc.control.reference import CircleReference, DesiredMotion, StandReference
+from lgmpc.control.lying import LegFolding, LyingSettings, RiseMotion
+from lgmpc.control.reference import CircleReference, DesiredMotion, MotionTasks, StandReference
 from lgmpc.errors import InputError
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -73,12 +73,9 @@ def test_a_lying_robot_has_the_base_of_its_lying_posture_as_target() -> None:
     robot = build_robot(config)
     lying, data = lying_posture(robot), robot.create_data()
     heights = [float(pin.centerOfMass(robot.model, data, q)[2]) for q in (lying, robot.q_reference)]
-    tasks, settings, legs = build_controller(config, robot).wbc.tasks, LocomotionSettings(), LegGeometry.of(robot)
-    folding, lift, desired = (
-        Folding(robot, LyingSettings()),
-        Lift(LyingSettings()),
-        DesiredMotion(robot, legs, settings, None),
-    )
+    tasks, legs = MotionTasks.of(build_controller(config, robot).wbc.tasks), LegGeometry.of(robot)
+    desired = DesiredMotion(robot, legs, LocomotionSettings(), None)
+    folding, lift = LegFolding(robot, LyingSettings()), RiseMotion(LyingSettings())
     desired.builder.begin(np.array([3.0, -2.0, 0.0]), 0.7)
     desired.write_targets(tasks, 0.0, TerrainBelief(robot.nc, legs.height))
     com, base = desired.target.copy(), desired.base_target.copy()
@@ -90,6 +87,6 @@ def test_a_lying_robot_has_the_base_of_its_lying_posture_as_target() -> None:
     np.testing.assert_allclose(desired.base_target[:3] - base[:3], descent, atol=1e-12)
     np.testing.assert_array_equal(desired.base_target[3:], base[3:])
     assert abs(heights[0] - heights[1] - descent[2]) > 1e-3
-    np.testing.assert_array_equal(tasks["com"].target.position, desired.target)
-    np.testing.assert_array_equal(tasks["base_position"].target.position, desired.base_target[:3])
-    np.testing.assert_allclose(tasks["posture"].target.position, lying[robot.joint_q], atol=1e-12)
+    np.testing.assert_array_equal(tasks.com.target.position, desired.target)
+    np.testing.assert_array_equal(tasks.base_position.target.position, desired.base_target[:3])
+    np.testing.assert_allclose(tasks.posture.target.position, lying[robot.joint_q], atol=1e-12)

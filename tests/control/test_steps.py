@@ -112,18 +112,21 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
         steps.decide(0.0, planner)
     assert steps.active
     reference.begin(np.array([*home + [0.18, 0.24], 0.0]), yaw + 0.5)
-    ahead, left, speeds, turns = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], []
+    ahead, left, speeds, turns, away = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], [], []
     for _ in range(3000):
-        command = steps.way_back(MotionCommand())
+        command = steps.way_back(MotionCommand(gait="walk"))
         speeds.append(math.hypot(command.vx, command.vy))
         reference.advance(1e-3, command)
         at = np.array([reference.x, reference.y]) - home
         turns.append(reference.yaw - yaw)
         assert abs(at @ left) < 2e-4 and at @ ahead > -1e-9
-        assert command.gait == settings.reaction.gait
+        away.append(float(at @ ahead))
         if not speeds[-1]:
             break
+        assert command.gait == "trot"
     assert (reference.x, reference.y, reference.yaw) == pytest.approx((*home, yaw), abs=1e-12)
+    tolerance = settings.reaction.place_tolerance_m
+    assert 0.99 * tolerance < away[-2] < tolerance  # the turn was small enough before
     assert max(speeds) == pytest.approx(settings.reaction.return_speed_m_s)
     assert np.diff(speeds).max() < 1e-9 and np.diff(turns).max() < 0.0
 

@@ -24,6 +24,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
+MOST_LINES, MOST_FILES = 64_900, 400
+"""Of the package (scripts/size.py prints them by room). Something goes before something is added."""
 
 # Every subpackage may import these.
 FOUNDATION = "errors status typing settings shipped compile notebook proxqp chromium"
@@ -290,6 +292,11 @@ for name in ["lgmpc", *("lgmpc." + subpackage for subpackage in {subpackages!r})
 def test_no_module_is_too_long() -> None:
     lengths = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in modules(PACKAGE)}
     assert {module: length for module, length in lengths.items() if length > LONGEST_MODULE} == {}
+
+
+def test_the_package_does_not_grow() -> None:
+    lengths = [len(path.read_text(encoding="utf-8").splitlines()) for _, path in modules(PACKAGE)]
+    assert sum(lengths) <= MOST_LINES and len(lengths) <= MOST_FILES
 
 
 def test_runs_are_judged_along_the_normals_of_the_ground() -> None:

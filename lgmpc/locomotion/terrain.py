@@ -18,11 +18,10 @@ from pydantic import Field
 
 from lgmpc.robot.feet import UP
 from lgmpc.settings import Positive, Settings
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
-_GRAVITY = 9.81
 _RIDGE = 1e-6
 """Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
 
@@ -67,7 +66,7 @@ class TerrainBelief:
         self._tilt = (0.0, 0.0)  # slope of the filtered plane, before the test for level ground
         self._middle = (0.0, 0.0, 0.0)
         self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
-        self._time_constant = s.filter_share * math.sqrt(height / _GRAVITY)
+        self._time_constant = s.filter_share * math.sqrt(height / GRAVITY)
 
     def begin(self, points: Array) -> None:
         """Begin with feet at ``points`` (nc, 3), m."""

@@ -10,7 +10,7 @@ from lgmpc.estimation import SteadyForce, WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import MeasuredState, MotionSample, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
 from lgmpc.robot import Robot
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 from lgmpc.wbc import Contacts, WholeBodyTerms
 
 __all__ = ["PlanSampler", "Planner"]
@@ -48,7 +48,7 @@ class Planner:
     def __init__(self, robot: Robot, mpc: Mpc, period: float, delay: float = 0.0) -> None:
         settings = mpc.settings
         self.mpc = mpc
-        weight = 9.81 * robot.mass
+        weight = GRAVITY * robot.mass
         self.observer = WrenchObserver(
             period,
             settings.observer_time_s,

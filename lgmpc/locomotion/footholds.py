@@ -35,12 +35,11 @@ from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.settings import Fraction, NonNegative, Settings
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 from lgmpc.world import Plane
 
 __all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
 
-_GRAVITY = 9.81
 _ROUNDING = 1e-9  # m
 _PROJECTIONS = 12
 """Alternating projections onto reach and distance from the other feet; one suffices unless both bind."""
@@ -159,7 +158,7 @@ class FootholdPlanner:
         self.settings = s = FootholdSettings() if settings is None else settings
         self.ground: Ground = Plane() if ground is None else ground
         self.height = legs.height
-        self._rate = math.sqrt(_GRAVITY / legs.height)
+        self._rate = math.sqrt(GRAVITY / legs.height)
         self._rolling = legs.radius / legs.height
         self.feet = [(float(x), float(y)) for x, y, _ in legs.feet]
         x, y, _ = legs.feet.mean(axis=0).tolist()

@@ -16,10 +16,10 @@ from pydantic import Field, field_validator
 
 from lgmpc.errors import InputError
 from lgmpc.settings import Settings, problem
+from lgmpc.typing import GRAVITY
 
 __all__ = ["Gait", "find_gait", "quadruped_gaits"]
 
-_GRAVITY = 9.81
 _SLACK = 1e-9  # of a cycle
 
 
@@ -120,7 +120,7 @@ def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
     """
     if not (height_m > 0.0 and math.isfinite(height_m)):
         raise InputError("height_m", height_m, "a finite height above 0 m")
-    unit = math.sqrt(height_m / _GRAVITY)
+    unit = math.sqrt(height_m / GRAVITY)
     return {
         name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets, width=width)
         for name, (periods, duty, offsets, width) in _QUADRUPED.items()

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from lgmpc.locomotion.gait import Gait
 from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = [
     "StepReaction",
@@ -24,7 +24,6 @@ __all__ = [
     "support_margin",
 ]
 
-_GRAVITY = 9.81
 _COM_RATE = 1.25  # 1/s: what a metre away counts as, in m/s
 _PER_METRE = 1.0  # 1/m
 
@@ -125,7 +124,7 @@ class StepReaction:
 
     def __init__(self, settings: StepReactionSettings, height: float) -> None:
         self.settings = settings
-        self._time_constant = math.sqrt(height / _GRAVITY)
+        self._time_constant = math.sqrt(height / GRAVITY)
 
     def capture_point(self, com: Array, velocity: Array) -> Array:
         """Return (2,) the capture point of centre of mass (3,) and velocity (3,), world, m."""

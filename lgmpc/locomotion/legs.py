@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot, leg_chain, leg_normals
+from lgmpc.robot.feet import UP, touching
 from lgmpc.typing import Array
 
 __all__ = ["LegGeometry"]
@@ -66,7 +67,7 @@ class LegGeometry:
             hip = joints[0]
             hips.append(data.oMi[hip].translation.copy())
             lengths.append(_longest(robot, hip, joints[1:], frame))
-            feet.append(tip - np.array([0.0, 0.0, robot.contact_radius]))
+            feet.append(touching(tip, robot.contact_radius, np.array(UP)))
         turn = base.rotation
         return cls(
             (np.array(feet) - com) @ turn,

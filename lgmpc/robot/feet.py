@@ -1,4 +1,4 @@
-"""Feet as contact patches, and the geometry of their contact: the only module that knows where a foot touches.
+"""Geometry of the contacts of spherical feet: the only module that knows where a foot touches.
 
 A spherical foot of radius r whose centre is at ``c`` touches a surface of unit normal ``n`` at ``p = c - r n``. Rolling
 without slipping holds the velocity of that material point at zero, ``v_c + omega x (-r n) = 0``; as ``-r n`` does not
@@ -9,43 +9,17 @@ The functions take numbers, arrays and CasADi expressions alike, unless they say
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["UP", "Foot", "axes_of", "in_surface_axes", "in_world_axes", "lever", "surface_axes", "touching"]
+__all__ = ["UP", "axes_of", "in_surface_axes", "in_world_axes", "lever", "surface_axes", "touching"]
 
 UP = (0.0, 0.0, 1.0)
 """Normal of a level surface, world axes."""
-
-
-@dataclass(frozen=True)
-class Foot:
-    """A contact patch of the robot: one point with a radius, or the corners of a sole.
-
-    Attributes:
-        frame: name of the frame that carries it.
-        points: (k, 2) its points in the frame's x and y, m: the frame's origin, or at least three corners.
-        radius: of a spherical foot about its one point, m; 0 for a point foot and for soles.
-
-    Raises:
-        InputError: two points, or a sole with a radius.
-    """
-
-    frame: str
-    points: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
-    radius: float = 0.0
-
-    def __post_init__(self) -> None:
-        if len(self.points) in (0, 2):
-            raise InputError("points", f"{len(self.points)} points", "one point, or at least three corners of a sole")
-        if len(self.points) > 1 and self.radius:
-            raise InputError("radius", self.radius, "0 for a sole: its corners are points")
 
 
 def lever(radius: float, normal: Any) -> Any:

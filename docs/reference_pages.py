@@ -73,6 +73,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "Geometric mechanics": {
         "lgmpc.mechanics": "/guide/laboratory",
         "lgmpc.mechanics.quadrotor": "/guide/laboratory",
+        "lgmpc.demos": "/guide/laboratory",
     },
     "Foundation": {"lgmpc.settings": "", "lgmpc.errors": "", "lgmpc.compile": ""},
 }
